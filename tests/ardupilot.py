@@ -11,7 +11,8 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import FIND, find_firmware
-from xitl_cli.firmware.process import FirmwareProcess, free_port
+from free_ports import free_port
+from xitl_cli.firmware.process import FirmwareProcess
 
 VARIABLES = {"sitl": "XITL_ARDUROVER", "linux": "XITL_ARDUROVER_LINUX"}
 BOAT = {"FRAME_CLASS": 2, "SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74}

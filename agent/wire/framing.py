@@ -188,3 +188,10 @@ def _as_mavlink2(frame: bytes) -> bytes:
     length, sequence, system, component, number = frame[1:HEADER_1_BYTES]
     head = (MAGIC, length, 0, FROM_MAVLINK_1, sequence, system, component, number, 0, 0)
     return bytes(head) + frame[HEADER_1_BYTES:]
+
+
+def as_received(frame: bytes) -> bytes:
+    """A frame that a Framer found, byte for byte as it came."""
+    if not is_mavlink1(frame):
+        return frame
+    return bytes((MAGIC_1, frame[1], *frame[4:8])) + frame[HEADER_BYTES:]

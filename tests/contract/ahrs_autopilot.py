@@ -17,7 +17,8 @@ from typing import Any
 from pymavlink import mavutil  # type: ignore[import-untyped]
 
 from tests.ardupilot import Rover, find_ardurover
-from xitl_cli.firmware.process import FirmwareProcess, free_port
+from free_ports import free_port
+from xitl_cli.firmware.process import FirmwareProcess
 
 ROOT = Path(__file__).parents[2]
 CAPTURE = ROOT / "tests" / "data" / "captures" / "vectornav-handshake.bin"

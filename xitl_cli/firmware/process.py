@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -118,14 +117,6 @@ def newest_log(directory: Path, suffix: str = ".bin") -> Path | None:
     logs = [path for path in directory.rglob("*") if path.suffix.lower() == suffix and path.stem[:1].isdigit()]
     logs = [path for path in logs if path.stat().st_size]
     return max(logs, key=lambda path: (path.stat().st_mtime_ns, path.name), default=None)
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of this machine's loopback address that nobody uses now."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def _dies_with_parent() -> Callable[[], None] | None:

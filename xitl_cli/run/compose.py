@@ -79,7 +79,9 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         control: ControlNode = made(direct_control(profile))
     else:
         if profile.autopilot.kind != "embedded":
-            bridge = made(BridgeNode(profile, setup.out, setup.stations.urls))
+            bridge = made(BridgeNode(profile, setup.out, stations.urls))
+            if bridge.station_url is not None:
+                setup.stations.call(bridge.station_url)
         control = autopilot = made(_autopilot(setup, bridge))
         if profile.companion is not None:
             companion = made(CompanionNode(profile, autopilot.send, setup.interrupted))
@@ -176,10 +178,10 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
     frame = local_frame(profile.site)
 
     def driver_of(commands: AutopilotCommands, agent: AgentConnection) -> VehicleDriver:
-        driver = make_driver(profile, commands, frame, setup.stations.urls)
+        driver = make_driver(profile, commands, frame, stations.told)
         return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
 
-    options, supervision = options_from_profile(profile, setup.out, setup.stations.urls), None
+    options, supervision = options_from_profile(profile, setup.out, stations.urls), None
     if bridge is not None:
         options = options_from_profile(profile, setup.out, bridge=bridge.bridge)
         supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent)

@@ -13,7 +13,7 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import find_firmware
-from xitl_cli.firmware.process import FirmwareProcess, free_port, newest_log
+from xitl_cli.firmware.process import FirmwareProcess, newest_log
 
 
 def script(path: Path, body: str) -> Path:
@@ -114,9 +114,6 @@ def test_the_newest_log_is_found_below(tmp_path: Path) -> None:
         os.utime(logs / name, (number, number))
     assert newest_log(tmp_path) == logs / "00000002.BIN"
 
-
-def test_free_ports_are_free() -> None:
-    assert 1024 < free_port() < 65536
 
 
 def test_a_path_that_is_given_is_checked(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from agent.wire import dialect
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.process import free_port
+from free_ports import free_port
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session

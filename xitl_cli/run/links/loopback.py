@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-import socket
 import threading
 import time
 import tty
@@ -20,7 +19,7 @@ from agent.wire.serial_line import BITS_PER_BYTE, device_and_baud
 from agent.wire.transport import BadUrlError
 from agent.wire.urls import parse_query
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.process import free_port
+from xitl_cli.run.links.ports import PortClaims
 
 TICK_S = 0.001
 
@@ -221,10 +220,12 @@ class MulticastBus:
 
     def __init__(self, link: str) -> None:
         mark = "&" if urlsplit(link).query else "?"
-        self.host_url = self.agent_url = f"{link}{mark}port={free_port(socket.SOCK_DGRAM)}"
+        self._ports = PortClaims()
+        self.host_url = self.agent_url = f"{link}{mark}port={self._ports.free('udp')}"
 
     def close(self) -> None:
-        """There is nothing to take away."""
+        """Others may have the port."""
+        self._ports.close()
 
 
 class Loopback(Protocol):

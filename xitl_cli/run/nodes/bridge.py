@@ -28,6 +28,7 @@ from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.links.setup import live_parameters, mission_places
 from xitl_cli.run.nodes.autopilot_commands import Send
 from xitl_cli.run.nodes.bridge_clock import SIMULATED_UNEVEN_NS, AutopilotClock
@@ -183,13 +184,16 @@ _MAKES = {"ardupilot": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, "px4": dialect.MAV_A
 CALL_S = 0.7  # the agent calls again every half second
 
 
-def make_launch(profile: RunProfile, ground_stations: tuple[str, ...]) -> FirmwareLaunch | Px4Launch | None:
+def make_launch(
+    profile: RunProfile, ports: PortClaims, ground_stations: tuple[str, ...] = ()
+) -> FirmwareLaunch | Px4Launch | None:
     """The start of the autopilot, where that is ours to do. Raises UserError."""
     if not profile.autopilot.started_here:
         return None
     if profile.autopilot.kind == "px4":
         return Px4Launch(profile)
-    return FirmwareLaunch(profile, resolved_bridge(profile.autopilot.bridge), ground_stations)
+    bridge = resolved_bridge(profile.autopilot.bridge, ports)
+    return FirmwareLaunch(profile, bridge, ports.free("udp"), ground_stations)
 
 
 class BridgeNode(RunNode):
@@ -203,7 +207,8 @@ class BridgeNode(RunNode):
         self._directory = run_directory
         autopilot = profile.autopilot
         self.milestones = Milestones()
-        self._launch = make_launch(profile, ground_stations)
+        self._ports = PortClaims()
+        self._launch = make_launch(profile, self._ports, ground_stations)
         self.bridge = autopilot.bridge if self._launch is None else self._launch.bridge
         self._process: FirmwareProcess | None = None
         self._agent: AgentConnection | None = None
@@ -220,6 +225,11 @@ class BridgeNode(RunNode):
         self._complaints: deque[str] = deque(maxlen=2)
         self._log: Path | None = None
         self._clock: AutopilotClock | None = None
+
+    @property
+    def station_url(self) -> str | None:
+        """Where it waits for a ground station to call, None where it does not."""
+        return self._launch.station_url if isinstance(self._launch, Px4Launch) else None
 
     def preparation(self, driver: VehicleDriver, agent: AgentConnection, send: Send, frame: LocalFrame) -> Preparation:
         """What goes before the driver. agent: the one that is the bridge; `send` sends to it."""
@@ -393,6 +403,7 @@ class BridgeNode(RunNode):
 
     def close(self) -> None:
         self.end()
+        self._ports.close()
 
     def report(self) -> dict[str, Any]:
         clocks = [] if self._clock is None else [self._clock.report()]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import socket
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +10,11 @@ from urllib.parse import SplitResult, urlsplit
 
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import find_firmware
-from xitl_cli.firmware.process import FirmwareProcess, free_port
+from xitl_cli.firmware.process import FirmwareProcess
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import BridgeSpec
 from xitl_cli.run.core.directory import AUTOPILOT, DATAFLASH
+from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.links.setup import EXTERNAL_AHRS_PROTOCOL, parameter_file_text, serial_port_with, start_parameters
 from xitl_cli.shipped import firmware_params_dir
 
@@ -27,33 +27,36 @@ SPEEDUP = 200  # as fast as the world comes
 _LISTENS = ("SERIAL0 on TCP port", "Waiting for connection", "Loaded defaults")
 
 
-def resolved_bridge(bridge: BridgeSpec) -> BridgeSpec:
+def resolved_bridge(bridge: BridgeSpec, ports: PortClaims) -> BridgeSpec:
     """Port 0 in an address of the bridge is one that is free."""
 
     def free(url: str | None) -> str | None:
-        return None if url is None else _with_port(url)
+        return None if url is None else ports.free_url(url)
 
     return replace(
-        bridge, mavlink=_with_port(bridge.mavlink), world=free(bridge.world), sensor_link=free(bridge.sensor_link)
+        bridge, mavlink=ports.free_url(bridge.mavlink), world=free(bridge.world), sensor_link=free(bridge.sensor_link)
     )
 
 
 class FirmwareLaunch:
     """Starts the firmware of `profile`; `bridge` has the ports of the bridge, `ground_stations` theirs.
 
-    Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
+    rc_port: where it may hear radio control, which nobody sends. Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
     """
 
     log_name = DATAFLASH
     log_suffix = ".bin"
 
-    def __init__(self, profile: RunProfile, bridge: BridgeSpec, ground_stations: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, profile: RunProfile, bridge: BridgeSpec, rc_port: int, ground_stations: tuple[str, ...] = ()
+    ) -> None:
         autopilot = profile.autopilot
         self.program = find_firmware("rover", autopilot.firmware_build, autopilot.firmware)
         self._profile = profile
         self.bridge = bridge
         self._ground_stations = ground_stations
-        self._values = start_parameters(profile)
+        self._rc_port = rc_port
+        self._values = start_parameters(profile) | _system_parameters(autopilot.system_id)
         if bridge.sensors == "hil":
             self._check_scripting()
 
@@ -92,7 +95,7 @@ class FirmwareLaunch:
         else:
             parts = urlsplit(world)
             words += ["--model", "JSON:127.0.0.1", "--sim-port-out", str(parts.port), "--speedup", str(SPEEDUP)]
-        words += ["--rc-in-port", str(free_port(socket.SOCK_DGRAM))]
+        words += ["--rc-in-port", str(self._rc_port)]
         serial = {0: f"tcp:{urlsplit(self.bridge.mavlink).port}", 1: "none:", 2: "none:"}
         for port, address in self._stations():
             serial[port] = (
@@ -140,6 +143,11 @@ class FirmwareLaunch:
         return port
 
 
+def _system_parameters(system_id: int) -> dict[str, float]:
+    """Its MAVLink system by the name of each version: it passes over those that it does not know. It is 1 by itself."""
+    return {} if system_id == 1 else dict.fromkeys(("MAV_SYSID", "SYSID_THISMAV"), float(system_id))
+
+
 def _linux_path(url: str, waits: bool = False) -> str:
     """How ArduPilot's Linux builds name the other end: they serve TCP, wait for UDP, open a device."""
     parts = urlsplit(url)
@@ -157,11 +165,3 @@ def _serial_words(serial: dict[int, str]) -> list[str]:
 def _baud(parts: SplitResult) -> str:
     query = dict(word.partition("=")[::2] for word in parts.query.split("&"))
     return query.get("baud", "921600")
-
-
-def _with_port(url: str) -> str:
-    parts = urlsplit(url)
-    if parts.scheme not in ("tcp", "udp") or parts.port != 0:
-        return url
-    kind = socket.SOCK_STREAM if parts.scheme == "tcp" else socket.SOCK_DGRAM
-    return f"{parts.scheme}://{parts.hostname}:{free_port(kind)}"

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -17,12 +16,15 @@ from xitl_cli.firmware.process import FirmwareProcess
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import MOST_PX4_INSTANCES, PX4_MAVLINK_PORT, PX4_SIMULATOR_PORT, BridgeSpec
 from xitl_cli.run.core.directory import AUTOPILOT, ULOG
+from xitl_cli.run.links.ports import PortClaims, is_free
 from xitl_cli.run.links.setup import start_parameters
 
 LOCAL = "127.0.0.1"
 STATION_PORT = 18570  # its link to ground stations; it sends to UDP 14550
 AIRFRAME = 1061  # a differential rover that leaves the simulation to others; in PX4's airframes for software alone
 STARTS_S = 10.0
+STARTUP = "startup.sh"
+_OWN_SYSTEM = "param set MAV_SYS_ID $((px4_instance+1))"
 _CALLS = ("Waiting for simulator", "Simulator connected")
 
 
@@ -47,12 +49,20 @@ class Px4Launch:
             sensor_link=f"tcp://{LOCAL}:{PX4_SIMULATOR_PORT + self.instance}",
         )
 
+    @property
+    def station_url(self) -> str:
+        """Where it waits for its ground station: it sends to UDP 14550 until somebody else speaks to it there."""
+        return f"udp://{LOCAL}:{STATION_PORT + self.instance}"
+
     def start(self, run_directory: Path) -> FirmwareProcess:
         """In `autopilot/` of the run's directory, which is made anew. Raises UserError."""
         directory = run_directory.absolute() / AUTOPILOT
         try:
             shutil.rmtree(directory, ignore_errors=True)
             directory.mkdir(parents=True)
+            startup = self._startup_text()
+            if startup is not None:
+                (directory / STARTUP).write_text(startup)
         except OSError as error:
             raise UserError(f"{directory}: cannot be made ({error.strerror}); choose another --out") from error
         process = FirmwareProcess(self.program, self.arguments(), directory, self.environment())
@@ -61,7 +71,16 @@ class Px4Launch:
 
     def arguments(self) -> list[str]:
         """Its command line."""
-        return ["-d", "-i", str(self.instance), str(self._data), *self._profile.autopilot.firmware_arguments]
+        startup = ["-s", STARTUP] if self._startup_text() is not None else []
+        return ["-d", "-i", str(self.instance), *startup, str(self._data), *self._profile.autopilot.firmware_arguments]
+
+    def _startup_text(self) -> str | None:
+        """A start script that gives it the vessel's system id, None where its own does: instance i is system i + 1."""
+        system_id = self._profile.autopilot.system_id
+        if system_id == self.instance + 1:
+            return None
+        text = (self._data / "init.d-posix" / "rcS").read_text()
+        return text.replace(_OWN_SYSTEM, f"param set MAV_SYS_ID {system_id}") if _OWN_SYSTEM in text else None
 
     def environment(self) -> Mapping[str, str]:
         """Ours without what is meant for another PX4. Parameters come this way: some are read at its start alone."""
@@ -89,16 +108,13 @@ class Px4Launch:
         )
 
     def _reserve(self, instance: int) -> bool:
-        """Whether nobody has its ports. UDP at the simulator's is nobody's: kept, it tells other runs of this one."""
-        with ExitStack() as probes, suppress(OSError):
-            kept = probes.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            kept.bind((LOCAL, PX4_SIMULATOR_PORT + instance))
-            with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listened:
-                listened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                listened.bind((LOCAL, PX4_SIMULATOR_PORT + instance))
-            for port in (PX4_MAVLINK_PORT + instance, STATION_PORT + instance):
-                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as spoken:
-                    spoken.bind(("", port))
-            self._kept.push(probes.pop_all())
-            return True
-        return False
+        """Whether nobody has its ports, and no other run is about to."""
+        ports = PortClaims()
+        wanted = [("tcp", PX4_SIMULATOR_PORT), ("udp", PX4_MAVLINK_PORT), ("udp", STATION_PORT)]
+        for scheme, first in wanted:
+            port, host = first + instance, LOCAL if scheme == "tcp" else "0.0.0.0"
+            if not is_free(urlsplit(f"{scheme}://{host}:{port}")) or not ports.claim(scheme, port):
+                ports.close()
+                return False
+        self._kept.callback(ports.close)
+        return True

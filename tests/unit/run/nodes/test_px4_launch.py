@@ -9,6 +9,7 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
+from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.nodes.bridge import make_launch
 from xitl_cli.run.nodes.px4_launch import Px4Launch
 
@@ -29,7 +30,7 @@ def program(tmp_path: Path) -> Path:
 
 
 def launch(program: Path | str, *overrides: str) -> Px4Launch:
-    made = make_launch(load_profile("sitl-px4", [f"autopilot.firmware={program}", *overrides]).runnable(), ())
+    made = make_launch(load_profile("sitl-px4", [f"autopilot.firmware={program}", *overrides]).runnable(), PortClaims())
     assert isinstance(made, Px4Launch)
     return made
 

@@ -1,0 +1,95 @@
+"""Ports of this machine that a run takes, for itself and for what it starts: no two runs or vessels get the same."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import sys
+from urllib.parse import SplitResult, urlsplit
+
+from agent.wire.transport import TransportError
+from agent.wire.urls import resolve
+from xitl_cli.errors import UserError
+
+TRIED = 100  # ports, one after the other
+_HIGHEST = 65535
+_KINDS = {"tcp": socket.SOCK_STREAM, "udp": socket.SOCK_DGRAM}
+
+
+class PortClaims:
+    """Ports that are this run's until `close`.
+
+    Who is to have one may open it only seconds later, such as an autopilot that is started. So runs tell each other
+    which ports they have taken, by names that are gone with their process, however that ends.
+    """
+
+    def __init__(self) -> None:
+        self._claims: list[socket.socket] = []
+
+    def free(self, scheme: str) -> int:
+        """A port of the loopback address that nobody has; scheme: `tcp` or `udp`. Raises UserError."""
+        for _ in range(TRIED):
+            with socket.socket(socket.AF_INET, _KINDS[scheme]) as probe:
+                try:
+                    probe.bind(("127.0.0.1", 0))
+                except OSError:
+                    break
+                port: int = probe.getsockname()[1]
+                if self.claim(scheme, port):
+                    return port
+        raise UserError(f"127.0.0.1: no {scheme.upper()} port is free; end some of the programs that have them")
+
+    def free_url(self, url: str) -> str:
+        """The same address, with a free port where it asks for one by port 0."""
+        parts = urlsplit(url)
+        if parts.scheme not in _KINDS or parts.port != 0:
+            return url
+        return f"{parts.scheme}://{parts.hostname}:{self.free(parts.scheme)}"
+
+    def nearest(self, url: str) -> str | None:
+        """The same address at the first port from there on that nobody has, None when some hundred are taken."""
+        parts = urlsplit(url)
+        first = parts.port or 0
+        for port in range(first, min(first + TRIED, _HIGHEST + 1)):
+            found = parts._replace(netloc=parts.netloc.rpartition(":")[0] + f":{port}")
+            if is_free(found) and self.claim(parts.scheme, port):
+                return found.geturl()
+        return None
+
+    def claim(self, scheme: str, port: int) -> bool:
+        """Whether no other run, or vessel of this one, has it."""
+        if sys.platform != "linux":
+            return True
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            claim.bind(f"\0xitl {scheme} {port}")
+        except OSError:
+            claim.close()
+            return False
+        self._claims.append(claim)
+        return True
+
+    def close(self) -> None:
+        """Others may have the ports. A second call does nothing."""
+        for claim in self._claims:
+            claim.close()
+        self._claims.clear()
+
+
+def is_free(url: SplitResult) -> bool:
+    """Whether it could be opened there; True for what is no address of this machine, which is said later."""
+    kind = _KINDS[url.scheme]
+    try:
+        family, kind, protocol, _, target = resolve(url, True, kind)
+    except TransportError:
+        return True
+    with socket.socket(family, kind, protocol) as probe:
+        if kind == socket.SOCK_STREAM:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(target)
+            if kind == socket.SOCK_STREAM:
+                probe.listen(1)
+        except OSError as error:
+            return error.errno != errno.EADDRINUSE
+    return True

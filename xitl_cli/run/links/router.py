@@ -1,0 +1,478 @@
+"""MAVLink between the vessels of a fleet and all ground stations, as a process of its own.
+
+    python -m xitl_cli.run.links.router tcp://127.0.0.1:5760 udp://127.0.0.1:14550
+
+Vessels send to one UDP port of this machine, or are called; stations call at TCP or are sent to at UDP. The first line
+of its output says where; each line of its input is the address of a vessel to call; at the end of its input it writes
+its counts and ends.
+
+Frames go on as they came, so that signatures stay good (mavlink.io, "Routing"): one for a system goes to where that
+was heard, the others to everybody; none goes back to where its sender is. Between vessels only what one may want to
+know of another goes: FROM_VESSEL_TO_VESSEL. A vessel's system is at one place: what claims to be from it elsewhere is
+dropped, and so is what came round.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import socket
+import struct
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from time import monotonic
+from urllib.parse import urlsplit
+
+from agent.wire import dialect
+from agent.wire.framing import Framer, as_received
+from agent.wire.tcp import TcpAccepted, TcpCaller, TcpListener, TcpTransport
+from agent.wire.transport import DATAGRAM_BYTES, TransportError, open_transport
+from agent.wire.udp import UdpTransport
+
+MOST_STATIONS = 32
+MOST_VESSELS = 300  # places that vessels send from: those of a fleet, and some that were started anew
+STUCK_S = 10.0  # a station that takes nothing for so long is dropped
+MOVED_S = 3.0  # a vessel that was silent for so long may be at another place
+AGAIN_S = 0.5  # how often a vessel is called that has not answered
+LOOK_S = 0.25  # nobody may have said anything: who is stuck, who has to be called
+BUFFER_BYTES = 1 << 22
+BATCH = 64  # datagrams of one turn
+LARGEST = 2048
+
+FROM_VESSEL_TO_VESSEL = frozenset(
+    (
+        dialect.MAVLINK_MSG_ID_HEARTBEAT,
+        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+    )
+)
+"""Broadcasts that other vessels get too. All telemetry of all to all would be the square of the fleet."""
+
+_BYTES = {"char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4}
+_BYTES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
+_SO_RXQ_OVFL = 40  # Linux: how many datagrams a socket had no room for
+
+
+def _target_offsets() -> dict[int, tuple[int, int | None]]:
+    """Where in the payload the target's system stands and its component, None without one, by message."""
+    found = {}
+    for number, kind in dialect.mavlink_map.items():
+        at, places = 0, {}
+        for index, name in enumerate(kind.ordered_fieldnames):
+            places[name] = at
+            at += _BYTES[kind.fieldtypes[kind.fieldnames.index(name)]] * max(kind.array_lengths[index], 1)
+        system = places.get("target_system", places.get("target"))
+        if system is not None:
+            found[number] = system, places.get("target_component")
+    return found
+
+
+TARGETS = _target_offsets()
+
+
+@dataclass(slots=True)
+class RouterCounts:
+    """frames_in: good ones. frames_out: handed on, each place counted. dropped: a place did not take them.
+
+    unroutable: for a system that nobody has heard. looped: from a vessel's system, at another place. damaged: bytes
+    that were no frame, in events. overrun: datagrams of vessels that nobody had room for. stations: that called, or
+    answered. turned_away: more than `MOST_STATIONS`, or vessels' places. stuck: stations that took nothing for long.
+    """
+
+    frames_in: int = 0
+    frames_out: int = 0
+    dropped: int = 0
+    unroutable: int = 0
+    looped: int = 0
+    damaged: int = 0
+    overrun: int = 0
+    stations: int = 0
+    turned_away: int = 0
+    stuck: int = 0
+
+
+class Place(ABC):
+    """Where frames come from and go to. heard: (system, component) of all that spoke there. vessel: else a station."""
+
+    def __init__(self, name: str, stream: bool, vessel: bool) -> None:
+        self.name = name
+        self.vessel = vessel
+        self.heard: set[tuple[int, int]] = set()
+        self.systems: set[int] = set()
+        self.heard_s = 0.0
+        self._framer = Framer(stream, foreign=True, mavlink1=True)
+
+    def frames_in(self, chunk: bytes) -> list[bytes]:
+        """Good frames that end in this chunk, as of MAVLink 2; see `as_received`."""
+        return self._framer.feed(chunk)
+
+    @property
+    def damaged(self) -> int:
+        """Events of bytes that were no frame."""
+        return self._framer.counters.dropped
+
+    @abstractmethod
+    def send(self, frames: list[bytes]) -> int:
+        """Hand frames on without waiting; returns how many were dropped for want of room."""
+
+    def close(self) -> None:  # noqa: B027  most have nothing to give back
+        """End the connection."""
+
+
+class TransportPlace(Place):
+    """A station that called or is sent to, or a vessel that is called."""
+
+    def __init__(self, transport: TcpTransport | UdpTransport, name: str, vessel: bool) -> None:
+        super().__init__(name, transport.stream, vessel)
+        self.transport = transport
+        self.stuck_s: float | None = None
+        self.watched: tuple[int, int] | None = None
+
+    def send(self, frames: list[bytes]) -> int:
+        transport = self.transport
+        if isinstance(transport, TcpTransport):
+            if not transport.connected:
+                return 0
+            return 0 if transport.send(b"".join(frames)) else len(frames)
+        dropped = 0
+        for datagram, count in _datagrams(frames):
+            refused = transport.refused
+            if not transport.send(datagram) and transport.refused == refused:
+                dropped += count
+        return dropped
+
+    def close(self) -> None:
+        self.transport.close()
+
+
+class DatagramPlace(Place):
+    """A vessel that sends to the port of all of them."""
+
+    def __init__(self, sock: socket.socket, address: tuple[str, int]) -> None:
+        super().__init__(f"udp://{address[0]}:{address[1]}", stream=False, vessel=True)
+        self.address = address
+        self._socket = sock
+
+    def send(self, frames: list[bytes]) -> int:
+        dropped = 0
+        for datagram, count in _datagrams(frames):
+            try:
+                self._socket.sendto(datagram, self.address)
+            except ConnectionRefusedError:
+                pass  # it is gone
+            except OSError:
+                dropped += count
+        return dropped
+
+
+def _datagrams(frames: list[bytes]) -> list[tuple[bytes, int]]:
+    """As few as hold them, and how many are in each."""
+    found: list[tuple[bytes, int]] = []
+    held: list[bytes] = []
+    size = 0
+    for frame in frames:
+        if held and size + len(frame) > DATAGRAM_BYTES:
+            found.append((b"".join(held), len(held)))
+            held, size = [], 0
+        held.append(frame)
+        size += len(frame)
+    return [*found, (b"".join(held), len(held))] if held else found
+
+
+class Router:
+    """`stations`: tcp://address:port is listened at, udp://host:port is sent to. Raises TransportError."""
+
+    def __init__(self, stations: Sequence[str]) -> None:
+        self.counts = RouterCounts()
+        self.owners: dict[int, Place] = {}
+        self._damaged_before = 0
+        self._places: list[Place] = []
+        self._listeners: list[TcpListener] = []
+        self._to_call: dict[tuple[str, int], float] = {}
+        self._look_s = 0.0
+        self._selector = selectors.DefaultSelector()
+        self._vessels = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._vessels.setblocking(False)
+        self._vessels.bind(("127.0.0.1", 0))
+        for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
+            self._vessels.setsockopt(socket.SOL_SOCKET, option, BUFFER_BYTES)
+        if sys.platform == "linux":
+            self._vessels.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        self._datagrams: dict[tuple[str, int], DatagramPlace] = {}
+        self._selector.register(self._vessels, selectors.EVENT_READ, self._from_vessels)
+        try:
+            for url in stations:
+                self._open(url)
+        except TransportError:
+            self.close()
+            raise
+
+    def _open(self, url: str) -> None:
+        if url.startswith("tcp://"):
+            listener = TcpListener(urlsplit(url))
+            self._listeners.append(listener)
+            self._selector.register(listener.fileno() or -1, selectors.EVENT_READ, lambda: self._accept(listener))
+            return
+        transport = open_transport(url, listen=False)
+        assert isinstance(transport, UdpTransport)
+        transport.longest = LARGEST
+        self._add(TransportPlace(transport, url, vessel=False))
+
+    @property
+    def vessels_url(self) -> str:
+        """Where vessels send to."""
+        return f"udp://127.0.0.1:{self._vessels.getsockname()[1]}"
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """Where stations may call, then where they are sent to."""
+        sent_to = [place.name for place in self._places if not place.vessel and place.name.startswith("udp")]
+        return (*(listener.address for listener in self._listeners), *sent_to)
+
+    def call(self, url: str) -> None:
+        """A vessel that waits to be called: again and again until it answers. Raises TransportError."""
+        parts = urlsplit(url)
+        if parts.scheme == "udp":
+            address = (socket.gethostbyname(parts.hostname or ""), parts.port or 0)
+            self._to_call[address] = 0.0
+            self._vessel_at(address)
+            return
+        self._add(TransportPlace(TcpCaller(parts), url, vessel=True))
+
+    def poll(self, timeout_s: float) -> None:
+        """Pass on what has come, waiting at most `timeout_s` for it."""
+        for key, _ in self._selector.select(min(timeout_s, LOOK_S)):
+            key.data()
+        now_s = monotonic()
+        if now_s - self._look_s >= LOOK_S:
+            self._look_s = now_s
+            self._look(now_s)
+
+    def report(self) -> dict[str, object]:
+        """Counts, and the places of the systems that were heard, as plain data."""
+        counts = self.counts
+        counts.damaged = self._damaged_before + sum(place.damaged for place in self._places)
+        return asdict(counts) | {"systems": {str(system): place.name for system, place in sorted(self.owners.items())}}
+
+    def close(self) -> None:
+        """End all connections."""
+        self._selector.close()
+        for place in self._places:
+            place.close()
+        for listener in self._listeners:
+            listener.close()
+        self._vessels.close()
+
+    # Who is there
+
+    def _accept(self, listener: TcpListener) -> None:
+        called = listener.accept()
+        if called is None:
+            return
+        sock, peer = called
+        stations = sum(not place.vessel for place in self._places)
+        if stations >= MOST_STATIONS:
+            sock.close()
+            self.counts.turned_away += 1
+            return
+        self._add(TransportPlace(TcpAccepted(sock, listener.address, peer), peer, vessel=False))
+
+    def _add(self, place: TransportPlace) -> None:
+        self._places.append(place)
+        self._watch(place)
+
+    def watch(self, descriptor: int, handle: Callable[[], None]) -> None:
+        """Have `handle` called in `poll` when there is something to read."""
+        self._selector.register(descriptor, selectors.EVENT_READ, handle)
+
+    def _watch(self, place: TransportPlace) -> None:
+        """Its connection of now: a call may have been lost and another one made."""
+        transport = place.transport
+        descriptor, losses = transport.fileno(), transport.losses if isinstance(transport, TcpTransport) else 0
+        now = None if descriptor is None else (descriptor, losses)
+        if now == place.watched:
+            return
+        if place.watched is not None:
+            with suppress(KeyError, ValueError):
+                self._selector.unregister(place.watched[0])
+        place.watched = now
+        if descriptor is not None:
+            self._selector.register(descriptor, selectors.EVENT_READ, lambda: self._from_place(place))
+
+    def _look(self, now_s: float) -> None:
+        """Drop who has left or takes nothing, call who has to be called."""
+        for place in [one for one in self._places if isinstance(one, TransportPlace)]:
+            transport = place.transport
+            if isinstance(transport, TcpCaller):
+                transport.send(b"")  # calls again
+                self._watch(place)
+            elif isinstance(transport, TcpTransport):
+                if not transport.connected:
+                    self._let_go(place)
+                elif not transport.stuck:
+                    place.stuck_s = None
+                elif place.stuck_s is None:
+                    place.stuck_s = now_s
+                elif now_s - place.stuck_s > STUCK_S:
+                    self.counts.stuck += 1
+                    self._let_go(place)
+        for address, called_s in self._to_call.items():
+            if not self._datagrams[address].systems and now_s - called_s >= AGAIN_S:
+                self._to_call[address] = now_s
+                try:
+                    self._vessels.sendto(b"", address)  # a PX4 takes for its station who sends it anything first
+                except OSError:
+                    continue
+
+    def _let_go(self, place: TransportPlace) -> None:
+        self._damaged_before += place.damaged
+        self._places.remove(place)
+        place.close()
+        self._watch(place)
+
+    # What they say
+
+    def _from_place(self, place: TransportPlace) -> None:
+        transport = place.transport
+        chunks = transport.receive(0.0)
+        for chunk in chunks:
+            self._pass_on(place, place.frames_in(chunk))
+        if isinstance(transport, TcpTransport) and not transport.connected:
+            if isinstance(transport, TcpCaller):
+                self._watch(place)
+            else:
+                self._let_go(place)
+
+    def _from_vessels(self) -> None:
+        for _ in range(BATCH):
+            try:
+                data, extra, _, address = self._vessels.recvmsg(LARGEST, 64)
+            except OSError:  # nothing more, or the answer to a datagram that nobody took
+                return
+            for level, kind, value in extra:
+                if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):
+                    self.counts.overrun = struct.unpack("=I", value[:4])[0]
+            place = self._vessel_at(address)
+            if place is not None:
+                self._pass_on(place, place.frames_in(data))
+
+    def _vessel_at(self, address: tuple[str, int]) -> DatagramPlace | None:
+        place = self._datagrams.get(address)
+        if place is None:
+            if len(self._datagrams) >= MOST_VESSELS:
+                self.counts.turned_away += 1
+                return None
+            place = self._datagrams[address] = DatagramPlace(self._vessels, address)
+            self._places.append(place)
+        return place
+
+    def _pass_on(self, source: Place, frames: list[bytes]) -> None:
+        """Each to where it belongs, all for one place together."""
+        outgoing: dict[Place, list[bytes]] = {}
+        for frame in frames:
+            sender = (frame[5], frame[6])
+            if not self._is_at_home(source, sender[0]):
+                self.counts.looped += 1
+                continue
+            self.counts.frames_in += 1
+            if sender not in source.heard:
+                self.counts.stations += not source.vessel and not source.heard
+                source.heard.add(sender)
+                source.systems.add(sender[0])
+            for place in self._destinations(source, frame, sender):
+                outgoing.setdefault(place, []).append(as_received(frame))
+        for place, leaving in outgoing.items():
+            dropped = place.send(leaving)
+            self.counts.dropped += dropped
+            self.counts.frames_out += len(leaving) - dropped
+
+    def _is_at_home(self, source: Place, system: int) -> bool:
+        """Whether what claims to be from this system comes from where that is. A vessel may move when it was silent."""
+        owner = self.owners.get(system)
+        if owner is source:
+            source.heard_s = monotonic()
+            return True
+        if owner is None:
+            if source.vessel:
+                self.owners[system] = source
+                source.heard_s = monotonic()
+            return True
+        if source.vessel and monotonic() - owner.heard_s > MOVED_S:
+            owner.systems.discard(system)
+            owner.heard = {sender for sender in owner.heard if sender[0] != system}
+            self.owners[system] = source
+            source.heard_s = monotonic()
+            return True
+        return False
+
+    def _destinations(self, source: Place, frame: bytes, sender: tuple[int, int]) -> list[Place]:
+        number = frame[7] | frame[8] << 8 | frame[9] << 16
+        system, component = _target(number, frame)
+        others = [place for place in self._places if place is not source and sender not in place.heard]
+        if not system:
+            if source.vessel and number not in FROM_VESSEL_TO_VESSEL:
+                return [place for place in others if not place.vessel]
+            return others
+        there = [place for place in others if system in place.systems]
+        exactly = [place for place in there if (system, component) in place.heard] if component else []
+        if not there and system not in source.systems:
+            self.counts.unroutable += 1
+        return exactly or there
+
+
+def _target(number: int, frame: bytes) -> tuple[int, int]:
+    """System and component that a frame is for, 0 for all."""
+    places = TARGETS.get(number)
+    if places is None:
+        return 0, 0
+    end = 10 + frame[1]
+    at, component_at = 10 + places[0], None if places[1] is None else 10 + places[1]
+    system = frame[at] if at < end else 0  # zeros at the end are not sent
+    return system, frame[component_at] if component_at is not None and component_at < end else 0
+
+
+def main(urls: Sequence[str]) -> int:
+    """Until the end of the input. Exit code 2 with one sentence when a port cannot be had."""
+    try:
+        router = Router(urls)
+    except TransportError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    _say({"vessels": router.vessels_url, "stations": router.stations})
+    told = _Lines(router)
+    router.watch(sys.stdin.fileno(), told.read)
+    try:
+        while not told.ended:
+            router.poll(LOOK_S)
+        _say(router.report())
+    finally:
+        router.close()
+    return 0
+
+
+class _Lines:
+    """Addresses of vessels to call, one a line, until the end of the input."""
+
+    def __init__(self, router: Router) -> None:
+        self.ended = False
+        self._router = router
+        self._begun = b""
+
+    def read(self) -> None:
+        data = os.read(sys.stdin.fileno(), 4096)
+        self.ended = not data
+        *lines, self._begun = (self._begun + data).split(b"\n")
+        for line in lines:
+            self._router.call(line.decode())
+
+
+def _say(what: object) -> None:
+    sys.stdout.write(f"{json.dumps(what)}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
