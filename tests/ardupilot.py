@@ -9,9 +9,9 @@ from types import TracebackType
 
 import pytest
 
+from tests.free_ports import free_port
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import FIND, find_firmware
-from free_ports import free_port
 from xitl_cli.firmware.process import FirmwareProcess
 
 VARIABLES = {"sitl": "XITL_ARDUROVER", "linux": "XITL_ARDUROVER_LINUX"}

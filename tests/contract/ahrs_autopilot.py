@@ -17,7 +17,7 @@ from typing import Any
 from pymavlink import mavutil  # type: ignore[import-untyped]
 
 from tests.ardupilot import Rover, find_ardurover
-from free_ports import free_port
+from tests.free_ports import free_port
 from xitl_cli.firmware.process import FirmwareProcess
 
 ROOT = Path(__file__).parents[2]

@@ -19,7 +19,7 @@ from agent.timing.clock import MonotonicClock, TickClock
 from agent.wire import dialect as mav
 from sim_core.sensors.magnetometer import local_field_ned_gauss
 from tests.ardupilot import Rover
-from free_ports import free_port
+from tests.free_ports import free_port
 
 LAT_DEG, LON_DEG, ALT_M = -8.8, -63.95, 60.0
 ROLL, PITCH, YAW = (math.radians(angle) for angle in (5.0, -3.0, 40.0))

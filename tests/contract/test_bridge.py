@@ -18,7 +18,7 @@ from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from tests.ardupilot import Rover
-from free_ports import free_port
+from tests.free_ports import free_port
 
 pytestmark = pytest.mark.ardupilot
 TICK_US = 10_000

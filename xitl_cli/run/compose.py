@@ -44,7 +44,7 @@ Node = TypeVar("Node", bound=RunNode)
 class RunSetup:
     """What the nodes of a vessel are made from. plant: as it meets it. out: the directory of what is its own.
 
-    interrupted: whether somebody wants to end the run. stations: where ground stations meet its autopilot.
+    interrupted: whether somebody wants to end the run. stations: where ground stations meet all autopilots.
     """
 
     profile: RunProfile
@@ -79,7 +79,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         control: ControlNode = made(direct_control(profile))
     else:
         if profile.autopilot.kind != "embedded":
-            bridge = made(BridgeNode(profile, setup.out, stations.urls))
+            bridge = made(BridgeNode(profile, setup.out, setup.stations.of(profile.vessel).urls))
             if bridge.station_url is not None:
                 setup.stations.call(bridge.station_url)
         control = autopilot = made(_autopilot(setup, bridge))
@@ -143,21 +143,21 @@ def compose_world(
 ) -> WorldNodes:
     """The nodes of what all vessels are in, and of who watches; `opened` closes them.
 
-    warnings: of the profile. Raises UserError for a port that cannot be had.
+    warnings: known at the start. Raises UserError for a port that cannot be had.
     """
     first, leading = setups[0], vessels[0]
     profile = first.profile
     river = river_from_profile(profile, Seeds(profile.clock.seed), plant, lambda: leading.control.progress)
     if river is not None:
         opened.callback(river.close)
-    known = [*warnings, *(text for setup in setups for text in setup.stations.warnings)]
-    display = DisplayNode(make_view, known, profile.clock, [vessel.status for vessel in vessels])
+    display = DisplayNode(make_view, warnings, profile.clock, [vessel.status for vessel in vessels])
     opened.callback(display.close)
     ahead: list[RunNode | None] = [display, river]
     behind: list[RunNode | None] = [
         None if river is None else river.launching,
         PaceRecorder(profile.clock),
         display.showing,
+        first.stations,
     ]
     return WorldNodes(_present(ahead), _present(behind))
 
@@ -174,7 +174,7 @@ def _present(nodes: Sequence[RunNode | None]) -> tuple[RunNode, ...]:
 
 def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
     """The autopilot in the agent itself, or behind it as a bridge."""
-    profile = setup.profile
+    profile, stations = setup.profile, setup.stations.of(setup.profile.vessel)
     frame = local_frame(profile.site)
 
     def driver_of(commands: AutopilotCommands, agent: AgentConnection) -> VehicleDriver:

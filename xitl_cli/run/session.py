@@ -177,15 +177,15 @@ def _composed(
 ) -> RunNodes:
     """The nodes of a run; `opened` closes them. Raises UserError, which names the vessel where there are several."""
     setups, vessels = [], []
+    stations = StationAddresses(profiles)
+    opened.callback(stations.close)
     for profile, view in zip(profiles, plant.vessels, strict=True):
         with _of(profile.vessel):
-            stations = StationAddresses(profile)
-            opened.callback(stations.close)
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
             setups.append(RunSetup(profile, seeds, scenery, view, own, interrupted, stations))
             vessels.append(compose(setups[-1], opened))
-    warnings = tuple(text for setup in setups for text in setup.stations.warnings)
+    warnings = tuple(stations.warnings)
     world = compose_world(setups, vessels, plant, make_view, [*scenery.warnings, *warnings], opened)
     return RunNodes(world, tuple(vessels), warnings)
 

@@ -115,7 +115,6 @@ def test_the_newest_log_is_found_below(tmp_path: Path) -> None:
     assert newest_log(tmp_path) == logs / "00000002.BIN"
 
 
-
 def test_a_path_that_is_given_is_checked(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="does not exist"):
         find_firmware("rover", "sitl", str(tmp_path / "none"))

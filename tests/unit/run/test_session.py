@@ -10,8 +10,8 @@ import pytest
 from mcap.reader import make_reader
 
 from agent.wire import dialect
+from tests.free_ports import free_port
 from xitl_cli.errors import UserError
-from free_ports import free_port
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session

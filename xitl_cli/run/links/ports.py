@@ -49,7 +49,7 @@ class PortClaims:
     def nearest(self, url: str) -> str | None:
         """The same address at the first port from there on that nobody has, None when some hundred are taken."""
         parts = urlsplit(url)
-        first = parts.port or 0
+        first = parts.port or 1
         for port in range(first, min(first + TRIED, _HIGHEST + 1)):
             found = parts._replace(netloc=parts.netloc.rpartition(":")[0] + f":{port}")
             if is_free(found) and self.claim(parts.scheme, port):
@@ -74,6 +74,8 @@ class PortClaims:
         for claim in self._claims:
             claim.close()
         self._claims.clear()
+
+    __del__ = close
 
 
 def is_free(url: SplitResult) -> bool:

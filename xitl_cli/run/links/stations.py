@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import USUAL, ground_stations_of
+from xitl_cli.run.core.node import RunNode
 from xitl_cli.run.links import router
 from xitl_cli.run.links.ports import TRIED, PortClaims, is_free
 
@@ -30,7 +31,7 @@ class VesselStations:
     told: tuple[str, ...] = ()
 
 
-class StationAddresses:
+class StationAddresses(RunNode):
     """The addresses of a run's vessels, each TCP port this run's alone until `close`. warnings: what was replaced.
 
     What several vessels of a fleet ask for, such as the usual addresses, is served by a router: all of them are met
@@ -44,7 +45,7 @@ class StationAddresses:
         self.warnings: list[str] = []
         self._ports = PortClaims()
         self._router: RouterProcess | None = None
-        self._report: dict[str, Any] | None = None
+        self._report: dict[str, Any] = {}
         self._of: dict[str, VesselStations] = {}
         self._system_ids: dict[str, int] = {}
         self._fleet: tuple[str, ...] = ()
@@ -89,8 +90,8 @@ class StationAddresses:
         if self._router is not None:
             self._router.call(url)
 
-    def report(self) -> dict[str, Any] | None:
-        """`ground_stations` of a fleet's summary, after `close`; None where there is no router."""
+    def report(self) -> dict[str, Any]:
+        """Of a fleet with a router, after `close`: the addresses, and what the router counted."""
         return self._report
 
     def close(self) -> None:
@@ -100,14 +101,15 @@ class StationAddresses:
             return
         counts, self._router = self._router.close(), None
         heard = counts.pop("systems", {})
-        for vessel, system_id in self._system_ids.items():
-            if str(system_id) not in heard:
-                self.warnings.append(
-                    f"{vessel} (system {system_id}) was not heard at the ground stations' port of all vessels; an agent "
-                    f"on a board serves them with --gcs tcp://0.0.0.0:{USUAL[1]}"
-                )
+        unheard = [
+            f"{vessel} (system {system_id}) was not heard at the ground stations' port of all vessels; an agent on a "
+            f"board serves them with --gcs tcp://0.0.0.0:{USUAL[1]}"
+            for vessel, system_id in self._system_ids.items()
+            if str(system_id) not in heard
+        ]
         vessels = {vessel: list(stations.told[len(self._fleet) :]) for vessel, stations in self._of.items()}
-        self._report = {"fleet": list(self._fleet), "vessels": vessels, **counts}
+        found = {"fleet": list(self._fleet), "vessels": vessels, **counts}
+        self._report = {"ground_stations": found, "warnings": unheard}
 
     def _opened(self, url: str, given: bool) -> str:
         """As asked for, or at a port near by."""
@@ -115,8 +117,6 @@ class StationAddresses:
             return url
         parts = urlsplit(url)
         found = self._ports.nearest(url)
-        if found is not None and parts.port == 0:
-            return found
         if found is None or (given and found != url):
             why = f"and the {TRIED - 1} ports behind it are in use" if found is None else "is in use"
             raise UserError(
@@ -136,8 +136,7 @@ def _is_tcp(url: str) -> bool:
 def _stepped(url: str, number: int) -> str:
     """Where vessel `number` is met alone, of the address of all."""
     parts = urlsplit(url)
-    port = (parts.port or 0) + (STEP * number if parts.port else 0)
-    return parts._replace(netloc=parts.netloc.rpartition(":")[0] + f":{port}").geturl()
+    return parts._replace(netloc=f"{parts.netloc.rpartition(':')[0]}:{(parts.port or 0) + STEP * number}").geturl()
 
 
 def _asked_for(profile: RunProfile) -> tuple[str, ...]:

@@ -41,7 +41,8 @@ def resolved_bridge(bridge: BridgeSpec, ports: PortClaims) -> BridgeSpec:
 class FirmwareLaunch:
     """Starts the firmware of `profile`; `bridge` has the ports of the bridge, `ground_stations` theirs.
 
-    rc_port: where it may hear radio control, which nobody sends. Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
+    rc_port: where it may hear radio control, which nobody sends. Raises UserError when there is no firmware, or its
+    parameters keep it from taking our sensors.
     """
 
     log_name = DATAFLASH

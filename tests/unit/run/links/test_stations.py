@@ -1,17 +1,21 @@
-"""Where ground stations meet the autopilot of a run: at ports that are free, and that no run beside it takes."""
+"""Where ground stations meet the autopilots of a run: at ports that are free, and that no run beside it takes."""
 
 from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
 from agent.roles.ground_stations import GroundStations
+from tests.free_ports import free_port
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.entry import ProfileError
-from xitl_cli.run.links import stations
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.run.links import ports, stations
 from xitl_cli.run.links.stations import StationAddresses
 
 
@@ -24,8 +28,17 @@ def holder() -> Iterator[socket.socket]:
         yield sock
 
 
-def addresses(*urls: str, name: str = "hitl-loopback") -> StationAddresses:
-    return StationAddresses(load_profile(name, [f"autopilot.ground_stations=[{', '.join(urls)}]"]).runnable())
+@pytest.fixture
+def usual(holder: socket.socket, monkeypatch: pytest.MonkeyPatch) -> int:
+    """The usual port, which is taken."""
+    port: int = holder.getsockname()[1]
+    monkeypatch.setattr("xitl_cli.profile.schema.profile.USUAL", ("udp://127.0.0.1:14550", port))
+    return port
+
+
+def single(name: str = "hitl-loopback", *urls: str) -> StationAddresses:
+    given = [f"autopilot.ground_stations=[{', '.join(urls)}]"] if urls else []
+    return StationAddresses([load_profile(name, given).runnable()])
 
 
 def port(url: str) -> int:
@@ -33,40 +46,112 @@ def port(url: str) -> int:
 
 
 def test_in_real_time_only_this_machine_may_call() -> None:
-    made = StationAddresses(load_profile("sitl", ["clock.mode=realtime"]).runnable())
+    made = StationAddresses([load_profile("sitl", ["clock.mode=realtime"]).runnable()])
     made.close()
-    assert [url.rpartition(":")[0] for url in made.urls] == ["udp://127.0.0.1", "tcp://127.0.0.1"]
+    assert [url.rpartition(":")[0] for url in made.of("").urls] == ["udp://127.0.0.1", "tcp://127.0.0.1"]
+    assert made.of("").told == made.of("").urls
+    assert made.report() == {}
 
 
-def test_a_port_in_use_is_replaced_by_the_next_free_one_and_said(holder: socket.socket) -> None:
-    taken = holder.getsockname()[1]
-    made = addresses("udp://127.0.0.1:14550", f"tcp://127.0.0.1:{taken}")
-    assert made.urls[0] == "udp://127.0.0.1:14550"
-    assert taken < port(made.urls[1]) < taken + stations.TRIED
+def test_a_usual_port_in_use_is_replaced_by_the_next_free_one_and_said(usual: int) -> None:
+    made = single()
+    first, second = made.of("").urls
+    assert first == "udp://127.0.0.1:14550"
+    assert usual < port(second) < usual + ports.TRIED
     (text,) = made.warnings
-    assert f"TCP port {taken} is in use" in text
-    assert made.urls[1] in text
-    GroundStations([made.urls[1]], 1, 1).close()  # it is free indeed
+    assert f"TCP port {usual} is in use" in text
+    assert second in text
+    GroundStations([second], 1, 1).close()  # it is free indeed
     made.close()
 
 
-def test_runs_that_start_together_take_different_ports_before_any_listens(holder: socket.socket) -> None:
-    before = addresses(f"tcp://127.0.0.1:{holder.getsockname()[1]}")
-    first = port(before.urls[0])
-    before.close()
-    together = [addresses(f"tcp://127.0.0.1:{first}", "udp://127.0.0.1:14550") for _ in range(3)]
-    assert len({made.urls[0] for made in together}) == 3
+def test_a_port_that_the_profile_gives_is_not_replaced(holder: socket.socket) -> None:
+    """Somebody may have been told of it, such as a ground station that is set up already."""
+    url = f"tcp://127.0.0.1:{holder.getsockname()[1]}"
+    with pytest.raises(UserError, match=rf"autopilot.ground_stations: {url} is in use by another program or run; end"):
+        single("hitl-loopback", url)
+    holder.close()
+    made = single("hitl-loopback", url)
+    assert (made.of("").urls, made.warnings) == ((url,), [])
+    made.close()
+
+
+def test_runs_that_start_together_take_different_ports_before_any_listens(usual: int) -> None:
+    together = [single() for _ in range(3)]
+    found = [port(made.of("").urls[1]) for made in together]
+    assert all(one < other for one, other in pairwise([usual, *found]))
     for made in together:
         made.close()
-    again = addresses(f"tcp://127.0.0.1:{first}")
-    assert (port(again.urls[0]), again.warnings) == (first, [])
+    again = single()
+    assert port(again.of("").urls[1]) == found[0]
     again.close()
 
 
-def test_no_port_left_is_an_error(holder: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stations, "TRIED", 1)
-    with pytest.raises(UserError, match=r"autopilot.ground_stations: tcp://.* in use; give another port"):
-        addresses(f"tcp://127.0.0.1:{holder.getsockname()[1]}")
+def test_no_port_left_is_an_error(usual: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ports, "TRIED", 1)
+    with pytest.raises(UserError, match=r"autopilot.ground_stations: tcp://.* in use by another program or run; end"):
+        single()
+
+
+def fleet(
+    *names: str, overrides: tuple[str, ...] = ("clock.mode=realtime",), **other: tuple[str, ...]
+) -> list[RunProfile]:
+    """A profile a vessel, with system ids from 1; `other` has further overrides by vessel."""
+    return [
+        replace(
+            load_profile("sitl", [f"autopilot.system_id={number}", *overrides, *other.get(name, ())]).runnable(),
+            vessel=name,
+        )
+        for number, name in enumerate(names, start=1)
+    ]
+
+
+def test_a_fleet_is_met_together_and_each_on_its_own(usual: int) -> None:
+    made = StationAddresses(fleet("one", "two", "three"))
+    together = [made.of(name).told[:2] for name in ("one", "two", "three")]
+    assert together == [("udp://127.0.0.1:14550", f"tcp://127.0.0.1:{port(together[0][1])}")] * 3
+    assert usual < port(together[0][1])
+    routed = {made.of(name).urls[0] for name in ("one", "two", "three")}
+    assert len(routed) == 1
+    assert routed.pop().startswith("udp://127.0.0.1:")
+    alone = [port(made.of(name).urls[1]) for name in ("one", "two", "three")]
+    assert len({*alone, port(together[0][1])}) == 4
+    assert all(one >= usual + stations.STEP * number for number, one in enumerate(alone, start=1))
+    assert [url for name in ("one", "two", "three") for url in made.of(name).told[2:]] == [
+        f"tcp://127.0.0.1:{one}" for one in alone
+    ]
+    made.close()
+    report = made.report()["ground_stations"]
+    assert report["fleet"] == list(together[0])
+    assert report["vessels"]["two"] == [f"tcp://127.0.0.1:{alone[1]}"]
+    assert report["frames_in"] == 0
+
+
+def test_addresses_of_one_vessel_are_its_own_and_shared_ones_the_fleets() -> None:
+    together, free = free_port(), free_port()
+    given = (f"autopilot.ground_stations=[tcp://127.0.0.1:{together}, udp://10.0.0.9:14550]",)
+    own = (f"autopilot.ground_stations=[tcp://127.0.0.1:{free}]",)
+    made = StationAddresses(fleet("one", "two", "three", overrides=given, three=own))
+    assert made.of("three").urls[1:] == (f"tcp://127.0.0.1:{free}",)
+    assert made.of("one").told[1] == made.of("two").told[1] == made.of("three").told[1] == "udp://10.0.0.9:14550"
+    assert port(made.of("one").told[0]) == together
+    assert made.of("one").urls[1] != made.of("two").urls[1]
+    made.close()
+
+
+def test_in_lockstep_there_is_none_unless_asked_for() -> None:
+    made = StationAddresses(fleet("one", "two", overrides=()))
+    assert made.of("one").urls == made.of("two").told == ()
+    made.close()
+    assert made.report() == {}
+
+
+def test_who_was_never_heard_is_said() -> None:
+    made = StationAddresses(fleet("one", "two"))
+    made.close()
+    one, two = made.report()["warnings"]
+    assert one.startswith("one (system 1) was not heard at the ground stations' port of all vessels")
+    assert two.startswith("two (system 2) was not heard")
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.profile import ground_stations_of
+from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.links.setup import parameter_file_text, start_parameters
 from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 
@@ -28,9 +29,10 @@ def program(tmp_path: Path) -> Path:
 
 
 def launch(program: Path, name: str, *overrides: str) -> tuple[FirmwareLaunch, Any]:
+    ports = PortClaims()
     profile = load_profile(name, [f"autopilot.firmware={program}", *overrides]).runnable()
-    bridge = resolved_bridge(profile.autopilot.bridge)
-    return FirmwareLaunch(profile, bridge, ground_stations_of(profile)), bridge
+    bridge = resolved_bridge(profile.autopilot.bridge, ports)
+    return FirmwareLaunch(profile, bridge, 5501, ground_stations_of(profile)), bridge
 
 
 def port(url: str) -> str:
@@ -43,10 +45,11 @@ def options(words: list[str]) -> dict[str, str]:
 
 def test_port_0_is_one_that_is_free_and_others_stay() -> None:
     bridge = load_profile("sitl-ardupilot-ahrs").runnable().autopilot.bridge
-    resolved = resolved_bridge(bridge)
+    claims = PortClaims()
+    resolved = resolved_bridge(bridge, claims)
     ports = [port(url) for url in (resolved.mavlink, resolved.world or "", resolved.sensor_link or "")]
     assert len({*ports, "0"}) == 4
-    assert resolved_bridge(resolved) == resolved
+    assert resolved_bridge(resolved, claims) == resolved
     assert resolved.outputs == bridge.outputs
 
 
@@ -127,3 +130,13 @@ def test_without_scripting_hil_messages_are_refused_before_it_starts(program: Pa
     launch(program, "hitl-ardupilot-usb-loopback")
     with pytest.raises(UserError, match=rf"^autopilot.parameters.{name} = 0: autopilot.bridge.sensors = hil needs"):
         launch(program, "hitl-ardupilot-usb-loopback", f"autopilot.parameters.{name}=0")
+
+
+@pytest.mark.parametrize(("system_id", "said"), [(1, []), (3, ["MAV_SYSID 3", "SYSID_THISMAV 3"])])
+def test_its_system_is_the_vessels_by_the_name_of_each_version(
+    program: Path, tmp_path: Path, system_id: int, said: list[str]
+) -> None:
+    made, _ = launch(program, "sitl-ardupilot", f"autopilot.system_id={system_id}")
+    made.start(tmp_path).stop()
+    lines = (tmp_path / "autopilot" / "parameters.parm").read_text().splitlines()
+    assert [line for line in lines if "SYSID" in line and "GCS" not in line] == said

@@ -127,3 +127,20 @@ def test_one_without_its_start_scripts_is_none(program: Path) -> None:
 def test_one_whose_ports_are_named_is_started_elsewhere(firmware: str) -> None:
     there = ["autopilot.bridge.sensor_link=tcp://127.0.0.1:4560", "autopilot.bridge.mavlink=udp://127.0.0.1:14580"]
     assert make_launch(load_profile("sitl-px4", [f"autopilot.firmware={firmware}", *there]).runnable(), ()) is None
+
+
+def test_its_system_is_the_vessels_whatever_its_instance(program: Path, tmp_path: Path) -> None:
+    """Its own start script makes it one more than the instance."""
+    script = program.parents[1] / "etc" / "init.d-posix" / "rcS"
+    script.write_text("a\nparam set MAV_SYS_ID $((px4_instance+1))\nb\n")
+    same = launch(program)
+    other = launch(program, "autopilot.system_id=77")
+    try:
+        assert ("-s" in same.arguments()) == (same.instance != 0)
+        assert other.arguments()[3:5] == ["-s", "startup.sh"]
+        process = other.start(tmp_path)
+        process.stop()
+        assert (tmp_path / "autopilot" / "startup.sh").read_text() == "a\nparam set MAV_SYS_ID 77\nb\n"
+    finally:
+        same.end()
+        other.end()
