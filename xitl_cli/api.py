@@ -14,7 +14,7 @@ from xitl_cli.profile import load_profile as _load_profile
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
-    from xitl_cli.graph.wdri import VertexCount, Wdri
+    from xitl_cli.graph.wdri import FleetWdri, VertexCount, Wdri
     from xitl_cli.logs.compare.comparison import Comparison
     from xitl_cli.logs.model.log import Log
     from xitl_cli.logs.report.model import Report
@@ -82,16 +82,21 @@ def wdri(
     overrides: Overrides = (),
     reference: PathText | None = None,
     vertices: VertexCount | None = None,
-) -> Wdri:
+    vessel: str | None = None,
+) -> Wdri | FleetWdri:
     """The weighted degree realism index of a profile, from 0 to 1, with the graph behind it.
 
     reference: a profile, or `"complete"` for the graph with every node real and linked to every node; the profile's own
-    by default. vertices: `"architecture"`, `"present"` or a number; what averages the degrees.
+    by default. vertices: `"architecture"`, `"present"` or a number; what averages the degrees. vessel: one of a fleet;
+    without, a fleet has that of each of its `vessels`, and their mean.
     """
-    from xitl_cli.graph.wdri import profile_wdri
+    from xitl_cli.graph.wdri import fleet_wdri, profile_wdri
 
     loaded = profile if isinstance(profile, Profile) else load_profile(profile, overrides)
-    return profile_wdri(loaded, None if reference is None else fspath(reference), vertices)
+    held_against = None if reference is None else fspath(reference)
+    if vessel is None and loaded.vessels is not None:
+        return fleet_wdri(loaded, held_against, vertices)
+    return profile_wdri(loaded if vessel is None else loaded.vessel(vessel), held_against, vertices)
 
 
 def open_log(path: PathText, vessel: str | None = None) -> Log:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from xitl_cli.commands.options import Json, ProfileName, Set, complete_profile
 from xitl_cli.commands.terminal import say, show_rows, terminal
 from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from xitl_cli.profile import Profile
 
 
 def list_profiles(as_json: Json = False) -> None:
@@ -35,6 +38,14 @@ def list_profiles(as_json: Json = False) -> None:
         rows_of = [[name, loaded[name].technique or "", loaded[name].description] for name in names]
         show_rows(console, ("", "", ""), rows_of, text=(0, 1, 2))
         console.print()
+
+
+def _role(profile: Profile) -> str:
+    if profile.vessels is None:
+        return profile.role()
+    sailed = len(profile.sailed)
+    scripted = len(profile.vessels) - sailed
+    return f"{profile.role()}, {sailed} vessel{'s' if sailed > 1 else ''}{f', {scripted} scripted' if scripted else ''}"
 
 
 def show(
@@ -93,7 +104,7 @@ def check(
             wrong += 1
             console.print(Text(str(error), style="red"), soft_wrap=True)
         else:
-            console.print(Text.assemble(("ok", "green"), f"  {name} ({found.profile.role()})"), soft_wrap=True)
+            console.print(Text.assemble(("ok", "green"), f"  {name} ({_role(found.profile)})"), soft_wrap=True)
             for text in found.warnings:
                 console.print(Text(f"warning: {text}", style="yellow"), soft_wrap=True)
     if wrong:

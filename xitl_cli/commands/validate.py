@@ -62,7 +62,7 @@ def validate(
     if page is not None:
         html.refuse_other(page)
     wanted = wanted or [name for name in shipped_profiles() if name.startswith("vehicles/")]
-    loaded = [(name, load_profile(name)) for name in wanted]
+    loaded = [(name, vessel) for name in wanted for vessel in load_profile(name).one_a_vehicle]
     for name, profile in loaded:
         if profile.vehicle is None:
             raise UserError(f"{name}: has no vehicle; name a file with a group `vehicle`")

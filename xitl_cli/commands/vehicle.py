@@ -35,7 +35,10 @@ def check(
     from xitl_cli.profile import load_with_origins
 
     loaded = load_with_origins(name, overrides or ())
-    profile = loaded.profile
+    profile, *others = loaded.profile.one_a_vehicle
+    if others:
+        names = ", ".join(one.vehicle.name for one in (profile, *others) if one.vehicle)
+        raise UserError(f"{loaded.entry.origin.source}: has several vehicles ({names}); name one of them")
     if (vehicle := profile.vehicle) is None:
         raise UserError(f"{loaded.entry.origin.source}: has no vehicle; name a file with a group `vehicle`")
     demands = Demands(

@@ -11,7 +11,7 @@ from xitl_cli.commands.options import Json, Set, complete_profile
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
-    from xitl_cli.graph.wdri import VertexCount, Wdri
+    from xitl_cli.graph.wdri import FleetWdri, VertexCount, Wdri
     from xitl_cli.run.run_graph import MeasuredRun
 
 
@@ -38,14 +38,18 @@ def wdri(
             metavar="COUNT", help="Count that averages the degrees of PROFILE: architecture, present or a number."
         ),
     ] = None,
+    vessel: Annotated[
+        str | None, typer.Option("--vessel", metavar="NAME", help="Of a fleet: one of its vessels, with its nodes.")
+    ] = None,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
     """Print nodes, links and the WDRI of a profile: how near its graph comes to a reference, from 0 to 1.
 
-    Of a run's directory: the nodes that were there and the links that carried something.
+    Of a fleet: the WDRI of each vessel, and their mean. Of a run's directory: the nodes that were there and the links
+    that carried something.
     """
-    from xitl_cli.graph.wdri import profile_wdri
+    from xitl_cli.graph.wdri import fleet_wdri, profile_wdri
     from xitl_cli.profile import load_profile
     from xitl_cli.run.run_graph import is_run, measured_run
 
@@ -59,13 +63,45 @@ def wdri(
         run = measured_run(Path(name), reference, count)
         result = run.wdri
     else:
-        result = profile_wdri(load_profile(name, overrides or ()), reference, count)
+        profile = load_profile(name, overrides or ())
+        if vessel is not None:
+            profile = profile.vessel(vessel)
+        elif profile.vessels is not None:
+            _show_fleet(fleet_wdri(profile, reference, count), as_json)
+            return
+        result = profile_wdri(profile, reference, count)
     if as_json:
         import json
 
         typer.echo(json.dumps((run or result).as_json(), ensure_ascii=False))
         return
     _show(result, run)
+
+
+def _show_fleet(fleet: FleetWdri, as_json: bool) -> None:
+    if as_json:
+        import json
+
+        typer.echo(json.dumps(fleet.as_json(), ensure_ascii=False))
+        return
+    from xitl_cli.commands.terminal import say, show_facts, show_rows, terminal
+
+    console = terminal()
+    say(console, "Vessels", "bold")
+    rows = []
+    for name, one in fleet.vessels.items():
+        kinds = [vertex.kind for vertex in one.graph.vertices]
+        counts = (str(kinds.count("real")), str(kinds.count("virtual")))
+        rows.append([name, *counts, f"{one.d_w_sim:.4f}", f"{one.d_w_ref:.4f}", f"{one.wdri:.4f}", one.reference])
+    heads = ("vessel", "real", "virtual", "degree", "reference's", "WDRI", "reference")
+    show_rows(console, heads, rows, text=(0, 6))
+    console.print()
+    lowest = min(fleet.vessels, key=lambda name: fleet.vessels[name].wdri)
+    facts: list[tuple[str, str] | tuple[str, str, str]] = [
+        ("WDRI", f"{fleet.wdri:.4f}, the mean of {len(rows)}", "bold"),
+        ("lowest", f"{fleet.vessels[lowest].wdri:.4f}, {lowest}; its nodes: --vessel {lowest}"),
+    ]
+    show_facts(console, facts)
 
 
 def _count(text: str | None) -> VertexCount | None:

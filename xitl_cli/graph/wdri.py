@@ -51,6 +51,31 @@ class Wdri:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class FleetWdri:
+    """The indices of the vessels of a fleet, by name; scripted ones have no graph.
+
+    The fleet's is their mean: each vessel counts alike, one on a board lifts it by its share, and none makes up for
+    another, as degrees averaged over all nodes would let it.
+    """
+
+    vessels: dict[str, Wdri]
+
+    @property
+    def wdri(self) -> float:
+        """Of the fleet."""
+        return sum(one.wdri for one in self.vessels.values()) / len(self.vessels)
+
+    def as_json(self) -> dict[str, object]:
+        """The same as plain values for `--json`."""
+        return {"wdri": self.wdri, "vessels": {name: one.as_json() for name, one in self.vessels.items()}}
+
+
+def fleet_wdri(profile: Profile, reference: str | None = None, vertices: VertexCount | None = None) -> FleetWdri:
+    """The WDRI of each vessel of a fleet; as `profile_wdri`, with its name in errors."""
+    return FleetWdri({name: profile_wdri(one, reference, vertices) for name, one in profile.sailed.items()})
+
+
 def profile_wdri(
     profile: Profile | RunProfile, reference: str | None = None, vertices: VertexCount | None = None
 ) -> Wdri:
@@ -59,6 +84,8 @@ def profile_wdri(
     `vertices` is the count that averages the degrees of `profile` (default: as the profile says); a reference profile
     keeps its own. Raises UserError where a graph is missing or the index is undefined.
     """
+    if isinstance(profile, Profile) and profile.vessels is not None:
+        raise UserError(f"{profile.name}: has several vessels, each with a graph of its own; name one of them")
     if profile.graph is None:
         raise UserError(f"{profile.name}: has no graph; add a `graph:` group with nodes and links")
     count = profile.graph.vertices if vertices is None else vertices

@@ -74,7 +74,14 @@ def read_wanted(source: str) -> Mapping[str, float]:
             raise
     from xitl_cli.profile import load_profile
 
-    autopilot = load_profile(source).autopilot
+    profile = load_profile(source)
+    autopilot = profile.autopilot
+    if profile.vessels is not None:
+        autopilots = [one.autopilot for one in profile.sailed.values()]
+        alike = {(one.parameter_files, tuple(one.parameters.items())) for one in autopilots if one is not None}
+        if len(alike) > 1:
+            raise UserError(f"{source}: its vessels ask for different parameters; give the file of one of them")
+        autopilot = next((one for one in autopilots if one is not None), None)
     values: dict[str, float] = {}
     if autopilot is not None:
         for file in autopilot.parameter_files:

@@ -40,7 +40,15 @@ class LoadedProfile:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is right in itself and hardly meant: values of another vessel or another site."""
-        return tuple(leftovers(self.profile, self.entry))
+        if self.profile.vessels is None:
+            return tuple(leftovers(self.profile, self.entry))
+        found: dict[str, list[str]] = {}
+        for name, vessel in self.profile.sailed.items():
+            entry, _ = self.entry.nearest(("vessels", name))
+            for text in leftovers(vessel, entry):
+                found.setdefault(text, []).append(name)
+        everybody = len(self.profile.sailed)
+        return tuple(text if len(names) == everybody else f"{_several(names)}: {text}" for text, names in found.items())
 
     def origin(self, dotted_key: str) -> Origin:
         """Where `a.b.0.c` was written, or the nearest group around it where it has its default."""
@@ -129,6 +137,10 @@ def _checked_fleet(entry: Entry, name: str) -> tuple[Profile, Entry]:
 
 def _with_graph(profile: Profile) -> Profile:
     return replace(profile, graph=complete_graph_group(profile))
+
+
+def _several(names: list[str]) -> str:
+    return f"vessels.{names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 
 def _refuse(problems: list[Problem], name: str) -> None:

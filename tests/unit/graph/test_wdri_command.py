@@ -47,3 +47,35 @@ def test_options_reach_the_index(capsys: pytest.CaptureFixture[str]) -> None:
 def test_counts_that_are_none(vertices: str) -> None:
     with pytest.raises(UserError, match="is not a count of vertices; write architecture, present or 1 to 1000"):
         wdri("sitl", vertices=vertices)
+
+
+def test_a_fleet_has_the_mean_of_its_vessels(capsys: pytest.CaptureFixture[str]) -> None:
+    board = ["vessels.target.autopilot.runs=board", "vessels.target.autopilot.link=udp://192.168.7.2:14660"]
+    realtime = [*board, "technique=hitl", "clock.mode=realtime"]
+    wdri("fleet-crossing", overrides=realtime, as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    own, target = (document["vessels"][name] for name in ("own", "target"))
+    assert own == profile_wdri(load_profile("sitl")).as_json()
+    assert target["wdri"] == profile_wdri(load_profile("hitl-beaglebone")).wdri > own["wdri"]
+    assert document["wdri"] == (own["wdri"] + target["wdri"]) / 2
+
+
+def test_the_table_of_a_fleet_names_the_lowest(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    wdri("fleet-crossing")
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.split()[:3] == ["own", "0", "6"] for line in lines)
+    assert lines[-1].split()[0] == "lowest"
+    assert max(map(len, lines)) <= 80
+
+
+def test_one_vessel_of_a_fleet_has_nodes_and_links(capsys: pytest.CaptureFixture[str]) -> None:
+    wdri("fleet-convoy", vessel="follower_2", as_json=True)
+    nodes = {node["name"]: node["does"] for node in json.loads(capsys.readouterr().out)["nodes"]}
+    assert nodes["D"] == "keeps a place beside another vessel"
+    with pytest.raises(UserError, match=r"'follower' is none of its vessels; use leader, follower_1, follower_2"):
+        wdri("fleet-convoy", vessel="follower")
+    with pytest.raises(UserError, match="sitl: has one vessel, without a name; leave the name out"):
+        wdri("sitl", vessel="own")

@@ -56,6 +56,16 @@ def test_the_hulls_that_it_shows_in_comments_float() -> None:
         load_with_origins("my-boat")
 
 
+def test_the_fleet_that_it_shows_in_comments_loads() -> None:
+    init(Path("my-boat"))
+    file = Path("my-boat/profile.yaml")
+    text, mark, fleet = file.read_text().partition("# vessels:")
+    file.write_text(text + (mark + fleet).replace("# ", ""))
+    loaded = load_with_origins("my-boat")
+    assert [*loaded.profile.sailed] == ["leader", "follower_1", "follower_2", "follower_3"]
+    assert loaded.warnings == ()
+
+
 def test_it_says_what_to_edit_and_in_which_order(capsys: pytest.CaptureFixture[str]) -> None:
     init(Path("my-boat"))
     said = capsys.readouterr().out

@@ -182,3 +182,10 @@ def test_a_mission_without_a_speed_goes_at_the_vessels(write: Write) -> None:
     assert speed_mps("extends: sitl", "vehicle.cruise_speed_mps=2") == 2.0
     assert speed_mps("extends: sitl\nmission: {speed_mps: 1.5}") == 1.5
     assert speed_mps("extends: sitl\nvehicle: {cruise_speed_mps: null}") == 3.0
+
+
+def test_a_vessel_of_a_fleet_is_warned_of_by_name(write: Write) -> None:
+    fleet = f"extends: fleet-crossing\nvessels: {{own: {{{HULL.strip()}}}, target: {{extends: vehicles/otter}}}}"
+    warnings = told(write, fleet).splitlines()
+    assert warnings
+    assert all(text.startswith("vessels.own: ") for text in warnings)

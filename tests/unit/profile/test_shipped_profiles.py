@@ -30,9 +30,9 @@ OTHERS = [
     *ARDUPILOT_WAYS, "sitl-ardupilot", "sitl-ardupilot-ahrs", "sitl-ardupilot-steered", "sitl-px4", "hitl-px4",
 ]  # fmt: skip
 PERCEPTION = ["sitl-perception", "sitl-ardupilot-perception", "hitl-jetson", "hitl-jetson-loopback", "hitl-full"]
-RUNNABLE = sorted(
-    ["ground-station", *PERCEPTION, *BOARDS, *LOOPBACKS, *OTHERS, "hitl-loopback", "mitl", "mitl-replay", "sitl"]
-)
+FLEETS = [f"fleet-{what}" for what in ("ardupilot", "convoy", "crossing", "head-on", "overtaking")]
+ALONE = ["ground-station", "hitl-loopback", "mitl", "mitl-replay", "sitl"]
+RUNNABLE = sorted([*ALONE, *PERCEPTION, *BOARDS, *LOOPBACKS, *OTHERS, *FLEETS])
 
 
 @pytest.mark.parametrize("name", shipped_profiles())

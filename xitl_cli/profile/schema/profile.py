@@ -79,6 +79,25 @@ class Profile(Specification):
             return {"": self}
         return {name: vessel for name, vessel in self.vessels.items() if vessel.traffic is None}
 
+    @property
+    def one_a_vehicle(self) -> list[Profile]:
+        """The first vessel of each vehicle: one, where all have the same."""
+        found: list[Profile] = []
+        for vessel in self.sailed.values():
+            if all(vessel.vehicle != other.vehicle for other in found):
+                found.append(vessel)
+        return found
+
+    def vessel(self, name: str) -> Profile:
+        """One of `sailed`; UserError for a name that is none."""
+        if self.vessels is None:
+            raise UserError(f"{self.name}: has one vessel, without a name; leave the name out")
+        if name not in self.sailed:
+            hint = ", ".join([*self.sailed][:8]) + (" ..." if len(self.sailed) > 8 else "")
+            scripted = "is scripted" if name in self.vessels else "is none of its vessels"
+            raise UserError(f"{self.name}: {name!r} {scripted}; use {hint}")
+        return self.sailed[name]
+
     def missing_for_run(self) -> tuple[str, ...]:
         """The groups a run needs and this profile lacks."""
         if self.vessels is not None:
