@@ -29,6 +29,7 @@ PERCEPTION = Extra("perception", ("embreex", "kiss_icp", "trimesh"), "lidar, son
 PANDAS = Extra("pandas", ("pandas",), "tables of logs as data frames")
 PARQUET = Extra("parquet", ("pyarrow",), "export of logs to Parquet")
 REPORT = Extra("report", ("plotly",), "pages of logs with plots and a map")
-CAMPAIGN = Extra("campaign", ("dask", "distributed", "pyarrow"), "campaigns: many runs, searches, sensitivities")
-SEARCH = Extra("campaign", ("optuna", "SALib", "scipy"), "searches over several axes and sensitivities of campaigns")
+CAMPAIGN = Extra(
+    "campaign", ("dask", "distributed", "optuna", "pyarrow", "SALib", "scipy"), "campaigns: many runs on Dask, searches"
+)
 EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN)

@@ -356,6 +356,8 @@ def combinations(
     begins with the base itself.
     """
     for values in _all_combinations(axes, combine, samples, seed):
+        if combine == "one_at_a_time" and any(base_values[key] == value for key, value in values.items()):
+            continue  # the base again
         named = {**base_values, **values}
         if all(constraint.holds(named) for constraint in constraints):
             yield values

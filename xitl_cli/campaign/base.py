@@ -65,7 +65,7 @@ class BaseProfile:
         pairs = tuple(_leaves(fixed)) if fixed is not None and fixed.value is not None else ()
         entry = prepared(_placed(compose(path), pairs))
         loaded = loaded_profile(entry, path, name)
-        loaded.runnable()
+        loaded.profile.run_profiles()
         shipped = profile_name(path)
         called = shipped if shipped in shipped_profiles() else shown_path(path)
         return cls(called, path, folder, pairs, loaded)
@@ -82,7 +82,7 @@ class BaseProfile:
 
     def own_seeds(self) -> tuple[int, ...]:
         """The seed that it has."""
-        return (self.loaded.runnable().clock.seed,)
+        return (self.loaded.profile.run_profiles()[0].clock.seed,)
 
     def value(self, key: str) -> Any:
         """What it has at a dotted key; None where it has nothing, and for parts."""
@@ -150,7 +150,7 @@ class BaseProfile:
         some = next(iter(origins.values()), Origin(self.name))
         pairs = [(key, _entry(value, origins.get(key, some))) for key, value in made.values]
         loaded = loaded_profile(prepared(_placed(self._with_parts(made.parts), pairs)), self.path, self.name)
-        loaded.runnable()
+        loaded.profile.run_profiles()
         return loaded
 
     def _with_parts(self, parts: tuple[str, ...]) -> Entry:

@@ -163,7 +163,7 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
             Client(cluster, set_as_default=False) as client,
             _WorkerProcesses(cluster.scheduler_address, count),
         ):
-            _wait_for_workers(client, cluster.scheduler_address)
+            _wait_for_workers(client, cluster.scheduler_address, count)
             workers = DaskWorkers(client, campaign, cluster.scheduler_address)
             try:
                 yield workers
@@ -252,9 +252,9 @@ def workers_at(address: str, campaign: str, folder: Path | None) -> Iterator[Das
                 client.close(timeout=5)
 
 
-def _wait_for_workers(client: Any, address: str) -> None:
+def _wait_for_workers(client: Any, address: str, count: int = 1) -> None:
     try:
-        client.wait_for_workers(1, timeout=WORKERS_S)
+        client.wait_for_workers(count, timeout=WORKERS_S)
     except Exception as error:
         raise SchedulerAwayError(
             f"{address}: the scheduler has no workers; start some with `dask worker {address} --nthreads 1`"

@@ -181,7 +181,7 @@ class Campaign:
             return False
         if found is None or found["status"] in RETRIED:
             return True
-        return found["status"] == FAILED and found["exit_code"] == 2 and bool(found.get("began"))
+        return bool(found["status"] == FAILED and found["began"])  # such as an autopilot that fell silent
 
     def _row(self, one: _UnderWay, found: Row | None) -> Row:
         plan, point = self.plan, one.point
@@ -280,11 +280,22 @@ def try_first_run(plan: Plan) -> None:
     made = plan.base.overrides(point)
     arguments = (*made.arguments, "--duration", str(_PROBE_S))
     text = plan.base.text(made.parts)
-    row = run_point(RunTask(0, text, plan.base.name, arguments, (), 60.0, None, None, uuid.uuid4().hex, whole=True))
-    if row["status"] == FAILED:
-        raise plan.problem(
-            "base", f"base: {plan.base.name} does not run: {(row['error'] or '').removeprefix('error: ')}"
+    row = run_point(
+        RunTask(
+            0,
+            text,
+            plan.base.name,
+            arguments,
+            (),
+            min(60.0, plan.spec.limits.time_s),
+            None,
+            None,
+            uuid.uuid4().hex,
+            whole=True,
         )
+    )
+    if row["status"] == FAILED:
+        raise plan.problem("base", f"base: {plan.base.name} does not run: {row['error']}")
     if row["summary"] is not None and row["status"] in (COMPLETED, INCOMPLETE):
         check_figures(plan, row["summary"])
 

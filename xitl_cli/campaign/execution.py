@@ -35,6 +35,7 @@ RETRIED = (CRASHED, TIMEOUT, MEMORY, KILLED)
 
 SUMMARY, ERRORS, BASE_FILE = "summary.json", "stderr.txt", "base.yaml"
 MARK = "XITL_CAMPAIGN_RUN"
+TEMPORARY = "xitl-campaign-run-"
 _POLL_S = 0.2
 _EXIT_STATUS = {0: COMPLETED, 1: INCOMPLETE, 2: FAILED, 130: KILLED}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
@@ -64,11 +65,12 @@ class RunTask:
 def run_point(task: RunTask) -> Row:
     """Carry out one run; what became of it, with the figures asked for.
 
-    Its keys: number, status, exit_code (negative: a signal), error (what went wrong, in a sentence), the figures
-    by path, wall_s, and `summary` where it is asked for. Raises OSError where there is no room for the run's folder.
+    Its keys: number, status, exit_code (negative: a signal), error (what went wrong, in a sentence), began (it left a
+    summary), the figures by path, wall_s, and `summary` where it is asked for. Raises OSError where the run's folder
+    cannot be made.
     """
     begun_s = time.monotonic()
-    folder = Path(tempfile.mkdtemp(prefix="xitl-run-")) if task.directory is None else Path(task.directory)
+    folder = Path(tempfile.mkdtemp(prefix=TEMPORARY)) if task.directory is None else Path(task.directory)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         ended = _carried_out(task, folder)
@@ -79,6 +81,7 @@ def run_point(task: RunTask) -> Row:
             "status": status,
             "exit_code": ended.code,
             "error": error,
+            "began": summary is not None,
             **({"summary": summary} if task.whole else {}),
             **figures(summary, task.keep),
             "wall_s": round(time.monotonic() - begun_s, 3),
@@ -215,7 +218,7 @@ def _judged(ended: _Ended, summary: dict[str, Any] | None, folder: Path) -> tupl
         outside = -ended.code in (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
         return KILLED if outside else CRASHED, f"ended by {name}"
     error = None if summary is None else summary.get("error")
-    said = error or _last_line(folder / ERRORS)
+    said = error or _last_line(folder / ERRORS).removeprefix("error: ")
     if ended.code in (0, 1) and summary is not None and error is None:
         return _EXIT_STATUS[ended.code], None
     if ended.code == 1 or ended.code not in _EXIT_STATUS or (ended.code == 0 and summary is None):
@@ -243,7 +246,7 @@ class _Warden:
         with self._lock:
             if self._owner != os.getpid():
                 process = subprocess.Popen(
-                    [sys.executable, "-S", "-E", "-s", "-c", _WARDEN, MARK],
+                    [sys.executable, "-S", "-E", "-s", "-c", _WARDEN, MARK, TEMPORARY],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
@@ -286,7 +289,7 @@ for _ in range(5 if runs else 0):
         break
     time.sleep(0.1)
 for folder in runs.values():
-    if os.path.basename(folder).startswith("xitl-run-"):
+    if os.path.basename(folder).startswith(sys.argv[2]):
         shutil.rmtree(folder, ignore_errors=True)
 """
 _warden = _Warden()

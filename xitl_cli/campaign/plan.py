@@ -51,7 +51,8 @@ def _raw(value: object) -> str | None:
 
 def _seeds_problem(value: object) -> str | None:
     try:
-        seeds_of(value)
+        if value is not None:
+            seeds_of(value)
     except ValueError as error:
         return str(error)
     return None
@@ -197,10 +198,9 @@ def read_plan(path: Path) -> Plan:
 
 
 def _read(path: Path) -> Plan:
-    entry = read_yaml(path, shown_path(path))
-    spec = read_group(_with_seeds_at_top(entry), PlanSpec, path.name)
+    entry = _with_seeds_at_top(read_yaml(path, shown_path(path)))
+    spec = read_group(entry, PlanSpec, path.name)
     axes = read_axes(entry.child("axes"))
-    axes = tuple(axis for axis in axes if axis.key != "seeds")
     base = BaseProfile.load(spec.base, entry.child("base"), entry.child("set"), path.parent)
     base.check_axes(axes)
     seeds = base.own_seeds() if spec.seeds is None else seeds_of(spec.seeds)
@@ -250,6 +250,10 @@ def _names(expressions: tuple[Expression, ...]) -> list[str]:
 def _check(plan: Plan) -> None:
     """What keys of a plan must fulfil together. Raises PlanError."""
     spec, keys = plan.spec, plan.axis_keys
+    draws = spec.combine == "latin_hypercube" or any(plan.entry.child(way) for way in ("search", "sensitivity"))
+    if not draws:
+        for axis in plan.axes:
+            axis.grid_values(spec.seed)
     if spec.combine == "latin_hypercube":
         if spec.samples is None:
             raise plan.problem("combine", "combine: latin_hypercube needs `samples:`; say how many")

@@ -16,7 +16,7 @@ import typer.core
 
 from xitl_cli.commands.options import Json
 from xitl_cli.commands.output import quiet_pipe, still_read
-from xitl_cli.commands.terminal import say, show_facts, show_rows, terminal
+from xitl_cli.commands.terminal import say, show_rows, terminal
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
@@ -276,7 +276,7 @@ def _show_points(plan: Plan, as_json: bool) -> None:
     say(console, f"{rest}{total} runs in all. A run passes when: {verdicts}")
     first = next(plan.points(), None)
     if first is not None:
-        say(console, f"the first: {plan.base.command(first)}")
+        console.print(f"the first: {plan.base.command(first)}", soft_wrap=True)
 
 
 def value_text(value: Any) -> str:
@@ -347,6 +347,7 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
         say(console, "worst runs", "bold")
         for row in worst:
             why = row["error"] or ", ".join(text for text in table.verdicts if row.get(text) is not True)
-            show_facts(console, [(f"{row['number']}", f"{row['status']}: {why}"), ("", row["command"])])
+            say(console, f"{row['number']:>6}  {row['status']}: {why}")
+            console.print(f"        {row['command']}", soft_wrap=True)
     console.print()
     say(console, f"{table.folder}: results.jsonl, results.parquet" + (f", {page.name}" if page else ""))
