@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from xitl_cli.campaign.axes import Axis, RunPoint
 
+from xitl_cli.campaign.search_spec import SensitivitySpec
 from xitl_cli.campaign.statistics import Floats, Interval, mean_interval
 
 Method = Literal["sobol", "morris"]
 MORRIS_LEVELS = 4
+COMPLETED = "completed"
+Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +118,35 @@ def _problem(axes: int) -> dict[str, Any]:
 
 def _about(middle: float, half: float) -> Interval:
     return Interval(middle - half, middle + half)
+
+
+def sensitivity_points(
+    spec: SensitivitySpec, axes: Sequence[Axis], seeds: Sequence[int], seed: int
+) -> Iterator[RunPoint]:
+    """Each place of the sample with every seed, the same ones everywhere: what seeds do is not taken for an axis."""
+    number = 0
+    for shares in unit_sample(spec.method, len(axes), spec.samples, seed):
+        values = {axis.key: axis.quantile(float(share)) for axis, share in zip(axes, shares, strict=True)}
+        for each in seeds:
+            number += 1
+            yield RunPoint(number, values, each)
+
+
+def sensitivities(
+    spec: SensitivitySpec, axes: Sequence[str], figures: Sequence[str], rows: Iterable[Row], seeds: int, seed: int
+) -> list[Sensitivity]:
+    """Of each figure, its mean over seeds. rows: by their numbers; places that lack one count as without a figure."""
+    sample = unit_sample(spec.method, len(axes), spec.samples, seed)
+    by_number = {row["number"]: row for row in rows}
+    told = []
+    for figure in figures:
+        values = np.full((len(sample), seeds), np.nan)
+        for number, row in by_number.items():
+            value = row.get(figure)
+            if row.get("status") == COMPLETED and isinstance(value, (int, float)) and 1 <= number <= values.size:
+                values.flat[number - 1] = float(value)
+        told.append(axis_effects(figure, spec.method, axes, sample, values.mean(axis=1), spec.confidence, seed))
+    return told
 
 
 @dataclass(frozen=True, slots=True)
