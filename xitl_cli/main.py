@@ -183,9 +183,10 @@ def _world(group: typer.Typer) -> None:
 
 
 def _campaign(group: typer.Typer) -> None:
-    from xitl_cli.commands import campaign
+    from xitl_cli.commands import campaign, campaign_compare
 
     group.command(campaign.DEFAULT_COMMAND)(campaign.run)
+    group.command("compare")(campaign_compare.compare)
 
 
 def _paper(group: typer.Typer) -> None:

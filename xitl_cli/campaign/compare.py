@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from xitl_cli.campaign.results import ResultTable
 
+from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
+from xitl_cli.campaign.results import ResultTable
 from xitl_cli.campaign.statistics import PairedDifference, PairedRates, holm, paired_difference, paired_rates
 from xitl_cli.errors import UserError
 
-COMPLETED = "completed"
 Row = Mapping[str, Any]
 PASSED = "passed"
 
@@ -49,7 +49,7 @@ class VerdictComparison:
 class Comparison:
     """pairs: runs with the same seed and axes on both sides. unpaired: runs of each side that have no partner.
 
-    incomplete: pairs of which one did not complete; they count for verdicts and not for figures.
+    incomplete: pairs whose figures are not compared, as a run did not complete or broke.
     """
 
     a: str
@@ -109,7 +109,8 @@ def compare_sides(
             "give both campaigns the same seeds"
         )
     pairs = [(ours[key], theirs[key]) for key in both]
-    whole = [pair for pair in pairs if all(row.get("status") == COMPLETED for row in pair)]
+    statuses = counted_statuses(verdicts)
+    whole = [pair for pair in pairs if all(row.get("status") in statuses for row in pair)]
     compared = []
     for figure in figures:
         values = [(one.get(figure), other.get(figure)) for one, other in whole]
@@ -119,8 +120,8 @@ def compare_sides(
             compared.append(FigureComparison(figure, paired_difference(at_a, at_b, confidence), None))
     judged = []
     for verdict in (PASSED, *verdicts) if len(verdicts) != 1 else verdicts:
-        told = [(one.get(verdict), other.get(verdict)) for one, other in pairs if _ran(one) and _ran(other)]
-        known = [pair for pair in told if None not in pair]
+        both_ran = [(one.get(verdict), other.get(verdict)) for one, other in pairs if _ran(one) and _ran(other)]
+        known = [pair for pair in both_ran if None not in pair]
         if known:
             passed_a, passed_b = ([bool(pair[side]) for pair in known] for side in (0, 1))
             judged.append(VerdictComparison(verdict, paired_rates(passed_a, passed_b, confidence), 1.0))
@@ -180,8 +181,14 @@ def _both(a: Sequence[str], b: Sequence[str]) -> list[str]:
     return [name for name in a if name in b]
 
 
+def counted_statuses(verdicts: Iterable[str]) -> tuple[str, ...]:
+    """Of runs whose figures count. Where completing is asked for, what a run left halfway says would be too good."""
+    asked = any(text.split(".")[-1].startswith("completed") or ".completed" in text for text in verdicts)
+    return (COMPLETED,) if asked else (COMPLETED, INCOMPLETE)
+
+
 def _ran(row: Row) -> bool:
-    return row.get("status") in (COMPLETED, "incomplete")
+    return row.get("status") in (COMPLETED, INCOMPLETE)
 
 
 def _text(value: Any) -> str:

@@ -14,16 +14,17 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from sim_core.keys import Bounds, Positive, Seed, Specification, ValueProblem
+from sim_core.keys import Bounds, Positive, Seed, Specification, SpecificationError, ValueProblem
 from xitl_cli.campaign import figures
 from xitl_cli.campaign.axes import EXTENDS, Axis, Combine, RunPoint, combinations, raw_count, read_axes
 from xitl_cli.campaign.base import BaseProfile
 from xitl_cli.campaign.expression import Expression, ExpressionError, parse_expression
+from xitl_cli.campaign.search_spec import Search, SearchSpec, SensitivitySpec, make_search
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.catalogue import SUFFIXES, shown_path
 from xitl_cli.profile.files.entry import Entry, Problem, ProfileError, shown
@@ -108,6 +109,8 @@ class PlanSpec(Specification):
         tuple[str, ...] | None, "over figures: a run passes that fulfils all; null: driver.completed"
     ] = None
     recordings: Annotated[Recordings, "of which runs the folder is kept"] = "failures"
+    search: Annotated[SearchSpec | None, "looks for where runs begin to fail, instead of running all"] = None
+    sensitivity: Annotated[SensitivitySpec | None, "ranks the axes by what they do to figures"] = None
     limits: LimitsSpec = LimitsSpec()
 
 
@@ -136,8 +139,18 @@ class Plan:
         return tuple(axis.key for axis in self.axes)
 
     def points(self) -> Iterator[RunPoint]:
-        """All runs in their order: for each combination of values every seed."""
+        """All runs in their order: for each combination of values every seed. Of a search those of its first round."""
         spec = self.spec
+        if self.search is not None:
+            from xitl_cli.campaign.search import first_points
+
+            yield from first_points(self.search)
+            return
+        if spec.sensitivity is not None:
+            from xitl_cli.campaign.sensitivity import sensitivity_points
+
+            yield from sensitivity_points(spec.sensitivity, self.axes, self.seeds, spec.seed)
+            return
         found = combinations(self.axes, spec.combine, spec.samples, spec.seed, self.constraints, self.base_values)
         number = 0
         for values in found:
@@ -146,8 +159,32 @@ class Plan:
                 yield RunPoint(number, values, seed)
 
     def most_runs(self) -> int:
-        """How many runs there are before constraints."""
+        """How many runs there are before constraints, or may be in a search."""
+        if self.search is not None:
+            return self.search.most_runs
+        if self.spec.sensitivity is not None:
+            return self.spec.sensitivity.places(len(self.axes)) * len(self.seeds)
         return raw_count(self.axes, self.spec.combine, self.spec.samples) * len(self.seeds)
+
+    @cached_property
+    def search(self) -> Search | None:
+        """What is searched for. Raises PlanError where the axes are not for it."""
+        if self.spec.search is None:
+            return None
+        try:
+            return make_search(self.spec.search, self.axes, self.base_values, self.seeds, self.spec.seed)
+        except SpecificationError as error:
+            keys = ("search", *error.path)
+            raise self.problem("/".join(map(str, keys)), f"{'.'.join(map(str, keys))} {error.text}") from None
+
+    def analysis(self) -> dict[str, Any]:
+        """What is to be told from the runs, as plain JSON for the campaign's folder."""
+        found: dict[str, Any] = {"base_values": dict(self.base_values)}
+        if self.search is not None:
+            found["search"] = self.search.document()
+        if self.spec.sensitivity is not None:
+            found["sensitivity"] = asdict(self.spec.sensitivity)
+        return found
 
     @cached_property
     def base_values(self) -> Mapping[str, Any]:
@@ -276,8 +313,38 @@ def _check(plan: Plan) -> None:
         for name in names:
             if name.split(".")[0] not in known_heads:
                 raise plan.problem(key, f"{key}: {name} is no figure of a summary; {_closest(name, known_heads)}")
+    _check_way(plan)
     if EXTENDS in keys and any(key.startswith(f"{EXTENDS}.") for key in keys):
         raise plan.problem("axes", "axes: extends and extends.NAME; give each a name")
+
+
+def _check_way(plan: Plan) -> None:
+    """That a plan says in one way only which runs there are. Raises PlanError."""
+    spec = plan.spec
+    ways = [way for way in ("search", "sensitivity") if getattr(spec, way) is not None]
+    if not ways:
+        return
+    if len(ways) > 1:
+        raise plan.problem("sensitivity", "search and sensitivity are two campaigns; give each a plan of its own")
+    if spec.combine != "grid":
+        raise plan.problem(
+            "combine", f"combine: {spec.combine} beside {ways[0]}, which chooses points itself; drop one"
+        )
+    if spec.constraints:
+        raise plan.problem("constraints", f"constraints mean nothing to {ways[0]}; narrow the axes instead")
+    if spec.sensitivity is not None:
+        if len(plan.axes) < 2:
+            raise plan.problem("axes", "axes: sensitivity ranks axes; give two or more")
+        for name in spec.sensitivity.figures:
+            if name not in plan.keep:
+                raise plan.problem("sensitivity/figures", f"sensitivity.figures: {name} is not kept; add it to `keep:`")
+    elif plan.search is not None:
+        plan.base.check_axes(_ends(plan.axes))
+
+
+def _ends(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
+    """Both ends of those that are searched, as axes with these values: a search goes there first."""
+    return tuple(replace(axis, values=axis.ends, ends=None) for axis in axes if axis.ends is not None)
 
 
 def base_heads() -> tuple[str, ...]:

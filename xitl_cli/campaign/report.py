@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from xitl_cli.campaign.results import ResultTable
 
 from sim_core.keys import unit_of
 from xitl_cli.campaign import pictures
 from xitl_cli.campaign.bisection import BoundaryFinding, Outcome
-from xitl_cli.campaign.compare import Comparison
+from xitl_cli.campaign.compare import Comparison, counted_statuses
+from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
 from xitl_cli.campaign.exploration import ExplorationFinding
+from xitl_cli.campaign.results import ResultTable
 from xitl_cli.campaign.search import SearchFinding, told_again, verdict
 from xitl_cli.campaign.search_spec import Search, SensitivitySpec
 from xitl_cli.campaign.sensitivity import Elasticity, Sensitivity, elasticities, sensitivities
@@ -28,7 +29,6 @@ from xitl_cli.logs.model.text import plural
 
 Row = Mapping[str, Any]
 REPORT = "report.html"
-COMPLETED = "completed"
 _LIMIT = re.compile(r"\s*([\w-]+(?:\.[\w-]+)+)\s*(<=|>=|<|>)\s*(-?[\d.]+(?:[eE][-+]?\d+)?)\s*")
 _MOST_GROUPS = 12
 _MOST_PICTURED = 4
@@ -64,6 +64,11 @@ def campaign_sections(table: ResultTable) -> list[Section]:
         sections.append(map_section(table))
     sections.append(worst_section(table))
     return [section for section in sections if section.facts or section.findings or section.grids or section.plots]
+
+
+def summary_sections(table: ResultTable) -> list[Section]:
+    """Those for the terminal: without what is told there anyway."""
+    return [section for section in campaign_sections(table) if section.key not in ("runs", "map", "worst")]
 
 
 def write_report(table: ResultTable) -> Path:
@@ -105,7 +110,7 @@ def runs_section(table: ResultTable) -> Section:
         counted = tuple((text, len(known), sum(known), rate_text(sum(known), len(known))) for text, known in told)
         grids.append(Grid("verdicts", "Verdicts", ("verdict", "runs", "passed", "rate"), counted))
     findings = []
-    broken = {name: count for name, count in statuses.items() if name not in (COMPLETED, "incomplete")}
+    broken = {name: count for name, count in statuses.items() if name not in (COMPLETED, INCOMPLETE)}
     if broken:
         said = ", ".join(f"{count} {name}" for name, count in broken.items())
         findings.append(
@@ -123,11 +128,11 @@ def figures_section(table: ResultTable) -> Section:
     """Median, 95th percentile and worst of each figure, for each combination of axes where those are few."""
     groups = _groups(table)
     rows: list[tuple[Value, ...]] = []
-    told = limits(table.verdicts)
+    told, statuses = limits(table.verdicts), counted_statuses(table.verdicts)
     for figure in table.figures:
         upper = next((limit.upper for limit in told if limit.figure == figure), True)
         for name, members in groups.items():
-            known = [row for row in members if row.get("status") == COMPLETED and _is_number(row.get(figure))]
+            known = [row for row in members if row.get("status") in statuses and _is_number(row.get(figure))]
             if not known:
                 continue
             of = spread(np.array([float(row[figure]) for row in known]))
@@ -136,7 +141,7 @@ def figures_section(table: ResultTable) -> Section:
             group = (name,) if len(groups) > 1 else ()
             rows.append((figure, *group, of.runs, _short(of.median), _short(bad), _short(worst[figure]), worst["seed"]))
     columns = ("figure", *(("at",) if len(groups) > 1 else ()), "runs", "median", "95 %", "worst", "of seed")
-    grids = (Grid("figures", "Figures of completed runs; 95 % and worst toward the bad side", columns, tuple(rows)),)
+    grids = (Grid("figures", "Figures (95 % and worst toward the bad side)", columns, tuple(rows)),)
     return Section("figures", "Figures", grids=grids if rows else (), plots=tuple(_figure_plots(table, told)))
 
 
@@ -365,7 +370,7 @@ def _series(
     """For each axis and seed its values with the figure; the run of the base belongs to every axis."""
     series: dict[str, dict[int, list[tuple[float, float]]]] = {axis: {} for axis in nominal}
     for row in table.rows:
-        if row.get("status") != COMPLETED or not _is_number(row.get(figure)):
+        if row.get("status") not in (COMPLETED, INCOMPLETE) or not _is_number(row.get(figure)):
             continue
         varied = [
             axis for axis in table.axes if row.get(axis) is not None and row[axis] != table.about["base_values"][axis]
@@ -400,7 +405,9 @@ def map_section(table: ResultTable) -> Section:
 def worst_section(table: ResultTable) -> Section:
     """Runs to look at first, each with the command that repeats it."""
     told = limits(table.verdicts)
-    ranked = sorted(table.rows, key=lambda row: (_badness(row, told), row["number"]))[:_WORST]
+    worst = table.worst(_WORST)
+    passing = [row for row in table.rows if row not in worst and told and _is_number(row.get(told[0].figure))]
+    worst += sorted(passing, key=lambda row: _margin(row, told[0]))[: _WORST - len(worst)]
     figure = told[0].figure if told else next((one for one in table.figures if _spread_out(table.column(one))), "")
     rows = tuple(
         (
@@ -412,20 +419,16 @@ def worst_section(table: ResultTable) -> Section:
             ", ".join(f"{axis} = {_text(row.get(axis))}" for axis in table.axes),
             str(row.get("command") or ""),
         )
-        for row in ranked
+        for row in worst
     )
     columns = ("run", figure or "figure", "status", "passed", "seed", "at", "repeat with")
     return Section("worst", "Worst runs", grids=(Grid("worst", "Worst runs first", columns, rows),))
 
 
-def _badness(row: Row, told: Sequence[Limit]) -> tuple[int, float]:
-    """Least for the worst: runs that broke, then those that failed by the margin of the first limit."""
-    broken = row.get("status") not in (COMPLETED, "incomplete")
-    rank = 0 if broken else 1 if row.get("status") == "incomplete" else 2 if row.get("passed") is False else 3
-    if told and _is_number(row.get(told[0].figure)):
-        margin = told[0].value - float(row[told[0].figure])
-        return rank, margin if told[0].upper else -margin
-    return rank, 0.0
+def _margin(row: Row, limit: Limit) -> float:
+    """Least for the run that is nearest to failing."""
+    away = limit.value - float(row[limit.figure])
+    return away if limit.upper else -away
 
 
 def comparison_section(told: Comparison, number: int = 1) -> Section:
@@ -438,7 +441,7 @@ def comparison_section(told: Comparison, number: int = 1) -> Section:
         Fact("paired_by", "paired by", ", ".join((*told.paired_by, "seed"))),
         Fact("unpaired_a", "of A without a partner, not counted", told.unpaired[0]),
         Fact("unpaired_b", "of B without a partner, not counted", told.unpaired[1]),
-        Fact("incomplete", "pairs with a run that did not complete, in pass rates alone", told.incomplete),
+        Fact("incomplete", "pairs whose figures are left out: a run did not complete", told.incomplete),
     ]
     figures: list[tuple[Value, ...]] = []
     findings = []

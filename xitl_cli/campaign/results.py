@@ -201,6 +201,7 @@ class CampaignFolder:
             "seeds": list(plan.seeds),
             "keep": list(plan.keep),
             "verdicts": [verdict.text for verdict in plan.verdicts],
+            **plan.analysis(),
             **(extra or {}),
         }
         try:

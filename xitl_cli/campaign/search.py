@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from xitl_cli.campaign.axes import AxisValue, RunPoint
-
 from xitl_cli.campaign.bisection import Bisection, BoundaryFinding, bisect
+from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
 from xitl_cli.campaign.exploration import Exploration, ExplorationFinding, explore
 from xitl_cli.campaign.search_spec import MOST_RUNS_ONE_AXIS, MOST_RUNS_SEVERAL, Search
 
@@ -18,7 +18,6 @@ Submit = Callable[[Sequence[RunPoint]], Iterator[Row]]
 _POINTS_ONE_AXIS, _POINTS_SEVERAL = 5, 96
 _RUNS_ONE_AXIS, _RUNS_SEVERAL = 10, 3
 _WIDTH_SHARE = 0.05
-_RAN = ("completed", "incomplete")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +52,18 @@ def carry_out(search: Search, submit: Submit) -> list[SearchFinding]:
     return [SearchFinding(group.values, group.found) for group in going]
 
 
+def first_points(search: Search) -> Iterator[RunPoint]:
+    """Those that are asked for before anything is known."""
+    number = 1
+    for group in search.groups:
+        for point in _Group(search, group).asked(number):
+            yield point
+            number += 1
+
+
 def verdict(row: Row) -> bool | None:
     """Whether a run passed; None where it broke: that says nothing of the vessel."""
-    return bool(row.get("passed")) if row.get("status") in _RAN else None
+    return bool(row.get("passed")) if row.get("status") in (COMPLETED, INCOMPLETE) else None
 
 
 def told_again(search: Search, rows: Iterable[Row]) -> list[SearchFinding]:

@@ -7,9 +7,8 @@ from dataclasses import asdict, dataclass, field
 from itertools import product
 from typing import Annotated, Any, Literal
 
-from xitl_cli.campaign.axes import Axis, AxisValue
-
 from sim_core.keys import Bounds, Items, Positive, Specification, SpecificationError
+from xitl_cli.campaign.axes import Axis, AxisValue
 
 Within = Annotated[float, Bounds(above=0, below=1)]
 
@@ -51,6 +50,10 @@ class SensitivitySpec(Specification):
     ] = 16
     figures: Annotated[tuple[str, ...], Items(), "paths; empty: all that are kept and are numbers"] = ()
     confidence: Annotated[Within, "of intervals"] = 0.95
+
+    def places(self, axes: int) -> int:
+        """How many places the sample has over so many axes."""
+        return self.samples * (axes + (2 if self.method == "sobol" else 1))
 
     def check(self) -> None:
         if self.method == "sobol" and self.samples & (self.samples - 1):

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from xitl_cli.campaign.axes import Axis, RunPoint
 
+from xitl_cli.campaign.axes import Axis, RunPoint
+from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
 from xitl_cli.campaign.search_spec import SensitivitySpec
 from xitl_cli.campaign.statistics import Floats, Interval, mean_interval
 
 Method = Literal["sobol", "morris"]
 MORRIS_LEVELS = 4
-COMPLETED = "completed"
 Row = Mapping[str, Any]
 
 
@@ -143,7 +143,11 @@ def sensitivities(
         values = np.full((len(sample), seeds), np.nan)
         for number, row in by_number.items():
             value = row.get(figure)
-            if row.get("status") == COMPLETED and isinstance(value, (int, float)) and 1 <= number <= values.size:
+            if (
+                row.get("status") in (COMPLETED, INCOMPLETE)
+                and isinstance(value, (int, float))
+                and 1 <= number <= values.size
+            ):
                 values.flat[number - 1] = float(value)
         told.append(axis_effects(figure, spec.method, axes, sample, values.mean(axis=1), spec.confidence, seed))
     return told

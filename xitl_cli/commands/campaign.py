@@ -18,6 +18,7 @@ from xitl_cli.commands.options import Json
 from xitl_cli.commands.output import quiet_pipe, still_read
 from xitl_cli.commands.terminal import say, show_rows, terminal
 from xitl_cli.errors import UserError
+from xitl_cli.extras import SEARCH
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -77,7 +78,8 @@ def run(
 ) -> None:
     """Run a plan: many runs of a profile on all cores, or on a Dask cluster.
 
-    Exit code: 0 all runs passed; 1 some did not; 2 something to put right; 130 interrupted, --resume goes on.
+    Exit code: 0 all runs passed, or a search found every boundary; 1 not so; 2 something to put right; 130 interrupted,
+    --resume goes on.
     """
     from xitl_cli.campaign.plan import find_plan, read_plan
 
@@ -97,7 +99,19 @@ def run(
             show_table(terminal(), table, page)
     if not complete:
         raise typer.Exit(INTERRUPTED)
-    raise typer.Exit(PASSED if all(row["passed"] for row in table.rows) else SOME_FAILED)
+    raise typer.Exit(PASSED if _fulfilled(table) else SOME_FAILED)
+
+
+def _fulfilled(table: ResultTable) -> bool:
+    """Whether all runs passed; of a search, whether it found what it was after."""
+    if (document := table.about.get("search")) is None:
+        return all(row["passed"] for row in table.rows)
+    from xitl_cli.campaign.bisection import Outcome
+    from xitl_cli.campaign.search import told_again
+    from xitl_cli.campaign.search_spec import Search
+
+    told = told_again(Search.read(document), table.rows)
+    return all(one.found is not None and one.found.outcome == Outcome.FOUND for one in told)
 
 
 def _carried_out(
@@ -108,27 +122,34 @@ def _carried_out(
     from xitl_cli.campaign.engine import Campaign, try_first_run
 
     check_installed()
+    if missing := SEARCH.missing:
+        raise UserError(f"a campaign needs {' and '.join(missing)}, not installed here; {SEARCH.pip_line}")
     total = _count(plan, yes)
     folder = _folder(plan, out, resume)
     console = terminal(stderr=True)
     if not folder.done:
         try_first_run(plan)
-    say(console, f"{total} runs of {plan.base.name}, in {folder.path}")
+    many = f"up to {plan.most_runs()}" if plan.search is not None else total
+    say(console, f"{many} runs of {plan.base.name}, in {folder.path}")
     interrupted = False
     with _shown_progress(console) as watch:
         try:
             with _workers(plan, on, workers, folder, watch) as (found, name):
-                campaign = Campaign(plan, folder, found, total, watch, name)
-                for _ in campaign.run():
-                    pass
+                if plan.search is not None:
+                    from xitl_cli.campaign.search import carry_out
+
+                    carry_out(plan.search, Campaign(plan, folder, found, None, watch, name).submit)
+                else:
+                    for _ in Campaign(plan, folder, found, total, watch, name).run():
+                        pass
         except KeyboardInterrupt:
             interrupted = True
         finally:
             folder.close()
     folder.write_table()
     if interrupted:
-        left = total - len(folder.done)
-        say(console, f"interrupted with {left} of {total} runs left; --resume --out {folder.path} goes on")
+        left = "" if plan.search is not None else f" with {total - len(folder.done)} of {total} runs left"
+        say(console, f"interrupted{left}; --resume --out {folder.path} goes on")
     return folder.table(), not interrupted
 
 
@@ -246,10 +267,9 @@ def _shown_progress(console: Console) -> Iterator[_Watch]:
 
 
 def _report(table: ResultTable) -> Path:
-    from importlib import import_module
+    from xitl_cli.campaign.report import write_report
 
-    page: Path = import_module("xitl_cli.campaign.report").write_report(table)
-    return page
+    return write_report(table)
 
 
 def _show_points(plan: Plan, as_json: bool) -> None:
@@ -272,6 +292,10 @@ def _show_points(plan: Plan, as_json: bool) -> None:
             break
     show_rows(console, ("run", *keys), rows, text=())
     rest = f"{total - len(rows)} more; " if total > len(rows) else ""
+    if plan.search is not None:
+        say(
+            console, f"the first round of a search of up to {plan.most_runs()} runs; the next ones hang on its verdicts"
+        )
     verdicts = ", ".join(verdict.text for verdict in plan.verdicts)
     say(console, f"{rest}{total} runs in all. A run passes when: {verdicts}")
     first = next(plan.points(), None)
@@ -294,7 +318,9 @@ def result_document(table: ResultTable, complete: bool, page: Path | None) -> di
     """What `--json` prints."""
     from collections import Counter
 
+    from xitl_cli.campaign.report import summary_sections
     from xitl_cli.campaign.statistics import wilson_interval
+    from xitl_cli.commands.sections import sections_document
 
     verdicts = []
     for text in (*table.verdicts, "passed"):
@@ -311,6 +337,7 @@ def result_document(table: ResultTable, complete: bool, page: Path | None) -> di
         "verdicts": verdicts,
         "worst": [{key: row[key] for key in ("number", "status", "error", "command")} for row in table.worst()],
         "report": None if page is None else str(page),
+        "sections": sections_document(summary_sections(table)),
     }
 
 
@@ -341,6 +368,10 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
         )
     console.print()
     show_rows(console, ("verdict", "held", "share", "95 % interval"), rows)
+    from xitl_cli.campaign.report import summary_sections
+    from xitl_cli.commands.sections import show_sections
+
+    show_sections(console, summary_sections(table))
     worst = table.worst()
     if worst:
         console.print()
