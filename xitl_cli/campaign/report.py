@@ -33,6 +33,8 @@ _LIMIT = re.compile(r"\s*([\w-]+(?:\.[\w-]+)+)\s*(<=|>=|<|>)\s*(-?[\d.]+(?:[eE][
 _MOST_GROUPS = 12
 _MOST_PICTURED = 4
 _WORST = 10
+_LOOK_AT_A_PAIR = "Look at the runs of one seed side by side with `xitl logs compare`."
+_BOTH_SIDES = "See why by a run on each side of it: results.jsonl has the command of every one."
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ def limits(verdicts: Iterable[str]) -> list[Limit]:
 
 def campaign_sections(table: ResultTable) -> list[Section]:
     """Everything that its runs tell, as far as they are there."""
-    sections = [runs_section(table), figures_section(table)]
+    sections = [runs_section(table)]
     if (document := table.about.get("search")) is not None:
         search = Search.read(document)
         sections.append(boundary_section(search, told_again(search, table.rows)))
@@ -62,7 +64,7 @@ def campaign_sections(table: ResultTable) -> list[Section]:
         sections.append(elasticity_section(table))
     if len(_numeric_axes(table)) > 1:
         sections.append(map_section(table))
-    sections.append(worst_section(table))
+    sections += [figures_section(table), worst_section(table)]
     return [section for section in sections if section.facts or section.findings or section.grids or section.plots]
 
 
@@ -229,7 +231,7 @@ def boundary_sentence(search: Search, found: BoundaryFinding, axis: str, where: 
             (),
             "Allow more with search.most_runs and a higher search.runs_per_point, or ask for less width.",
         )
-    return Finding.ok(key, sentence + silent)
+    return Finding.notice(key, sentence + silent, (), _BOTH_SIDES)
 
 
 def exploration_sentence(search: Search, found: ExplorationFinding, where: str, key: str) -> Finding:
@@ -266,7 +268,7 @@ def exploration_sentence(search: Search, found: ExplorationFinding, where: str, 
     )
     if found.outcome == Outcome.UNDECIDED:
         return Finding.notice(key, f"{sentence}. The runs were spent before it was sure", (), "Allow more most_runs.")
-    return Finding.ok(key, sentence)
+    return Finding.notice(key, sentence, (), _BOTH_SIDES)
 
 
 def _place_text(search: Search, shares: Sequence[float]) -> str:
@@ -322,8 +324,11 @@ def _strongest(told: Sensitivity, spec: SensitivitySpec) -> Finding:
     sure = f"{100 * spec.confidence:g} % interval {_interval_text(first.total_interval, '')}"
     close = [one.axis for one in told.effects[1:] if one.total_interval.high >= first.total_interval.low]
     beside = f"; not to be told from it: {', '.join(close)}" if close else ""
-    return Finding.ok(
-        f"sensitivity.{told.figure}", f"{told.figure}: {first.axis} matters most ({share}, {sure}){beside}{left_out}"
+    return Finding.notice(
+        f"sensitivity.{told.figure}",
+        f"{told.figure}: {first.axis} matters most ({share}, {sure}){beside}{left_out}",
+        (),
+        "Take more samples to tell axes apart whose intervals overlap." if close else "Search along it: `search:`.",
     )
 
 
@@ -458,10 +463,12 @@ def comparison_section(told: Comparison, number: int = 1) -> Section:
             unit = f" {unit_of(one.figure)}".rstrip()
             size = Interval(*sorted((abs(of.interval.low), abs(of.interval.high))))
             findings.append(
-                Finding.ok(
+                Finding.notice(
                     f"compare.{one.figure}",
                     f"{one.figure} is {way} in B by {_short(abs(of.mean))}{unit} in the mean ({sure} interval "
-                    f"{_interval_text(size, unit)}), p = {_p_text(one.adjusted)} over {plural(of.pairs, 'pair')}",
+                    f"{_interval_text(size, unit)}), p {_p_text(one.adjusted)} over {plural(of.pairs, 'pair')}",
+                    (),
+                    _LOOK_AT_A_PAIR,
                 )
             )
     verdicts: list[tuple[Value, ...]] = []
@@ -475,16 +482,18 @@ def comparison_section(told: Comparison, number: int = 1) -> Section:
                 rates.only_a,
                 rates.only_b,
                 _interval_text(rates.interval, ""),
-                _p_text(judged.adjusted),
+                _p_cell(judged.adjusted),
             )
         )
         if judged.adjusted < 1 - told.confidence:
             way = "more" if rates.difference > 0 else "less"
             findings.append(
-                Finding.ok(
+                Finding.notice(
                     f"compare.{judged.verdict}",
                     f"B passes {judged.verdict!r} {way} often: {rates.passed_b} of {rates.pairs} against "
-                    f"{rates.passed_a}, p = {_p_text(judged.adjusted)}",
+                    f"{rates.passed_a}, p {_p_text(judged.adjusted)}",
+                    (),
+                    _LOOK_AT_A_PAIR,
                 )
             )
     if not findings:
@@ -572,10 +581,14 @@ def _interval_text(interval: Interval, unit: str) -> str:
     return f"{_short(interval.low)} to {_short(interval.high)}{unit}"
 
 
+def _p_cell(value: float | None) -> str:
+    return _p_text(value).removeprefix("= ")
+
+
 def _p_text(value: float | None) -> str:
     if value is None:
         return ""
-    return "< 0.0001" if value < 1e-4 else f"{value:.2g}"
+    return "< 0.0001" if value < 1e-4 else f"= {value:.2g}"
 
 
 def _short(value: float) -> float | int:

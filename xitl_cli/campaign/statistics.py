@@ -148,7 +148,8 @@ class PairedDifference:
 
     interval: of the mean, excludes zero just where p_value is below 1 - confidence. effect: Cohen's d_z, the mean
     over the standard deviation of the differences. wilcoxon_p_value: of the signed rank test, for one who doubts that
-    the mean of so many differences is normal. None where there are too few pairs, or all differences are alike.
+    the mean of so many differences is normal. None where there are too few pairs; where all differences are alike there
+    is no deviation to go by, and p_value is that of the sign test.
     """
 
     pairs: int
@@ -176,8 +177,8 @@ def paired_difference(a: Floats, b: Floats, confidence: float = 0.95) -> PairedD
         return PairedDifference(pairs, *ends, mean, None, None, None, None)
     deviation = float(differences.std(ddof=1))
     if deviation <= 1e-12 * max(1.0, abs(mean)):
-        same = mean == 0.0
-        return PairedDifference(pairs, *ends, mean, Interval(mean, mean), 1.0 if same else None, None, None)
+        p_value = 1.0 if mean == 0.0 else 2.0 ** (1 - pairs)
+        return PairedDifference(pairs, *ends, mean, Interval(mean, mean), p_value, None, None)
     error = deviation / math.sqrt(pairs)
     half = float(stats.t.ppf(0.5 + confidence / 2, pairs - 1)) * error
     p_value = 2.0 * float(stats.t.sf(abs(mean) / error, pairs - 1))

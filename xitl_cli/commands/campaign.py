@@ -18,7 +18,6 @@ from xitl_cli.commands.options import Json
 from xitl_cli.commands.output import quiet_pipe, still_read
 from xitl_cli.commands.terminal import say, show_rows, terminal
 from xitl_cli.errors import UserError
-from xitl_cli.extras import SEARCH
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -122,8 +121,6 @@ def _carried_out(
     from xitl_cli.campaign.engine import Campaign, try_first_run
 
     check_installed()
-    if missing := SEARCH.missing:
-        raise UserError(f"a campaign needs {' and '.join(missing)}, not installed here; {SEARCH.pip_line}")
     total = _count(plan, yes)
     folder = _folder(plan, out, resume)
     console = terminal(stderr=True)

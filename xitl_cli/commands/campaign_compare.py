@@ -12,7 +12,7 @@ from xitl_cli.commands.options import Json
 from xitl_cli.commands.output import quiet_pipe
 from xitl_cli.commands.terminal import say, terminal
 from xitl_cli.errors import UserError
-from xitl_cli.extras import SEARCH
+from xitl_cli.extras import CAMPAIGN
 
 
 def compare(
@@ -32,8 +32,8 @@ def compare(
 
     Differences with intervals and a paired t test; pass rates by McNemar's test; p-values for all of them together.
     """
-    if missing := SEARCH.missing:
-        raise UserError(f"a comparison needs {' and '.join(missing)}, not installed here; {SEARCH.pip_line}")
+    if missing := CAMPAIGN.missing:
+        raise UserError(f"a comparison needs {' and '.join(missing)}, not installed here; {CAMPAIGN.pip_line}")
     if (b is None) == (by is None):
         raise UserError("compare: give a second folder, or --by with an axis of the first; one of the two")
     from xitl_cli.campaign.compare import compare_by, compare_tables

@@ -57,7 +57,7 @@ def test_differences_that_are_alike_or_too_few() -> None:
     same = paired_difference(np.array([1.0, 2.0]), np.array([1.0, 2.0]))
     assert (same.mean, same.p_value, same.interval, same.effect) == (0.0, 1.0, Interval(0.0, 0.0), None)
     shifted = paired_difference(np.array([1.0, 2.0]), np.array([2.0, 3.0]))
-    assert (shifted.mean, shifted.p_value, shifted.interval) == (1.0, None, Interval(1.0, 1.0))
+    assert (shifted.mean, shifted.p_value, shifted.interval) == (1.0, 0.5, Interval(1.0, 1.0))
     one = paired_difference(np.array([1.0]), np.array([3.0]))
     assert (one.pairs, one.mean, one.interval, one.p_value) == (1, 2.0, None, None)
     assert paired_difference(np.array([]), np.array([])).pairs == 0
