@@ -57,7 +57,7 @@ class Block:
         if self.language in ("yaml", "ini") and self.file:
             return FILE
         if self.language == "python":
-            return SIGNATURE if re.fullmatch(r"\w+\(.*\) -> \w+\n", self.text, re.DOTALL) else CODE
+            return SIGNATURE if re.fullmatch(r"\w+\(.*\) -> [\w |]+\n", self.text, re.DOTALL) else CODE
         if self.language in ("", "sh", "console") and first.startswith("$ "):
             return CONSOLE
         if self.language in ("", "sh") and all(command.program in PROGRAMS for command in self.commands):
