@@ -101,7 +101,7 @@ def closest_m(summary: dict[str, Any], name: str) -> float | None:
     return min(
         (
             pair["distance_m"]
-            for pair in summary.get("encounters") or ()
+            for pair in (summary.get("encounters") or {}).get("pairs", ())
             if name in pair["vessels"] and pair["distance_m"] is not None
         ),
         default=None,

@@ -228,6 +228,24 @@ class FaultEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class EncounterState:
+    """How two vessels stand to each other that came up with one another so as to involve risk of collision."""
+
+    first: String
+    second: String
+    event: Annotated[String, "`begins`, `too close`, `passes`, or empty"]
+    rule: Annotated[Uint8, "of the COLREGs, 13, 14 or 15, as it began; 0 none"]
+    geometry: Annotated[String, "`overtaking`, `head-on` or `crossing`"]
+    gives_way: Annotated[String, "who has to, by name"]
+    stands_on: Annotated[String, "who keeps course and speed; empty head-on"]
+    distance_m: Annotated[Float64, "of their places"]
+    closing_mps: Float64
+    predicted_m: Annotated[Float64, "closest approach of their places, as they go now"]
+    predicted_s: Annotated[Float64, "until then; negative: since"]
+    hull_closest_m: Annotated[Float64, "nearest that the hulls have come so far"]
+
+
+@dataclass(frozen=True, slots=True)
 class BridgeCounts:
     """Counters of a bridge to another autopilot: those of XITL_BRIDGE_STATUS."""
 
@@ -471,6 +489,9 @@ _TABLE = (
           BodyMessage, per_vessel=False, from_start=False),
     Topic("/contacts", "xitl_msgs/msg/Contact", "beginning, then 10 Hz",
           "contacts of the hull: with what, where, force, closing speed", ContactMessage, from_start=False),
+    Topic("/encounters", "xitl_msgs/msg/Encounter", "each event, 1 Hz while it lasts, fleets only",
+          "two vessels come up with one another: by which rule, who gives way, closest approach; "
+          "[fleets.md](fleets.md)", EncounterState, per_vessel=False, from_start=False),
 )  # fmt: skip
 
 TOPICS = {topic.name: topic for topic in _TABLE}

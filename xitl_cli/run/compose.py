@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from sim_core.fleet import Fleet
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.faults import FaultSchedule
@@ -22,8 +23,10 @@ from xitl_cli.run.nodes.bridge import BridgeNode
 from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.drivers import VehicleDriver, make_driver
+from xitl_cli.run.nodes.encounters import EncounterNode
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.nodes.findings import findings_from_profile
+from xitl_cli.run.nodes.follow import FollowDriver
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
@@ -32,6 +35,7 @@ from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
 from xitl_cli.run.nodes.track import TrackNode
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
+from xitl_cli.run.traffic.self_report import VesselVoices, report_from_motion
 from xitl_cli.run.view import DisplayNode, StatusSource, View
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scenery import Scenery
@@ -44,7 +48,8 @@ Node = TypeVar("Node", bound=RunNode)
 class RunSetup:
     """What the nodes of a vessel are made from. plant: as it meets it. out: the directory of what is its own.
 
-    interrupted: whether somebody wants to end the run. stations: where ground stations meet all autopilots.
+    interrupted: whether somebody wants to end the run. stations: where ground stations meet all autopilots. voices:
+    what the vessels of the run say of themselves.
     """
 
     profile: RunProfile
@@ -54,6 +59,7 @@ class RunSetup:
     out: Path
     interrupted: Callable[[], bool]
     stations: StationAddresses
+    voices: VesselVoices = field(default_factory=VesselVoices)
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -67,7 +73,8 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
 
     Raises UserError for firmware, files, meshes and ports that cannot be had.
     """
-    profile, simulation, realtime = setup.profile, setup.plant.simulation, setup.profile.clock.mode == "realtime"
+    profile, plant, realtime = setup.profile, setup.plant, setup.profile.clock.mode == "realtime"
+    simulation = plant.simulation
 
     def made(node: Node) -> Node:
         opened.callback(node.close)
@@ -88,6 +95,9 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
             autopilot.heard.subscribe(companion.forward)
     autopilots = [] if autopilot is None else autopilot.agents
     agents = autopilots if companion is None else [*autopilots, companion.agent]
+    if profile.vessel:
+        own = (lambda: report_from_motion(plant.state.time_ns, plant.motion())) if autopilot is None else autopilot.said
+        setup.voices.add(profile.vessel, own, lambda: control.progress.finished)
 
     # What is around it, what looks at it, what scores it.
     collisions = None if simulation.waterway is OPEN_WATER else CollisionNode(simulation, bool(profile.vessel))
@@ -153,7 +163,11 @@ def compose_world(
     display = DisplayNode(make_view, warnings, profile.clock, [vessel.status for vessel in vessels])
     opened.callback(display.close)
     ahead: list[RunNode | None] = [display, river]
+    fleet = plant.simulation if isinstance(plant.simulation, Fleet) else None
     behind: list[RunNode | None] = [
+        None
+        if fleet is None
+        else EncounterNode(plant, fleet, profile.world.encounter_distance_m, profile.clock.physics_rate_hz),
         None if river is None else river.launching,
         PaceRecorder(profile.clock),
         display.showing,
@@ -178,7 +192,14 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
     frame = local_frame(profile.site)
 
     def driver_of(commands: AutopilotCommands, agent: AgentConnection) -> VehicleDriver:
-        driver = make_driver(profile, commands, frame, stations.told)
+        follow = profile.driver.follow
+        if profile.driver.kind == "follow" and follow is not None:
+            mission, arm_s = profile.mission, profile.autopilot.arm_timeout_s
+            driver: VehicleDriver = FollowDriver(
+                commands, frame, follow, setup.voices, profile.vessel, mission.speed_mps, arm_s
+            )
+        else:
+            driver = make_driver(profile, commands, frame, stations.told)
         return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
 
     options, supervision = options_from_profile(profile, setup.out, stations.urls), None

@@ -31,6 +31,7 @@ from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
+from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.view import View
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
@@ -176,14 +177,14 @@ def _composed(
     opened: ExitStack,
 ) -> RunNodes:
     """The nodes of a run; `opened` closes them. Raises UserError, which names the vessel where there are several."""
-    setups, vessels = [], []
+    setups, vessels, voices = [], [], VesselVoices()
     stations = StationAddresses(profiles)
     opened.callback(stations.close)
     for profile, view in zip(profiles, plant.vessels, strict=True):
         with _of(profile.vessel):
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
-            setups.append(RunSetup(profile, seeds, scenery, view, own, interrupted, stations))
+            setups.append(RunSetup(profile, seeds, scenery, view, own, interrupted, stations, voices))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)
     world = compose_world(setups, vessels, plant, make_view, [*scenery.warnings, *warnings], opened)

@@ -97,10 +97,13 @@ class FollowSpec(Specification):
     """A place beside another vessel, kept by GUIDED targets from what that one's autopilot says of itself."""
 
     vessel: Annotated[str, "whom it follows"]
-    offset_frd_m: Annotated[Place, "forward and to starboard of it, along its course; [-10, 0] is 10 m astern"] = (
+    offset_frd_m: Annotated[Place, "forward and to starboard of it, along its track; [-10, 0] is 10 m back on it"] = (
         -10.0,
         0.0,
     )
+    lost_s: Annotated[
+        float, Bounds(at_least=0.5, at_most=600), "a leader that says nothing for so long is lost: the place is kept"
+    ] = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,6 +33,7 @@ from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.estimation import EstimateCheck
 from xitl_cli.run.nodes.standby import Redundancy
 from xitl_cli.run.sensors.sensing import make_sensing
+from xitl_cli.run.traffic.self_report import SelfReport, report_from_estimate
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.signing import read_key_file
 
@@ -88,6 +89,7 @@ class AutopilotNode(ControlNode):
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
         self._use = ActuatorUse()
         self._context: RunContext | None = None
+        self._estimate: tuple[int, MotionEstimate] | None = None
         self._exchanges = 0
         self.command = first.inbox.command
         self.progress = self._progress()
@@ -116,6 +118,10 @@ class AutopilotNode(ControlNode):
         for agent in self._present():
             agent.send(message)
 
+    def said(self) -> SelfReport | None:
+        """The newest that the autopilot has told of the vessel's motion, as others may hear it."""
+        return None if self._estimate is None else report_from_estimate(*self._estimate, self.view.armed)
+
     def _present(self) -> list[AgentConnection]:
         return [agent for agent in self.agents if agent.gone is None]
 
@@ -130,6 +136,7 @@ class AutopilotNode(ControlNode):
     def _on_estimate(self, name: str, stamp_ns: int | None, estimate: MotionEstimate) -> None:
         if name == self.active.name and self._context is not None:
             now_ns = self._context.clock.now_ns() if stamp_ns is None else stamp_ns
+            self._estimate = now_ns, estimate
             self._context.recorder.estimate(now_ns, estimate)
             self._check.add_estimate(stamp_ns, estimate, self.view.armed)
             self.position_error_m = self._check.position_error_m

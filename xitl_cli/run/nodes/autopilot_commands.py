@@ -18,6 +18,7 @@ RELEASE_ABOVE_8 = 65534  # where 0 leaves a channel alone, as a sender of eight 
 RC_CHANNELS = 18
 DO_NOT_CHANGE_SPEED, CHANGE_MODE = -1.0, 1.0  # of DO_REPOSITION
 POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and yaw rate are ignored
+VELOCITY_ONLY = 0x0DC7  # of one: place, acceleration, yaw and yaw rate are
 
 Send = Callable[[Any], object]
 
@@ -88,12 +89,24 @@ class AutopilotCommands:
         if self.view.px4:
             self._reposition(sim_ns, lat, lon, alt_m)
             return
+        self._target_message(sim_ns, POSITION_ONLY, lat, lon, alt_m)
+
+    def sail(self, sim_ns: int, vel_ne_mps: tuple[float, float]) -> None:
+        """A GUIDED velocity over ground, to be repeated: a vessel stops that hears no other for GUID_TIMEOUT, or 3 s.
+
+        PX4 takes none.
+        """
+        self._target_message(sim_ns, VELOCITY_ONLY, 0, 0, 0.0, vel_ne_mps)
+
+    def _target_message(
+        self, sim_ns: int, mask: int, lat: int, lon: int, alt_m: float, vel_ne_mps: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
         frame = dialect.MAV_FRAME_GLOBAL
         boot_ms = sim_ns // 1_000_000 & 0xFFFFFFFF
-        rest = (0.0,) * 8  # velocity, acceleration, yaw, yaw rate
+        rest = (0.0,) * 6  # velocity down, acceleration, yaw, yaw rate
         self.send(
             dialect.MAVLink_set_position_target_global_int_message(
-                boot_ms, *self._target, frame, POSITION_ONLY, lat, lon, alt_m, *rest
+                boot_ms, *self._target, frame, mask, lat, lon, alt_m, *vel_ne_mps, *rest
             )
         )
 

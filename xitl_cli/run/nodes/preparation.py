@@ -14,6 +14,7 @@ from agent.mavlink.missions import MissionUpload, result_name, waypoint_items
 from agent.mavlink.parameters import ParameterClient
 from agent.wire import dialect
 from xitl_cli.errors import UserError
+from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.setup import Place, Send
@@ -212,6 +213,12 @@ class Preparation(VehicleDriver):
         self._where = where
         self._complained = complained
         self._heartbeat_s = max(heartbeat_s, SHORTEST_HEARTBEAT_S)
+
+    def begin(self, context: RunContext) -> None:
+        self._driver.begin(context)
+
+    def report(self) -> dict[str, Any]:
+        return self._driver.report()
 
     def update(self, sim_ns: int) -> None:
         view = self._view

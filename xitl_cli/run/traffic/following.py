@@ -6,36 +6,60 @@ ahead of the leader is straight on along its course; what is beside it is square
 of these are the leader's axes along its course over ground.
 
 Velocities go to the autopilot, over ground, and not places: a place that moves all the time is one that a vessel brakes
-for all the time. Along the track the speed is the leader's and a share of what is to be made up, across it a line of
-sight ahead on the track (Fossen 2021, eq 12.78) with an integral, since ArduRover makes a heading of the velocity and
-lets the current carry it off. Where the leader lies still the place is one to go to and to keep.
+for all the time. They point to where the track goes through a circle around the vessel (pure pursuit, Coulter 1992),
+with an integral of what it lies beside the track, since ArduRover makes a heading of a velocity and lets the current
+carry it off. The speed is the leader's and a share of what is to be made up, no more than what the leader itself went
+at in a corner, with a little on top. Where the leader lies still the place is one to go to
+and to keep.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import pairwise
 from typing import NamedTuple
 
 from xitl_cli.run.traffic.self_report import Point, SelfReport
 
 STEP_M = 0.5  # between two points of the track
+KEPT_M = 100.0  # of the track behind the place
 SMOOTHED_S = 1.5  # of the leader's speed: what waves do to it is not to be followed
 UNDER_WAY_MPS, STOPPED_MPS = 0.5, 0.25
 GAIN_PER_S = 0.25
 INTEGRAL_PER_S = 0.02
-LOOKAHEAD_M = 8.0
+LOOKAHEAD_M = 7.0
 FASTEST = 1.5  # of the mission's speed: to make up for what was lost
 SLOWEST = 0.3  # of the leader's speed: with less way on there is no steering
+SLOWED = 0.75  # of the leader's speed now: where it went slower than that it had reason to
+ABOVE_LEADER, LEAST_LIMIT_MPS = 1.5, 1.5  # of what it went at there
 MOVED_M = 1.5  # a place to keep that has moved by so much is another
 
 
-class FormationPlace(NamedTuple):
-    """A place and the unit vector along which it moves, north and east, at speed_mps."""
+class TrackPoint(NamedTuple):
+    """Where the leader was, how fast, and how far along its track."""
 
     pos_ne_m: Point
-    along_ne: Point
     speed_mps: float
+    along_m: float
+
+
+class FormationPlace(NamedTuple):
+    """Where a follower ought to be, how far along the track that is, and how fast it moves."""
+
+    pos_ne_m: Point
+    along_m: float
+    speed_mps: float
+
+
+class TrackPursuit(NamedTuple):
+    """How a vessel lies to the track with its offset to starboard: the way it has come along it, how far it lies to
+    the left of it, where it goes through LOOKAHEAD_M from there, and how fast the leader went until there."""
+
+    along_m: float
+    left_m: float
+    aim_ne_m: Point
+    leader_mps: float
 
 
 class LeaderTrack:
@@ -43,81 +67,105 @@ class LeaderTrack:
 
     def __init__(self, offset_frd_m: tuple[float, float]) -> None:
         self._forward_m, self._starboard_m = offset_frd_m
-        self._points: deque[Point] = deque()
-        self._along: Point | None = None
+        self._points: deque[TrackPoint] = deque()
+        self._course: Point = (1.0, 0.0)
         self._speed_mps = 0.0
         self._report: SelfReport | None = None
         self.moving = False
 
     def add(self, report: SelfReport) -> None:
-        """The newest of the leader; one that was heard already changes nothing."""
+        """The newest of the leader; one that was heard already changes nothing.
+
+        Before it is armed it drifts, and has no track: it is taken to have come the way it heads.
+        """
         before, self._report = self._report, report
         if before is not None and report.at_ns <= before.at_ns:
             return
-        heading: Point = math.cos(report.yaw_rad), math.sin(report.yaw_rad)
-        if before is None or self._along is None:
-            north, east = report.pos_ne_m
-            back_m = max(-self._forward_m, 0.0) + STEP_M
-            # It is taken to have come the way it heads.
-            self._points.extend(((north - back_m * heading[0], east - back_m * heading[1]), report.pos_ne_m))
-            self._along, dt_s = heading, 0.0
-        else:
-            dt_s = (report.at_ns - before.at_ns) * 1e-9
-        if math.dist(self._points[-1], report.pos_ne_m) >= STEP_M:
-            self._points.append(report.pos_ne_m)
-        self._forget()
         speed_mps = math.hypot(*report.vel_ne_mps)
-        self._speed_mps += (speed_mps - self._speed_mps) * (1.0 - math.exp(-dt_s / SMOOTHED_S))
+        if before is None or not before.armed:
+            heading: Point = math.cos(report.yaw_rad), math.sin(report.yaw_rad)
+            back_m = max(-self._forward_m, 0.0) + KEPT_M
+            self._points = deque(
+                (TrackPoint(_moved(report.pos_ne_m, heading, -back_m), math.inf, 0.0),
+                 TrackPoint(report.pos_ne_m, math.inf, back_m))
+            )  # fmt: skip
+            self._course = heading
+            return
+        last = self._points[-1]
+        step_m = math.dist(last.pos_ne_m, report.pos_ne_m)
+        if step_m >= STEP_M:
+            self._points.append(TrackPoint(report.pos_ne_m, speed_mps, last.along_m + step_m))
+            self._forget()
+        smoothed = 1.0 - math.exp(-(report.at_ns - before.at_ns) * 1e-9 / SMOOTHED_S)
+        self._speed_mps += (speed_mps - self._speed_mps) * smoothed
         self.moving = self._speed_mps > (STOPPED_MPS if self.moving else UNDER_WAY_MPS)
         if self.moving and speed_mps > STOPPED_MPS:
-            smoothed = 1.0 - math.exp(-dt_s / SMOOTHED_S)
-            along = [
-                one + (rate / speed_mps - one) * smoothed
-                for one, rate in zip(self._along, report.vel_ne_mps, strict=True)
-            ]
-            length = math.hypot(*along)
-            self._along = (along[0] / length, along[1] / length) if length > 1e-6 else heading
+            rate = report.vel_ne_mps
+            course = [one + (way / speed_mps - one) * smoothed for one, way in zip(self._course, rate, strict=True)]
+            length = math.hypot(*course)
+            self._course = (course[0] / length, course[1] / length) if length > 1e-6 else self._course
 
     def place(self, now_ns: int) -> FormationPlace | None:
         """Where the follower ought to be now, the leader going on as it last said; None until it has said anything."""
         report = self._report
-        if report is None or self._along is None:
+        if report is None:
             return None
-        age_s = min(max((now_ns - report.at_ns) * 1e-9, 0.0), 1.0)
-        leader = _moved(report.pos_ne_m, report.vel_ne_mps, age_s if self.moving else 0.0)
-        if self._forward_m >= 0.0:
-            along, pos = self._along, _moved(leader, self._along, self._forward_m)
-        else:
-            pos, along = self._back(leader, -self._forward_m)
-        right: Point = -along[1], along[0]
-        return FormationPlace(_moved(pos, right, self._starboard_m), along, self._speed_mps if self.moving else 0.0)
+        along_m = self._leader_along_m(now_ns) + self._forward_m
+        pos, _ = self._at(along_m)
+        return FormationPlace(pos, along_m, self._speed_mps if self.moving else 0.0)
 
-    def _back(self, leader: Point, way_m: float) -> tuple[Point, Point]:
-        """Back along the track from the leader, and the direction there."""
-        start = leader
-        for end in reversed(self._points):
-            length = math.dist(start, end)
-            if length < 1e-6:
-                continue
-            along: Point = (start[0] - end[0]) / length, (start[1] - end[1]) / length
-            if length >= way_m:
-                return _moved(start, along, -way_m), along
-            way_m -= length
-            start = end
-        assert self._along is not None
-        return _moved(start, self._along, -way_m), self._along
+    def pursuit(self, pos_ne_m: Point) -> TrackPursuit:
+        """How a vessel at a place lies to the track. There has to be a report."""
+        nearest_m2, along_m, left_m = math.inf, 0.0, 0.0
+        end = self._points[-1]
+        ahead = TrackPoint(_moved(end.pos_ne_m, self._course, KEPT_M), math.inf, end.along_m + KEPT_M)
+        points = [*self._points, ahead]
+        for one, other in pairwise(points):
+            length = other.along_m - one.along_m
+            way = _unit(one.pos_ne_m, other.pos_ne_m, length)
+            start = _moved(one.pos_ne_m, (-way[1], way[0]), self._starboard_m)
+            off = pos_ne_m[0] - start[0], pos_ne_m[1] - start[1]
+            gone_m = min(max(off[0] * way[0] + off[1] * way[1], 0.0), length)
+            beside = off[0] - gone_m * way[0], off[1] - gone_m * way[1]
+            square = beside[0] * beside[0] + beside[1] * beside[1]
+            if square <= nearest_m2:  # of places that are as near the one farther on
+                nearest_m2, along_m = square, one.along_m + gone_m
+                left_m = way[1] * beside[0] - way[0] * beside[1]
+        looked = [
+            point.speed_mps for point in points if along_m - STEP_M <= point.along_m <= along_m + LOOKAHEAD_M + STEP_M
+        ]
+        aim, _ = self._at(along_m + LOOKAHEAD_M)
+        return TrackPursuit(along_m, left_m, aim, min(looked, default=math.inf))
+
+    def _leader_along_m(self, now_ns: int) -> float:
+        assert self._report is not None
+        last = self._points[-1]
+        if not self._report.armed or not self.moving:
+            return last.along_m
+        place = self._report.carried_on(now_ns).pos_ne_m
+        off = place[0] - last.pos_ne_m[0], place[1] - last.pos_ne_m[1]
+        return last.along_m + max(off[0] * self._course[0] + off[1] * self._course[1], 0.0)
+
+    def _at(self, along_m: float) -> tuple[Point, Point]:
+        """The place of the track with its offset to starboard, and the direction there."""
+        last = self._points[-1]
+        pos, way = _moved(last.pos_ne_m, self._course, along_m - last.along_m), self._course
+        if along_m < last.along_m:
+            newer = last
+            for point in reversed(self._points):
+                if point.along_m <= along_m or point is self._points[0]:
+                    way = _unit(point.pos_ne_m, newer.pos_ne_m, newer.along_m - point.along_m)
+                    pos = _moved(point.pos_ne_m, way, along_m - point.along_m)
+                    if newer is not point:
+                        break
+                newer = point
+        return _moved(pos, (-way[1], way[0]), self._starboard_m), way
 
     def _forget(self) -> None:
-        """What lies farther back than the place."""
-        needed_m, passed_m = max(-self._forward_m, 0.0) + 2.0 * STEP_M, 0.0
-        newest = self._points[-1]
-        for number, point in enumerate(reversed(self._points)):
-            passed_m += math.dist(newest, point)
-            newest = point
-            if passed_m > needed_m:
-                for _ in range(len(self._points) - 1 - number):
-                    self._points.popleft()
-                return
+        """What lies farther back than the place, and a follower that has fallen behind."""
+        needed_m = self._points[-1].along_m - max(-self._forward_m, 0.0) - KEPT_M
+        while len(self._points) > 2 and self._points[1].along_m <= needed_m:
+            self._points.popleft()
 
 
 class FollowLaw:
@@ -128,27 +176,26 @@ class FollowLaw:
         self._integral_mps = 0.0
         self._at_ns: int | None = None
 
-    def velocity_ne_mps(self, place: FormationPlace, own: SelfReport, now_ns: int) -> Point:
-        """Over ground, for a place that moves."""
-        dt_s = 0.0 if self._at_ns is None else min((now_ns - self._at_ns) * 1e-9, 1.0)
-        self._at_ns = now_ns
-        age_s = min(max((now_ns - own.at_ns) * 1e-9, 0.0), 1.0)
-        here = _moved(own.pos_ne_m, own.vel_ne_mps, age_s)
-        ahead, right = place.along_ne, (-place.along_ne[1], place.along_ne[0])
-        off = place.pos_ne_m[0] - here[0], place.pos_ne_m[1] - here[1]
-        behind_m = off[0] * ahead[0] + off[1] * ahead[1]
-        left_m = off[0] * right[0] + off[1] * right[1]
+    def velocity_ne_mps(self, place: FormationPlace, pursuit: TrackPursuit, own: SelfReport) -> Point:
+        """Over ground, for a place that moves; own: as it is now."""
+        dt_s = 0.0 if self._at_ns is None else min((own.at_ns - self._at_ns) * 1e-9, 1.0)
+        self._at_ns = own.at_ns
+        behind_m = place.along_m - pursuit.along_m
+        most_mps = self._most_mps
+        if pursuit.leader_mps < SLOWED * place.speed_mps:
+            most_mps = min(most_mps, max(ABOVE_LEADER * pursuit.leader_mps, LEAST_LIMIT_MPS))
         least_mps = SLOWEST * place.speed_mps
-        along_mps = min(max(place.speed_mps + GAIN_PER_S * behind_m, least_mps), self._most_mps)
-        limit_mps = 0.4 * place.speed_mps
-        if abs(left_m) < LOOKAHEAD_M:  # farther off it is a way to go, and nothing that carries it off
-            grown_mps = self._integral_mps + INTEGRAL_PER_S * left_m * dt_s
-            self._integral_mps = min(max(grown_mps, -limit_mps), limit_mps)
-        across_mps = along_mps * left_m / LOOKAHEAD_M + self._integral_mps
-        speed_mps = math.hypot(along_mps, across_mps)
-        share = min(1.0, self._most_mps / speed_mps) if speed_mps > 0.0 else 0.0
-        along_mps, across_mps = share * along_mps, share * across_mps
-        return along_mps * ahead[0] + across_mps * right[0], along_mps * ahead[1] + across_mps * right[1]
+        speed_mps = min(max(place.speed_mps + GAIN_PER_S * behind_m, least_mps), max(most_mps, least_mps))
+        limit_mps = 0.4 * speed_mps
+        if abs(pursuit.left_m) < LOOKAHEAD_M:  # farther off it is a way to go, and nothing that carries it off
+            self._integral_mps += INTEGRAL_PER_S * pursuit.left_m * dt_s
+        self._integral_mps = min(max(self._integral_mps, -limit_mps), limit_mps)
+        aim = pursuit.aim_ne_m
+        way = _unit(own.pos_ne_m, aim, math.dist(own.pos_ne_m, aim))
+        # What it lies to the left is made up to the right.
+        right_mps = self._integral_mps
+        ahead_mps = math.sqrt(speed_mps * speed_mps - right_mps * right_mps)
+        return ahead_mps * way[0] - right_mps * way[1], ahead_mps * way[1] + right_mps * way[0]
 
     def rest(self) -> None:
         """The place stands still for now."""
@@ -158,3 +205,9 @@ class FollowLaw:
 
 def _moved(place: Point, direction: Point, by: float) -> Point:
     return place[0] + by * direction[0], place[1] + by * direction[1]
+
+
+def _unit(start: Point, end: Point, length: float) -> Point:
+    if length < 1e-9:
+        return 1.0, 0.0
+    return (end[0] - start[0]) / length, (end[1] - start[1]) / length

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
+
+from sim_core.kinematics import Kinematics
+from xitl_cli.record.topics import MotionEstimate
 
 Point = tuple[float, float]
 
@@ -22,6 +26,56 @@ class SelfReport(NamedTuple):
     accurate: bool = True
     armed: bool = True
 
+    def carried_on(self, now_ns: int) -> SelfReport:
+        """As it will be now, going straight on for up to a second since."""
+        age_s = min(max((now_ns - self.at_ns) * 1e-9, 0.0), 1.0)
+        (north_m, east_m), (north_mps, east_mps) = self.pos_ne_m, self.vel_ne_mps
+        return self._replace(at_ns=now_ns, pos_ne_m=(north_m + age_s * north_mps, east_m + age_s * east_mps))
+
 
 ReportSource = Callable[[], SelfReport | None]
 """The newest of a vessel, None until there is one."""
+
+ACCURATE_M = 10.0  # what AIS calls a place of high accuracy
+_RADIUS_95 = 2.448  # of a circular normal distribution, in deviations of one axis
+
+
+def report_from_estimate(at_ns: int, estimate: MotionEstimate, armed: bool) -> SelfReport:
+    """An autopilot's. One that does not say how good its place is has a place of low accuracy, as AIS has it."""
+    north_m, east_m, _ = estimate.pos_ned_m.tolist()
+    north_mps, east_mps, _ = estimate.vel_ned_mps.tolist()
+    w, x, y, z = estimate.quat_ned_frd.tolist()
+    yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    deviation = estimate.pos_deviation_ned_m
+    accurate = deviation is not None and float(deviation[:2].max()) * _RADIUS_95 <= ACCURATE_M
+    yaw_rate_radps = float(estimate.gyro_frd_radps[2])
+    return SelfReport(at_ns, (north_m, east_m), (north_mps, east_mps), yaw_rad, yaw_rate_radps, accurate, armed)
+
+
+def report_from_motion(at_ns: int, motion: Kinematics, row: int = 0, armed: bool = True) -> SelfReport:
+    """Of one that follows a script, or has no autopilot to ask: the truth."""
+    north_m, east_m, _ = motion.pos_ned_m[row].tolist()
+    north_mps, east_mps, _ = motion.vel_ned_mps[row].tolist()
+    rotation = motion.rot_ned_frd[row]
+    yaw_rad = math.atan2(rotation[1, 0], rotation[0, 0])
+    rate_radps = float(motion.gyro_frd_radps[row, 2])
+    return SelfReport(at_ns, (north_m, east_m), (north_mps, east_mps), yaw_rad, rate_radps, True, armed)
+
+
+class VesselVoices:
+    """What each vessel of a run says of itself, by its name, and whether it has done all it was there for."""
+
+    def __init__(self) -> None:
+        self._sources: dict[str, tuple[ReportSource, Callable[[], bool]]] = {}
+
+    def add(self, name: str, source: ReportSource, finished: Callable[[], bool]) -> None:
+        """One more vessel."""
+        self._sources[name] = source, finished
+
+    def said(self, name: str) -> SelfReport | None:
+        """The newest of a vessel; None until there is one."""
+        return self._sources[name][0]()
+
+    def finished(self, name: str) -> bool:
+        """Whether there is nothing more for it to do."""
+        return self._sources[name][1]()

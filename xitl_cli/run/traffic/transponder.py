@@ -7,6 +7,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from sim_core.geodesy import LocalFrame
 from xitl_cli.run.traffic.ais import (
     KNOT_MPS,
@@ -100,7 +102,6 @@ class Transponder:
             return []
         turning = self._turn.update(now_ns, report.yaw_rad)
         if self._spoke_ns is None:
-            self._first_ns = min(self._first_ns, 1 << 62)
             if now_ns < self._first_ns:
                 return []
         else:
@@ -117,13 +118,13 @@ class Transponder:
         return sent
 
     def _position(self, now_ns: int, report: SelfReport) -> AisPosition:
-        lat_deg, lon_deg = _geodetic(self._frame, report.pos_ne_m)
+        lat, lon, _ = self._frame.geodetic(np.array([[*report.pos_ne_m, 0.0]]))
         north_mps, east_mps = report.vel_ne_mps
         speed_mps = math.hypot(north_mps, east_mps)
         return AisPosition(
             self.vessel.mmsi,
-            lat_deg,
-            lon_deg,
+            float(lat[0]),
+            float(lon[0]),
             speed_mps,
             math.degrees(math.atan2(east_mps, north_mps)) % 360.0 if speed_mps > SLOW_MPS else None,
             math.degrees(report.yaw_rad) % 360.0,

@@ -54,7 +54,34 @@ def test_a_place_astern_is_on_the_leaders_track_through_a_corner() -> None:
     place = track.place(6 * S)
     assert place is not None
     assert place.pos_ne_m == pytest.approx((8.0, 0.0), abs=0.3)  # 18 m were gone; a point each 0.5 m cuts the corner
-    assert place.along_ne == pytest.approx((1.0, 0.0), abs=0.05)
+    assert track.pursuit((5.0, 0.2)).left_m == pytest.approx(-0.2, abs=0.01)  # to starboard of the first leg
+    assert track.pursuit((5.0, 0.2)).aim_ne_m == pytest.approx((10.0, 2.0), abs=0.3)  # 7 m on, around the corner
+
+
+def test_a_leader_that_drifts_before_it_is_armed_has_no_track() -> None:
+    track = LeaderTrack((-10.0, 0.0))
+    for tick in range(100):
+        track.add(report(tick / 10, (0.0, 0.06 * tick), (0.0, 0.6), yaw_rad=0.0)._replace(armed=False))
+    place = track.place(10 * S)
+    assert place is not None
+    assert place.pos_ne_m == pytest.approx((-10.0, 5.94))
+    assert place.speed_mps == 0.0
+
+
+def test_corners_are_not_taken_faster_than_the_leader_took_them() -> None:
+    """It slowed down to 1 m/s from 20 to 24 m; the follower is there 20 m later, and far behind its place."""
+    track, way_m, now_s = LeaderTrack((-10.0, 0.0)), 0.0, 0.0
+    while way_m < 60.0:
+        speed = 1.0 if 20.0 <= way_m < 24.0 else 3.0
+        track.add(report(now_s, (way_m, 0.0), (speed, 0.0)))
+        way_m, now_s = way_m + 0.1 * speed, now_s + 0.1
+    place = track.place(round(now_s * S))
+    assert place is not None
+    speeds = {}
+    for north in (5.0, 16.0, 30.0):
+        own = report(now_s, (north, 0.0), (3.0, 0.0))
+        speeds[north] = FollowLaw(3.0).velocity_ne_mps(place, track.pursuit((north, 0.0)), own)[0]
+    assert speeds == {5.0: pytest.approx(4.5), 16.0: pytest.approx(1.5), 30.0: pytest.approx(4.5)}
 
 
 def test_a_leader_that_has_not_moved_yet_is_taken_to_have_come_the_way_it_heads() -> None:
@@ -79,7 +106,7 @@ def test_a_leader_that_stops_has_a_place_that_stands_still() -> None:
 
 def test_a_long_track_is_not_kept() -> None:
     track = straight((-10.0, 0.0), 0.0, seconds=600.0)
-    assert len(track._points) < 40
+    assert len(track._points) < 250
 
 
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.6), (-0.4, -0.3)])
@@ -94,7 +121,7 @@ def test_a_follower_that_the_current_carries_off_ends_at_its_place(current: Poin
         assert place is not None
         if tick % 4 == 0:
             own = report(now_s, pos, (vel[0] + current[0], vel[1] + current[1]), yaw_rad=0.0)
-            asked = law.velocity_ne_mps(place, own, round(now_s * S))
+            asked = law.velocity_ne_mps(place, track.pursuit(pos), own)
         vel = vel[0] + (asked[0] - vel[0]) * 0.025, vel[1] + (asked[1] - vel[1]) * 0.025
         pos = pos[0] + 0.05 * (vel[0] + current[0]), pos[1] + 0.05 * (vel[1] + current[1])
         assert math.hypot(*asked) <= 4.5 + 1e-9

@@ -1,0 +1,103 @@
+"""Scores how near the vessels of a fleet came to each other, and who had to give way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sim_core.fleet import Fleet, FleetState, joined_motion
+from sim_core.frames import Array
+from sim_core.world.contact import Outline
+from xitl_cli.record.topics import EncounterState
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.traffic.encounter_watch import ClosestApproach, EncounterWatch, HullPlans, PairState
+from xitl_cli.run.world.plant import Plant
+
+WATCH_HZ = 10.0
+TOLD_S = 1.0  # between two records of an encounter under way
+
+
+class EncounterNode(RunNode):
+    """Watches all pairs by the truth; hulls nearer than `too_close_m` are told."""
+
+    def __init__(self, plant: Plant, fleet: Fleet, too_close_m: float, physics_rate_hz: float) -> None:
+        self._plant = plant
+        self._fleet = fleet
+        self._every = max(round(physics_rate_hz / WATCH_HZ), 1)
+        self._order = np.argsort(np.concatenate(fleet.members))
+        plans = [_plan(fleet.of(number).outline) for number in range(len(fleet.names))]
+        self._watch = EncounterWatch(fleet.names, HullPlans.from_capsules(plans), too_close_m)
+        self._too_close_m = too_close_m
+        self._told_s: dict[int, float] = {}
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+
+    def record(self, step: RunStep) -> None:
+        if step.number % self._every:
+            return
+        state, now_s = self._plant.state, step.now_ns * 1e-9
+        assert isinstance(state, FleetState)
+        motion = joined_motion(self._fleet, state)
+        rotation = motion.rot_ned_frd[self._order]
+        yaw_rad = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
+        places, rates = motion.pos_ned_m[self._order, :2], motion.vel_ned_mps[self._order, :2]
+        for pair in self._watch.update(now_s, places, rates, yaw_rad):
+            if pair.event is not None or now_s - self._told_s.get(pair.pair, -TOLD_S) >= TOLD_S - 1e-6:
+                self._told_s[pair.pair] = now_s
+                self._recorder.write(step.now_ns, _record(pair, self._watch.approach(pair.pair)))
+
+    def report(self) -> dict[str, Any]:
+        """encounters: see docs/fleets.md."""
+        found = self._watch.approaches()
+        nearest = min(found, key=lambda one: one.hull_distance_m, default=None)
+        return {
+            "encounters": {
+                "encounter_distance_m": self._too_close_m,
+                "closest_m": None if nearest is None else nearest.hull_distance_m,
+                "closest": None if nearest is None else [nearest.first, nearest.second],
+                "too_close": sum(one.too_close for one in found),
+                "pairs": [_section(one) for one in found],
+            }
+        }
+
+
+def _plan(outline: Outline) -> tuple[Array, Array]:
+    return outline.ends_frd_m[:, :2].reshape(-1, 2, 2), outline.radius_m
+
+
+def _record(pair: PairState, approach: ClosestApproach) -> EncounterState:
+    geometry = approach.geometry
+    return EncounterState(
+        first=approach.first,
+        second=approach.second,
+        event=pair.event or "",
+        rule=0 if geometry is None else geometry.rule,
+        geometry="" if geometry is None else geometry.geometry,
+        gives_way=", ".join(approach.gives_way),
+        stands_on=approach.stands_on or "",
+        distance_m=pair.distance_m,
+        closing_mps=pair.closing_mps,
+        predicted_m=pair.predicted_m,
+        predicted_s=pair.predicted_s,
+        hull_closest_m=approach.hull_distance_m,
+    )
+
+
+def _section(one: ClosestApproach) -> dict[str, Any]:
+    geometry = one.geometry
+    return {
+        "vessels": [one.first, one.second],
+        "distance_m": one.hull_distance_m,
+        "at_s": one.hull_at_s,
+        "centre_distance_m": one.distance_m,
+        "centre_at_s": one.at_s,
+        "too_close": one.too_close,
+        "rule": None if geometry is None else geometry.rule,
+        "geometry": None if geometry is None else geometry.geometry,
+        "gives_way": list(one.gives_way),
+        "stands_on": one.stands_on,
+        "bearings_deg": None if geometry is None else list(geometry.bearings_deg),
+        "detected_s": one.detected_s,
+    }
