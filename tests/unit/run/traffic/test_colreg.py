@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xitl_cli.run.traffic.colreg import EncounterGeometry, encounter_geometry
@@ -51,6 +51,7 @@ def test_of_two_stern_to_stern_the_faster_one_overtakes() -> None:
     assert seen(180.0, 180.0, (2.0, 1.0)).gives_way == (0,)
 
 
+@settings(deadline=None)
 @given(
     bearing_deg=st.floats(-179, 179), heading_deg=st.floats(-179, 179), turned=st.floats(-math.pi, math.pi)
 )  # fmt: skip

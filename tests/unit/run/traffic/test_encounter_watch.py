@@ -36,7 +36,7 @@ def sail(
     return watch, said
 
 
-@settings(max_examples=8)
+@settings(max_examples=8, deadline=None)
 @given(
     place=st.tuples(st.floats(-80, 80), st.floats(-80, 80)),
     velocity=st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
@@ -83,7 +83,7 @@ def test_hulls_that_touch_are_at_no_distance() -> None:
     assert watch.approach(0).hull_distance_m == 0.0
 
 
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(
     place=st.tuples(st.floats(-6, 6), st.floats(-6, 6)),
     yaws=st.tuples(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi)),
