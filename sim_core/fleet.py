@@ -306,24 +306,27 @@ def _others(fleet: Fleet, but: int | None) -> Numbers:
 
 def _touched(fleet: Fleet, state: FleetState, environment: EnvironmentState) -> tuple[CloseHulls, list[Afloat]]:
     """What is close, and of each batch what its vessels touch."""
-    lead = fleet.batches[0]
-    times = StepTimes(state.time_ns, lead.dt_ns, lead.drift_ns)
+    lead, close = fleet.batches[0], state.close
+    look = state.time_ns % lead.drift_ns == 0
+    afloat = [one.afloat for one in state.batches]
+    if not (look or len(close)) and all(each.idle for each in afloat):
+        return close, afloat
     motions = [one.vessel.motion for one in state.batches]
     afloat = waterways.step_together(
         fleet.waterway,
         [simulation.outline for simulation in fleet.batches],
-        [one.afloat for one in state.batches],
-        times,
+        afloat,
+        StepTimes(state.time_ns, lead.dt_ns, lead.drift_ns),
         motions,
         simulations.water_motion(lead, environment, state.time_ns),
     )
-    close = state.close
-    if state.time_ns % lead.drift_ns == 0:
-        motion = joined_motion(fleet, state)
-        close = find_close_hulls(fleet.hulls, find_close_pairs(fleet.hulls, motion.pos_ned_m[:, :2]), motion)
-    if not len(close):
+    if not (look or len(close)):
         return close, afloat
     motion = joined_motion(fleet, state)
+    if look:
+        close = find_close_hulls(fleet.hulls, find_close_pairs(fleet.hulls, motion.pos_ned_m[:, :2]), motion)
+        if not len(close):
+            return close, afloat
     contacts = compute_hull_contacts(fleet.hulls, close, motion, lead.dt_s)
     if not len(contacts):
         return close, afloat

@@ -106,11 +106,12 @@ def at_start(simulation: Simulation, vessel: VesselState, environment: Environme
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
     """One dt_s later, under (N, C) commands in [-1, 1], (1, C) for the same on all vessels: see VesselSpec."""
     environment = state.environment
-    if state.time_ns % simulation.drift_ns == 0:
+    long_step = state.time_ns % simulation.drift_ns == 0
+    if long_step:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
     held, around = feel(simulation, state, environment)
     afloat = state.afloat
-    if simulation.waterway is not OPEN_WATER:
+    if simulation.waterway is not OPEN_WATER and (long_step or not afloat.idle):
         afloat = waterways.step(
             simulation.waterway,
             simulation.outline,

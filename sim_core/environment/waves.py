@@ -330,12 +330,13 @@ class HullWaves:
         lever = rot_ned_frd.reshape(vessels, 9)[:, :6].astype(float32) @ self.lever
         wave = lever.reshape(vessels, -1, components)
         wave += self._phase_at_origin(time_s, pos_ned_m)[:, None, :]
-        cosines = np.cos(wave) @ self.of_cosines
-        np.sin(wave, out=wave)
-        sines = wave @ self.of_sines
-        over_hull = cosines.reshape(vessels, -1) @ self.over_cosines
+        rows = wave.reshape(-1, components)  # one product for all vessels takes half the time of one for each
+        cosines = (np.cos(rows) @ self.of_cosines).reshape(vessels, -1)
+        np.sin(rows, out=rows)
+        sines = rows @ self.of_sines
+        over_hull = cosines @ self.over_cosines
         over_hull += sines.reshape(vessels, -1) @ self.over_sines
-        return cosines[:, :, 0].astype(float64), over_hull.astype(float64)
+        return cosines[:, :: self.of_cosines.shape[1]].astype(float64), over_hull.astype(float64)
 
     def _phase_at_origin(self, time_s: float, pos_ned_m: Array) -> Array32:
         """(N, W) theta in (-pi, pi]."""

@@ -4,8 +4,7 @@ Capsules in plan press on each other by spring, damper and friction as in `conta
 other way round at the same place, so that momentum and its moment stay. A vessel that follows a script is infinitely
 heavy: it goes its way.
 
-Pairs are found now and then by sorting the vessels along the axis on which they lie farther apart; a step costs by the
-pairs that are near.
+Pairs are found now and then, by cells of the plan; a step costs by the pairs that are near.
 """
 
 from __future__ import annotations
@@ -138,25 +137,32 @@ def _capsules(hulls: Hulls, close: CloseHulls, motion: Kinematics, wider_m: floa
 
 def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
     """(P,), (P,) numbers of those of M discs at (M, 2) with radii (M,) that meet."""
-    axis = int(np.argmax(np.ptp(north_east_m, axis=0)))
-    sequence = np.argsort(north_east_m[:, axis], kind="stable")
-    places, reach = north_east_m[sequence], reach_m[sequence]
-    along = places[:, axis]
-    widest = 2.0 * float(reach.max())
-    found: list[tuple[Numbers, Numbers]] = []
-    for apart in range(1, len(along)):
-        low = np.flatnonzero(along[apart:] - along[:-apart] < widest)
-        if not len(low):
-            break
-        high = low + apart
-        between = places[high] - places[low]
-        met = np.vecdot(between, between) < (reach[high] + reach[low]) ** 2
-        if met.any():
-            found.append((sequence[low[met]], sequence[high[met]]))
-    if not found:
+    count = len(reach_m)
+    if count < 2:
         return _NO_NUMBERS, _NO_NUMBERS
-    one, other = (np.concatenate(column) for column in zip(*found, strict=True))
-    return one, other
+    # Cells as wide as two discs can be apart, numbered along rows: partners lie in a cell's own row or in the next.
+    cell = ((north_east_m - north_east_m.min(axis=0)) / (2.0 * float(reach_m.max()))).astype(np.intp)
+    per_row = int(cell[:, 1].max()) + 3
+    number = cell[:, 0] * per_row + cell[:, 1]
+    sequence = np.argsort(number, kind="stable")
+    number = number[sequence]
+    here = np.arange(count)
+    one, other = [], []
+    for low, high in (
+        (here + 1, np.searchsorted(number, number + 1, "right")),
+        (np.searchsorted(number, number + (per_row - 1)), np.searchsorted(number, number + (per_row + 1), "right")),
+    ):
+        partners = high - low
+        ends = np.cumsum(partners)
+        if ends[-1]:
+            one.append(np.repeat(here, partners))
+            other.append(np.arange(ends[-1]) + np.repeat(low - ends + partners, partners))
+    if not one:
+        return _NO_NUMBERS, _NO_NUMBERS
+    first, second = sequence[np.concatenate(one)], sequence[np.concatenate(other)]
+    between = north_east_m[first] - north_east_m[second]
+    met = np.flatnonzero(np.vecdot(between, between) < (reach_m[first] + reach_m[second]) ** 2)
+    return first[met], second[met]
 
 
 def compute_hull_contacts(hulls: Hulls, close: CloseHulls, motion: Kinematics, dt_s: float) -> Contacts:

@@ -74,6 +74,11 @@ class Afloat:
     wrench_frd: Array | None = None
     reachable: Reachable = OUT_OF_REACH
 
+    @property
+    def idle(self) -> bool:
+        """Whether nothing changes up to the next long step: nothing drifts, nothing is near, nothing presses."""
+        return not self.debris.bodies and self.wrench_frd is None and self.near.nothing and not len(self.reachable)
+
 
 STILL = Afloat(no_debris(), NOTHING_NEAR)
 
