@@ -31,7 +31,8 @@ VehicleArgument = Annotated[
     str,
     typer.Argument(
         metavar="VEHICLE",
-        help="tcp://host:port, serial:///dev/ttyACM0, or udp://host:port (waits there if it is this machine).",
+        help="tcp://host:port, serial:///dev/ttyACM0, or udp://host:port (waits there if it is this machine); "
+        "?system=3 behind it picks one of several.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]

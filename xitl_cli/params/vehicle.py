@@ -9,10 +9,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from agent.assembly import AUTOPILOT_COMPONENT_ID
 from agent.mavlink.commands import CommandClient, StatusTextReceiver
 from agent.mavlink.exchange import Exchange, Target, complete
 from agent.mavlink.ftp import FtpClient, FtpSilentError, FtpSteps
 from agent.mavlink.parameters import ParameterClient, same_value
+from agent.options import HIGHEST_SYSTEM_ID
 from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.signing import Signing
@@ -47,29 +49,34 @@ class SetResult:
 def connect(url: str, key: bytes | None = None, wait_s: float | None = None) -> Iterator[VehicleConnection]:
     """The vehicle at `url`, heard and ready to be asked. Raises UserError when none is there.
 
+    `?system=3` behind it says which where several are heard, such as at the port of a fleet.
+
     `serial:///dev/…` opens a line, `tcp://host:port` connects. `udp://host:port` waits for the vehicle where the host
     is this machine, as a ground station does, and goes to it elsewhere; `udpin://` and `udpout://` say which.
     """
-    plain, listen = _direction(url)
+    place, wanted = _system_of(url)
+    plain, listen = _direction(place)
     try:
         transport = open_transport(plain, listen)
     except TransportError as error:
         raise UserError(str(error)) from error
     with transport:
-        vehicle = VehicleConnection(transport, url, None if key is None else Signing(key))
+        vehicle = VehicleConnection(transport, url, None if key is None else Signing(key), wanted)
         vehicle.wait_for_heartbeat(CONNECT_S if wait_s is None else wait_s)
         yield vehicle
 
 
 class VehicleConnection:
-    """One vehicle, the first whose heartbeat is heard.
+    """One vehicle: the one whose heartbeat is heard, of several that with `system_id`.
 
     target: its system and component; kind: its MAV_TYPE; px4: whether it is a PX4, with whole numbers of its own.
 
     Everything waits for the answer, and raises UserError where the vehicle falls silent.
     """
 
-    def __init__(self, transport: Transport, url: str, signing: Signing | None) -> None:
+    def __init__(self, transport: Transport, url: str, signing: Signing | None, system_id: int | None = None) -> None:
+        self._wanted = system_id
+        self._heard: set[int] = set()
         self.kind = 0
         self.px4 = False
         self._link = Link(transport, SYSTEM_ID, COMPONENT_ID, signing=signing)
@@ -86,13 +93,27 @@ class VehicleConnection:
             if time.monotonic() > deadline_s:
                 raise self._nobody(timeout_s)
             for message in self._receive(0.1):
+                if message.get_srcComponent() == AUTOPILOT_COMPONENT_ID:
+                    self._heard.add(message.get_srcSystem())
                 if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and _is_vehicle(message):
-                    self._target = (message.get_srcSystem(), message.get_srcComponent())
-                    self.kind = int(message.type)
-                    self.px4 = message.autopilot == dialect.MAV_AUTOPILOT_PX4
-                    self._parameters = ParameterClient(self._target, self.px4, True, TRIES, ANSWER_S)
-                    self._commands = CommandClient(self._target, TRIES, ANSWER_S)
-                    break
+                    self._adopt(message)
+            if self._target is not None and self._wanted is None and len(self._heard) > 1:
+                raise UserError(f"{self._url}: systems {self._all_heard} are heard there; add ?system= and one of them")
+
+    def _adopt(self, heartbeat: Any) -> None:
+        """The first, or the first that is wanted."""
+        system_id = heartbeat.get_srcSystem()
+        if self._target is not None or self._wanted not in (None, system_id):
+            return
+        self._target = (system_id, heartbeat.get_srcComponent())
+        self.kind = int(heartbeat.type)
+        self.px4 = heartbeat.autopilot == dialect.MAV_AUTOPILOT_PX4
+        self._parameters = ParameterClient(self._target, self.px4, True, TRIES, ANSWER_S)
+        self._commands = CommandClient(self._target, TRIES, ANSWER_S)
+
+    @property
+    def _all_heard(self) -> str:
+        return ", ".join(map(str, sorted(self._heard)))
 
     @property
     def target(self) -> Target:
@@ -167,11 +188,7 @@ class VehicleConnection:
 
     def receive(self, timeout_s: float) -> list[Any]:
         """What it has sent, waiting for it at most `timeout_s`."""
-        return [
-            message
-            for message in self._receive(timeout_s)
-            if (message.get_srcSystem(), message.get_srcComponent()) == self._target
-        ]
+        return [message for message in self._receive(timeout_s) if self._is_ours(message)]
 
     def _complete(self, exchange: Exchange) -> None:
         complete(exchange, self.send, self.receive)
@@ -184,12 +201,17 @@ class VehicleConnection:
             self._link.send(dialect.MAVLink_heartbeat_message(kind, none, 0, 0, dialect.MAV_STATE_ACTIVE, 3))
         messages = self._link.receive(timeout_s)
         for message in messages:
-            if message.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT:
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._is_ours(message):
                 text = self._text.handle(message)
                 self._texts.extend([] if text is None else [text])
         return messages
 
+    def _is_ours(self, message: Any) -> bool:
+        return self._target is None or (message.get_srcSystem(), message.get_srcComponent()) == self._target
+
     def _nobody(self, waited_s: float) -> UserError:
+        if self._wanted is not None and self._heard:
+            return UserError(f"{self._url}: no system {self._wanted} was heard there, but {self._all_heard}; use that")
         if self._link.refused_signature:
             return UserError(f"{self._url}: what is heard there is not signed with this key; check --signing-key")
         return UserError(
@@ -213,6 +235,19 @@ class VehicleFiles:
             return operation.result
         except FtpSilentError as error:
             raise UserError(str(error)) from None
+
+
+def _system_of(url: str) -> tuple[str, int | None]:
+    """The URL without `system=`, and its value. Raises UserError for one that is no system."""
+    place, _, query = url.partition("?")
+    words = query.split("&") if query else []
+    given = [word.removeprefix("system=") for word in words if word.startswith("system=")]
+    if not given:
+        return url, None
+    if len(given) > 1 or not given[0].isdigit() or not 1 <= int(given[0]) <= HIGHEST_SYSTEM_ID:
+        raise UserError(f"{url}: that is no system of a vehicle; write it like ?system=3 (1 to {HIGHEST_SYSTEM_ID})")
+    rest = "&".join(word for word in words if not word.startswith("system="))
+    return f"{place}?{rest}" if rest else place, int(given[0])
 
 
 def _direction(url: str) -> tuple[str, bool]:

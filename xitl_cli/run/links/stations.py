@@ -25,9 +25,12 @@ _ENDS_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class VesselStations:
-    """urls: what the autopilot of a vessel is given. told: where a person meets it, alone and with the others."""
+    """urls: what the autopilot of a vessel is given. own: those where it is met alone. told: where a person looks
+    first.
+    """
 
     urls: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
     told: tuple[str, ...] = ()
 
 
@@ -69,8 +72,10 @@ class StationAddresses(RunNode):
             own = [self._opened(url, url in given) for url in urls if url not in shared]
             if profile.autopilot.kind != "px4":  # whose one link for stations the router calls
                 own += [self._opened(_stepped(url, number), False) for url in urls if url in shared and _is_tcp(url)]
-            to_router = () if self._router is None or not urls else (self._router.vessels_url,)
-            self._of[profile.vessel] = VesselStations((*to_router, *own), (*(fleet if urls else ()), *own))
+            if self._router is None or not urls:
+                self._of[profile.vessel] = VesselStations(tuple(own), tuple(own), tuple(own))
+            else:
+                self._of[profile.vessel] = VesselStations((self._router.vessels_url, *own), tuple(own), fleet)
         self._fleet = fleet
         self._system_ids = {
             profile.vessel: profile.autopilot.system_id
@@ -107,7 +112,7 @@ class StationAddresses(RunNode):
             for vessel, system_id in self._system_ids.items()
             if str(system_id) not in heard
         ]
-        vessels = {vessel: list(stations.told[len(self._fleet) :]) for vessel, stations in self._of.items()}
+        vessels = {vessel: list(stations.own) for vessel, stations in self._of.items()}
         found = {"fleet": list(self._fleet), "vessels": vessels, **counts}
         self._report = {"ground_stations": found, "warnings": unheard}
 

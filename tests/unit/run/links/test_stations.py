@@ -108,7 +108,7 @@ def fleet(
 
 def test_a_fleet_is_met_together_and_each_on_its_own(usual: int) -> None:
     made = StationAddresses(fleet("one", "two", "three"))
-    together = [made.of(name).told[:2] for name in ("one", "two", "three")]
+    together = [made.of(name).told for name in ("one", "two", "three")]
     assert together == [("udp://127.0.0.1:14550", f"tcp://127.0.0.1:{port(together[0][1])}")] * 3
     assert usual < port(together[0][1])
     routed = {made.of(name).urls[0] for name in ("one", "two", "three")}
@@ -117,9 +117,7 @@ def test_a_fleet_is_met_together_and_each_on_its_own(usual: int) -> None:
     alone = [port(made.of(name).urls[1]) for name in ("one", "two", "three")]
     assert len({*alone, port(together[0][1])}) == 4
     assert all(one >= usual + stations.STEP * number for number, one in enumerate(alone, start=1))
-    assert [url for name in ("one", "two", "three") for url in made.of(name).told[2:]] == [
-        f"tcp://127.0.0.1:{one}" for one in alone
-    ]
+    assert [made.of(name).own for name in ("one", "two", "three")] == [(f"tcp://127.0.0.1:{one}",) for one in alone]
     made.close()
     report = made.report()["ground_stations"]
     assert report["fleet"] == list(together[0])
