@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run package test test-fast lint format types dialect check-dialect pages bench seeds soak wheel lock clean
+.PHONY: run package test test-fast lint format types dialect check-dialect pages bench figures soak wheel lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -62,10 +62,9 @@ pages: $(VENV)/.dev  ## renew the generated parts of docs/ after an edit of a to
 bench: $(VENV)/.dev  ## measure; asserts nothing
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench
 
-PROFILE ?= sitl
-SEEDS ?= 501-520
-seeds: $(VENV)/.dev  ## a profile with twenty seeds: median, 95th percentile and worst of its figures
-	$(BIN)/python -m tests.bench.bench_seeds $(PROFILE) --seeds $(SEEDS)
+figures: $(VENV)/.dev  ## the three environments with twenty seeds each, and their table in README.md
+	$(BIN)/xitl campaign environments --out runs/figures --report || test $$? = 1
+	$(BIN)/python tools/write_figures.py runs/figures README.md
 
 soak: $(VENV)/.dev  ## ten minutes at 2000 messages a second: what was lost
 	$(BIN)/python -m tests.bench.soak

@@ -76,6 +76,13 @@ class Block:
         return named[1] if named else ""
 
     @property
+    def is_plan(self) -> bool:
+        """Whether it is the plan of a campaign, and not a profile."""
+        return (
+            self.kind == FILE and self.language == "yaml" and re.search(r"^base:", self.text, re.MULTILINE) is not None
+        )
+
+    @property
     def commands(self) -> list[Command]:
         """Its lines; of a console those after `$`."""
         lines = list(enumerate(self.text.splitlines(), self.line + 1))
@@ -133,9 +140,9 @@ def inline_commands(page: str) -> list[Command]:
 
 
 def profile_header_commands() -> list[Command]:
-    """Those at the top of the shipped profiles."""
+    """Those at the top of the shipped profiles and plans."""
     found = []
-    for file in sorted((ROOT / "profiles").rglob("*.yaml")):
+    for file in sorted([*(ROOT / "profiles").rglob("*.yaml"), *(ROOT / "campaigns").glob("*.yaml")]):
         for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
             if line.startswith("#   "):
                 found.append(Command(str(file.relative_to(ROOT)), number, line[4:]))

@@ -29,6 +29,8 @@ from tests.documentation import (
     profile_header_commands,
     suppose,
 )  # fmt: skip
+from xitl_cli.campaign.plan import find_plan, read_plan
+from xitl_cli.commands.campaign import CampaignGroup
 from xitl_cli.commands.init import init
 from xitl_cli.errors import UserError
 from xitl_cli.main import _app
@@ -75,6 +77,8 @@ def test_what_a_page_has_typed_exists(page: str, tmp_path: Path, monkeypatch: py
             if block.file.startswith("wrong"):
                 with pytest.raises(UserError):
                     load_profile(block.file)
+            elif block.is_plan:
+                read_plan(Path(block.file))
             elif block.language == "yaml":
                 load_profile(block.file)
             elif block.language == "ini":
@@ -126,6 +130,8 @@ def check_xitl(command: Command, words: list[str], whole: bool, profile: bool) -
     while words and hasattr(node, "commands"):
         if words[0].startswith("-"):
             break
+        if isinstance(node, CampaignGroup) and words[0] not in node.commands:
+            words = [node.default_command, *words]
         assert words[0] in node.commands, f"{command}: no command {words[0]}"
         context = type(node).context_class(node, info_name=node.name, parent=context)
         node, path, words = node.commands[words[0]], [*path, words[0]], words[1:]
@@ -142,6 +148,8 @@ def check_xitl(command: Command, words: list[str], whole: bool, profile: bool) -
         assert all(given.get(param.name) not in (None, ()) for param in required), f"{command}: lacks an operand"
     if path == ["init"] and whole:
         init(Path(given["path"]))
+    if path == ["campaign", "run"] and profile and not PLACEHOLDER.fullmatch(given["plan"]):
+        find_plan(given["plan"])
     if (argument := PROFILE_ARGUMENTS.get(" ".join(path))) is None or not profile:
         return
     names = given.get(argument)

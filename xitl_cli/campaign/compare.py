@@ -90,7 +90,8 @@ def compare_by(table: ResultTable, axis: str, confidence: float = 0.95) -> list[
         first.setdefault(_text(row.get(axis)), []).append(row)
     if len(first) < 2:
         raise UserError(f"--by {axis}: has one value in {table.folder}; a comparison takes two")
-    sides = [Side(f"{axis.rpartition('.')[2]} = {value}", tuple(rows)) for value, rows in first.items()]
+    short = axis.rpartition(".")[2]
+    sides = [Side(f"{short} = {value.rpartition('/')[2]}", tuple(rows)) for value, rows in first.items()]
     others = [key for key in table.axes if key != axis]
     found = [compare_sides(sides[0], side, others, table.figures, table.verdicts, confidence) for side in sides[1:]]
     return _adjusted(found)

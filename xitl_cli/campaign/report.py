@@ -553,10 +553,11 @@ def _groups(table: ResultTable) -> dict[str, list[Row]]:
 
 
 def _group_text(group: Mapping[str, Any]) -> str:
-    if len(group) == 1:
-        ((key, value),) = group.items()
-        return _text(value) if isinstance(value, str) else f"{key} = {_text(value)}"
-    return ", ".join(f"{key} = {_text(value)}" for key, value in group.items())
+    """`wind.mean_mps = 4`; of files and parts only what tells them apart."""
+    return ", ".join(
+        value.rpartition("/")[2] if isinstance(value, str) else f"{'.'.join(key.split('.')[-2:])} = {_text(value)}"
+        for key, value in group.items()
+    )
 
 
 def _numeric_axes(table: ResultTable) -> list[str]:

@@ -39,7 +39,13 @@ class ImaginaryWorkers:
         sets = [words[number + 1] for number, word in enumerate(words) if word == "--set"]
         values = {key: json.loads(text) for key, _, text in (one.partition("=") for one in sets)}
         told = dict(self._figures(values, int(words[words.index("--seed") + 1])))
-        row = {"number": task.number, "status": told.pop("status", COMPLETED), "exit_code": 0, "error": None}
+        row = {
+            "number": task.number,
+            "status": told.pop("status", COMPLETED),
+            "exit_code": 0,
+            "error": None,
+            "began": False,
+        }
         return task.number, {**row, "wall_s": 1.0, **dict.fromkeys(task.keep), **told, "summary": None}
 
 

@@ -1,0 +1,70 @@
+"""The figures of a campaign as a table in a page, between two marks. `make figures` does it for README.md.
+
+    python tools/write_figures.py runs/figures README.md
+
+The marks are lines of the page: `<!-- figures -->` and `<!-- end of figures -->`.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from xitl_cli.campaign.compare import counted_statuses
+from xitl_cli.campaign.results import ResultTable, Row
+from xitl_cli.campaign.statistics import spread
+
+BEGIN, END = "<!-- figures -->", "<!-- end of figures -->"
+COLUMNS = {
+    "cross-track RMS": ("mission.cross_track_rms_m", "m"),
+    "at most": ("mission.cross_track_max_m", "m"),
+    "estimate off, RMS": ("estimation.position_rms_m", "m"),
+    "in heading": ("estimation.heading_rms_deg", "°"),
+}
+"""Heading of a column, and what it tells: median, then 95th percentile."""
+
+
+def figures_table(table: ResultTable) -> str:
+    """A row for each value of the first axis, in Markdown."""
+    (axis, *_) = table.axes
+    groups: dict[str, list[Row]] = {}
+    for row in table.rows:
+        groups.setdefault(str(row[axis]).rpartition("/")[2], []).append(row)
+    head = ["", "completed", *COLUMNS]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    statuses = counted_statuses(table.verdicts)
+    for name, rows in groups.items():
+        completed = sum(row["status"] == "completed" for row in rows)
+        cells = [name, f"{completed} of {len(rows)}"]
+        for figure, unit in COLUMNS.values():
+            values = [row[figure] for row in rows if row["status"] in statuses and row.get(figure) is not None]
+            told = spread(np.array(values, dtype=np.float64)) if values else None
+            between = "" if unit == "°" else " "
+            cells.append("–" if told is None else f"{told.median:.2f}{between}{unit}, {told.p95:.2f}{between}{unit}")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def with_table(page: str, table: str) -> str:
+    """The page with this table between its marks. Raises ValueError where it has none."""
+    pattern = re.compile(rf"({re.escape(BEGIN)}\n).*?(\n{re.escape(END)})", re.DOTALL)
+    if not pattern.search(page):
+        raise ValueError(f"has no place for figures; put the lines {BEGIN} and {END} where they belong")
+    return pattern.sub(lambda found: f"{found[1]}\n{table}\n{found[2]}", page)
+
+
+def main() -> None:
+    folder, page = map(Path, sys.argv[1:])
+    try:
+        text = with_table(page.read_text(encoding="utf-8"), figures_table(ResultTable.read(folder)))
+    except ValueError as error:
+        sys.exit(f"{page}: {error}")
+    page.write_text(text, encoding="utf-8")
+    print(f"{page}: the figures of {folder}")
+
+
+if __name__ == "__main__":
+    main()
