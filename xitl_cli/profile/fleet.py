@@ -5,6 +5,7 @@ shared groups ── laid under ──> entry ── read, checked ──> Profi
 
 from __future__ import annotations
 
+import difflib
 import itertools
 import math
 import re
@@ -12,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
 from sim_core.world.spec import LAST_MMSI, AisSpec
+from xitl_cli.profile.checks.places import Places, hull_outline
 from xitl_cli.profile.files.compose import OWN_KEYS, at_speed_of_vessel, laid_on
 from xitl_cli.profile.files.entry import Entry, Problem, ProfileError, dotted, merge
 from xitl_cli.profile.reader import Reader
@@ -27,6 +29,7 @@ from xitl_cli.profile.schema.formation import (
     spread_offsets,
 )
 from xitl_cli.profile.schema.profile import ClockSpec
+from xitl_cli.profile.schema.world import WorldSpec
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _SEVERAL = tuple(field.name for field in fields(SeveralSpec))
@@ -131,6 +134,10 @@ def _foreign_keys(own: Entry, path: str) -> Iterator[Problem]:
         if key in of_all:
             what = "is the same for all vessels; write it beside `vessels`, not inside"
             yield Problem(value.origin, f"{path}.{key} {what}")
+        elif key not in _OF_A_VESSEL:
+            close = difflib.get_close_matches(key, _OF_A_VESSEL, n=1)
+            fix = f"did you mean {close[0]!r}?" if close else f"known keys: extends, {', '.join(_OF_A_VESSEL)}"
+            yield Problem(value.origin, f"{path}.{dotted((key,))} is not a known key; {fix}")
         elif scripted and key in SAILED:
             hint = "; its AIS is traffic.ais" if key == "ais" else ""
             what = (
@@ -174,7 +181,7 @@ def unfold(entries: list[FleetEntry], name: str) -> dict[str, Profile]:
     by_name = {vessel: one for one in entries for vessel in one.names}
     _refuse(_followed(entries, by_name), name)
     placed: dict[str, Profile] = {}
-    for one in entries:
+    for one in sorted(entries, key=lambda one: one.several.spread is not None):  # drawn places avoid the others
         _place(one, by_name, placed, name)
     ordered = {vessel: placed[vessel] for vessel in by_name}
     return _numbered(entries, ordered, name)
@@ -258,11 +265,13 @@ def _place(one: FleetEntry, by_name: Mapping[str, FleetEntry], placed: dict[str,
         placed[one.name] = profile
         return
     heading_deg, how = _heading_deg(profile), one.several.formation or one.several.spread
-    for vessel, offset in zip(one.names, _offsets(one, profile, heading_deg, name), strict=True):
+    for vessel, offset in zip(one.names, _offsets(one, profile, heading_deg, placed, name), strict=True):
         placed[vessel] = _shifted(profile, offset, heading_deg, how is not None and how.waypoints == "shifted")
 
 
-def _offsets(one: FleetEntry, profile: Profile, heading_deg: float, name: str) -> list[Offset]:
+def _offsets(
+    one: FleetEntry, profile: Profile, heading_deg: float, placed: Mapping[str, Profile], name: str
+) -> list[Offset]:
     """Of each vessel from the entry's place, north and east. Raises ProfileError where there is no room."""
     count, formation, spread = one.several.count or 1, one.several.formation, one.several.spread
     if formation is not None:
@@ -271,11 +280,21 @@ def _offsets(one: FleetEntry, profile: Profile, heading_deg: float, name: str) -
     if spread is None:
         return [(0.0, 0.0)]
     seed = (profile.clock or ClockSpec()).seed
-    offsets = spread_offsets(count, spread.radius_m, spread.apart_m, f"{seed}/{one.name}/spread")
+    places = Places(profile.world or WorldSpec())
+    for vessel, other in placed.items():
+        if (hull := hull_outline(other)) is not None:
+            places.add(vessel, hull)
+    middle = hull_outline(profile)
+
+    def free(offset_m: Offset) -> bool:
+        return middle is None or places.why_taken(tuple(_moved(corner, offset_m) for corner in middle)) is None
+
+    offsets = spread_offsets(count, spread.radius_m, spread.apart_m, f"{seed}/{one.name}/spread", free)
     if offsets is not None:
         return offsets
     what = f"no room for {count} vessels {spread.apart_m:g} m apart within {spread.radius_m:g} m"
-    fix = f"use radius_m: {math.ceil(spread.apart_m * math.sqrt(count))}, or fewer vessels"
+    roomy_m = max(math.ceil(spread.apart_m * math.sqrt(count)), math.ceil(1.5 * spread.radius_m))
+    fix = f"use radius_m: {roomy_m}, fewer vessels or another start"
     origin = one.written.nearest(("spread",))[0].origin
     raise ProfileError([Problem(origin, f"{one.key}.spread has {what}; {fix}")], name)
 
@@ -290,6 +309,10 @@ def _heading_deg(profile: Profile) -> float:
     return math.degrees(math.atan2(to_east_m - east_m, to_north_m - north_m))
 
 
+def _moved(place: Offset, by: Offset) -> Offset:
+    return place[0] + by[0], place[1] + by[1]
+
+
 def _to_mm(coordinate_m: float) -> float:
     """As it is written down; not -0."""
     return round(coordinate_m, 3) + 0.0
@@ -299,7 +322,8 @@ def _shifted(profile: Profile, offset_ne_m: Offset, heading_deg: float, with_way
     """The vessel that lies at an offset from the entry's; waypoints, or its place beside the leader, go with it."""
 
     def moved(place: Offset) -> Offset:
-        return _to_mm(place[0] + offset_ne_m[0]), _to_mm(place[1] + offset_ne_m[1])
+        north_m, east_m = _moved(place, offset_ne_m)
+        return _to_mm(north_m), _to_mm(east_m)
 
     if profile.traffic is not None:
         track = tuple(map(moved, profile.traffic.track_ned_m))

@@ -237,7 +237,7 @@ FOLLOW = "driver: {kind: follow, follow: {vessel: %s}}"
         ),
         (
             "  boat: {count: 30, spread: {radius_m: 20, apart_m: 10}}",
-            "4: vessels.boat.spread has no room for 30 vessels 10 m apart within 20 m; use radius_m: 55, or fewer",
+            "4: vessels.boat.spread has no room for 30 vessels 10 m apart within 20 m; use radius_m: 55, fewer",
         ),
         (
             "  boat: {count: 2, formation: {shape: column, spacing_m: 1}}",
@@ -290,3 +290,137 @@ FOLLOW = "driver: {kind: follow, follow: {vessel: %s}}"
 def test_what_is_refused(fleet, vessels, problem):
     found = problems(fleet, vessels)
     assert problem in found[0]
+
+
+STANDING = """
+world:
+  log_boom: {anchors_ne_m: [[0, 0], [0, 40]], float_length_m: 6, float_radius_m: 0.5}
+  dam: {centre_ned_m: [100, 0, 0], size_m: [40, 10, 20], heading_deg: 90}
+  buildings: [{centre_ne_m: [-80, 60], size_m: [10, 10, 5]}]
+  river: {through_ne_m: [0, 0], direction_deg: 0, width_m: 200, depth_m: 5, along_m: [-150, 150]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("start", "problem"),
+    [
+        ("north_m: 0, east_m: 20, heading_deg: 90", "its start [0, 20] is in the log boom; put it elsewhere"),
+        ("north_m: 1.5, east_m: 20", "is in the log boom"),  # with its bow: the hull is 2.3 m long
+        ("north_m: 1.5, east_m: 20, heading_deg: 90", None),  # it is 1.6 m wide, and floats reach to 0.5 m
+        ("north_m: 96, east_m: 15", "its start [96, 15] is in the dam"),
+        ("north_m: 90, east_m: 15", None),
+        ("north_m: -76, east_m: 63", "is in a building"),
+        ("north_m: 50, east_m: 99.5", "is aground: the river is 200 m wide there; put it elsewhere"),
+        ("north_m: 50, east_m: 98", None),
+        ("north_m: 500, east_m: 99.5", None),  # no banks are drawn there
+    ],
+)
+def test_a_start_is_refused_where_something_stands(fleet, start, problem):
+    text = f"{WATER}{STANDING}vessels:\n  one: {{mission: {{start: {{{start}}}}}}}\n"
+    text = text.replace("log_boom: {", "log_boom: {points_ned_m: null, ")
+    if problem is None:
+        assert fleet(text).vessels
+        return
+    with pytest.raises(ProfileError) as caught:
+        fleet(text)
+    (found,) = caught.value.problems
+    assert problem in found.sentence
+    assert found.origin.line == 1 + text.count("\n", 0, text.index("one:"))
+
+
+def test_a_drawn_place_is_free_of_what_stands_and_lies_there(fleet):
+    text = f"""{WATER}{STANDING}vessels:
+  barge: {{traffic: {{track_ned_m: [[-40, 30]], length_m: 30, beam_m: 10}}}}
+  boat: {{count: 60, spread: {{radius_m: 120, apart_m: 5}}, mission: {{start: {{north_m: 0, east_m: 0}}}}}}
+""".replace("log_boom: {", "log_boom: {points_ned_m: null, ")
+    for seed in range(1, 6):
+        assert len(fleet(text, f"clock.seed={seed}").sailed) == 60  # or a start would have been refused
+
+
+BARGE = "traffic: {track_ned_m: [[0, -120], [300, -120]], speed_mps: 2, length_m: 60, beam_m: 12"
+
+
+@pytest.mark.parametrize(
+    ("vessels", "problem"),
+    [
+        (
+            f"  one: {{}}\n  barge: {{{BARGE}}}, vehicle: {{mass_kg: 9}}}}",
+            "5: vessels.barge.vehicle does not go",
+        ),
+        (f"  barge: {{{BARGE}}}}}", "3: vessels has scripted ones alone; add one with an autopilot, such as `own: {}`"),
+        (f"  one: {{}}\n  barge: {{{BARGE}}}, ais: {{}}}}", "leave out one of them; its AIS is traffic.ais"),
+        (
+            f"  one: {{{FOLLOW % 'barge'}}}\n  barge: {{{BARGE}}}}}",
+            "4: vessels.one.driver.follow.vessel = barge is",
+        ),
+        ("  barge: {traffic: {track_ned_m: [[0, 0], [9, 0]], length_m: 6, beam_m: 2}}", "needs 'speed_mps'"),
+        (
+            "  barge: {traffic: {track_ned_m: [[0, 0], [0, 0]], speed_mps: 1, length_m: 6, beam_m: 2}}",
+            "is where the one",
+        ),
+        ("  barge: {traffic: {track_ned_m: [[0, 0]], speed_mps: 1, length_m: 6, beam_m: 2}}", "moves along a track"),
+        (
+            "  one: {ais: {callsign: TOOLONGX}}",
+            "vessels.one.ais.callsign = 'TOOLONGX' is too long for AIS",
+        ),
+        ("  one: {sensors: {imu: {rate_hz: 333}}}", "4: vessels.one: sensors.imu.rate_hz = 333 does not divide"),
+        (
+            "  one: {sensors: {imu: {rat_hz: 3}}}",
+            "4: vessels.one.sensors.imu.rat_hz is not a known key",
+        ),
+        ("  one: {formaton: {shape: grid}}", "vessels.one.formaton is not a known key; did you mean 'formation'?"),
+        ("  one: {autopilot: {kind: none}}", "technique = sitl runs an autopilot on this machine; use technique: mitl"),
+    ],
+)
+def test_what_is_refused_of_scripted_vessels_and_inside_others(fleet, vessels, problem):
+    found = problems(fleet, vessels)
+    assert problem in found[0]
+
+
+def test_what_is_wrong_with_what_they_share_is_said_once(fleet):
+    two = "  one: {}\n  two: {mission: {start: {east_m: -90}}}"
+    found = problems(fleet, two, "sensors.imu.rate_hz=333", "clock.sed=1")
+    assert found == ["--set clock.sed: clock.sed is not a known key; did you mean 'seed'?"]
+    found = problems(fleet, two, "sensors.imu.rate_hz=333")
+    assert len(found) == 1
+    assert found[0].startswith("--set sensors.imu.rate_hz: sensors.imu.rate_hz = 333 does not divide")
+
+
+def test_two_vessels_are_not_on_one_board(fleet):
+    board = "autopilot: {runs: board, link: 'udp://192.168.7.2:14660'}"
+    vessels = f"  one: {{{board}}}\n  two: {{{board}, mission: {{start: {{east_m: -90}}}}}}"
+    found = problems(fleet, vessels, "technique=hitl", "clock.mode=realtime")
+    assert "vessels.two.autopilot.link = 'udp://192.168.7.2:14660' is a board of vessels.one" in found[0]
+
+
+@pytest.mark.parametrize(("technique", "fits"), [("hitl", True), ("sitl", True), ("mitl", False)])
+def test_the_technique_is_that_of_the_fleet(fleet, technique, fits):
+    text = (
+        WATER
+        + f"technique: {technique}\n"
+        + """vessels:
+  one: {autopilot: {kind: none}, driver: {kind: mission}}
+  two: {autopilot: {runs: process, link: 'udp://127.0.0.1:0'}, mission: {start: {east_m: -60}}}
+"""
+    )
+    if fits:
+        assert fleet(text).technique == technique
+    else:
+        with pytest.raises(ProfileError, match="technique = mitl has no autopilot"):
+            fleet(text)
+
+
+def test_traffic_and_followers_are_of_several_vessels(fleet):
+    with pytest.raises(ProfileError, match=r"traffic is one of several vessels; write it as vessels: \{barge: "):
+        fleet(WATER + f"{BARGE}}}\n")
+    with pytest.raises(ProfileError, match="goes after another of `vessels`, and there are none; add vessels"):
+        fleet(WATER + "driver: {kind: follow, follow: {vessel: leader}}\n")
+
+
+def test_scripted_vessels_can_be_many(fleet):
+    profile = fleet(
+        WATER + f"vessels: {{own: {{}}, barge: {{count: 2, formation: {{shape: column, spacing_m: 80}}, {BARGE}}}}}}}\n"
+    )
+    first, second = (profile.vessels[name].traffic.track_ned_m for name in ("barge_1", "barge_2"))
+    assert first == ((0, -120), (300, -120))
+    assert second == ((-80, -120), (220, -120))

@@ -31,7 +31,7 @@ class FormationSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpreadSpec(Specification):
-    """Places drawn from `clock.seed`, evenly over a circle about `mission.start`."""
+    """Places drawn from `clock.seed`, evenly over what is free of a circle about `mission.start`."""
 
     radius_m: Positive
     apart_m: Annotated[Positive, "least distance from each to the others"] = 10.0

@@ -1,0 +1,114 @@
+"""Places at the start, as far as a profile tells: hulls and what stands in the river as boxes, and its waterlines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+from sim_core.world.spec import LogBoomSpec, RiverSpec
+from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.formation import Offset, in_forward_starboard, in_north_east
+from xitl_cli.profile.schema.world import WorldSpec
+
+Outline = tuple[Offset, ...]
+"""Corners of a convex shape, north and east."""
+
+
+class Places:
+    """What is taken: by the boom, the dam, buildings and banks, and by the hulls that were added."""
+
+    def __init__(self, world: WorldSpec) -> None:
+        self._standing = list(_standing(world))
+        self._river = world.river
+        self._hulls: dict[str, Outline] = {}
+
+    def add(self, name: str, hull: Outline) -> None:
+        """A hull that lies there."""
+        self._hulls[name] = hull
+
+    def why_taken(self, hull: Outline) -> str | None:
+        """What is wrong with a place and what to do, to follow what it is; None for a free one."""
+        for name, other in self._hulls.items():
+            if overlap(hull, other):
+                return f"is where {name} lies; put them further apart"
+        for name, other in self._standing:
+            if overlap(hull, other):
+                return f"is in {name}; put it elsewhere"
+        if self._river is not None and aground(hull, self._river):
+            return f"is aground: the river is {self._river.width_m:g} m wide there; put it elsewhere"
+        return None
+
+
+def hull_outline(vessel: Profile) -> Outline | None:
+    """The rectangle around a vessel at its start; None where the profile says too little."""
+    if vessel.traffic is not None:
+        traffic = vessel.traffic
+        track, heading_deg = traffic.track_ned_m, traffic.heading_deg or 0.0
+        if len(track) > 1:
+            heading_deg = math.degrees(math.atan2(track[1][1] - track[0][1], track[1][0] - track[0][0]))
+        return box(track[0], heading_deg, traffic.length_m, traffic.beam_m)
+    if vessel.vehicle is None or vessel.mission is None:
+        return None
+    start = vessel.mission.start
+    return box((start.north_m, start.east_m), start.heading_deg, vessel.vehicle.length_m, vessel.vehicle.width_m)
+
+
+def box(middle_ne_m: Offset, heading_deg: float, length_m: float, width_m: float) -> Outline:
+    """A rectangle along a heading."""
+    ends = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    turned = (in_north_east((along * length_m / 2, across * width_m / 2), heading_deg) for along, across in ends)
+    return tuple((middle_ne_m[0] + north_m, middle_ne_m[1] + east_m) for north_m, east_m in turned)
+
+
+def overlap(one: Outline, other: Outline) -> bool:
+    """Whether two convex shapes have a point in common: no edge of either separates them."""
+    for shape in (one, other):
+        for number, corner in enumerate(shape):
+            following = shape[(number + 1) % len(shape)]
+            normal = following[1] - corner[1], corner[0] - following[0]
+            sides = [[point[0] * normal[0] + point[1] * normal[1] for point in points] for points in (one, other)]
+            if max(sides[0]) < min(sides[1]) or max(sides[1]) < min(sides[0]):
+                return False
+    return True
+
+
+def aground(hull: Outline, river: RiverSpec) -> bool:
+    """Whether a hull reaches beyond the waterlines of a river, where that has banks."""
+    along = [
+        in_forward_starboard((north_m - river.through_ne_m[0], east_m - river.through_ne_m[1]), river.direction_deg)
+        for north_m, east_m in hull
+    ]
+    there = (
+        river.along_m[0] <= min(place for place, _ in along) and max(place for place, _ in along) <= river.along_m[1]
+    )
+    return there and max(abs(across) for _, across in along) > river.width_m / 2
+
+
+def _standing(world: WorldSpec) -> Iterator[tuple[str, Outline]]:
+    """What stands in the water and is a box, or a row of them."""
+    if world.log_boom is not None:
+        for piece in _boom(world.log_boom):
+            yield "the log boom", piece
+    if world.dam is not None:
+        dam = world.dam
+        yield "the dam", box(dam.centre_ned_m[:2], dam.heading_deg, dam.size_m[0], dam.size_m[1])
+    for building in world.buildings:
+        yield "a building", box(building.centre_ne_m, building.heading_deg, building.size_m[0], building.size_m[1])
+
+
+def _boom(boom: LogBoomSpec) -> Iterator[Outline]:
+    """Each stretch between two points; one that sags as the straight line between its anchors, without the sag."""
+    points = boom.points_ned_m if boom.points_ned_m is not None else boom.anchors_ne_m or ()
+    if boom.anchors_ne_m is not None and boom.sag_m:
+        for (
+            north_m,
+            east_m,
+            *_,
+        ) in points:  # in between it lies where the current has taken it: only its piles are known
+            yield box((north_m, east_m), 0.0, 2 * boom.pile_radius_m, 2 * boom.pile_radius_m)
+        return
+    for one, other in pairwise(points):
+        middle = (one[0] + other[0]) / 2, (one[1] + other[1]) / 2
+        heading_deg = math.degrees(math.atan2(other[1] - one[1], other[0] - one[0]))
+        yield box(middle, heading_deg, math.dist(one[:2], other[:2]), 2 * boom.float_radius_m)
