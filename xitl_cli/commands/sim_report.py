@@ -64,7 +64,11 @@ def show_fleet(
     for name, part in vessels.items() if verbose else ():
         console.print()
         say(console, name, "bold")
-        _show_all(console, part)
+        _show_all(console, {**part, "pace": None})
+    if verbose:
+        console.print()
+        nothing = {key: [] for key in ("nodes", "links", "faults")}
+        _show_all(console, {**summary, **nothing, "autopilot": None, "actuators": None})
 
 
 def worst_vessels(vessels: Mapping[str, dict[str, Any]], count: int) -> list[str]:

@@ -189,7 +189,7 @@ def _fleet_verdict(profile: RunProfile, outcome: RunOutcome, verdicts: Mapping[s
     awaited = [name for name, vessel in zip(verdicts, outcome.vessels, strict=True) if vessel.awaited]
     done = [name for name in awaited if verdicts[name].completed]
     left = [f"{name}: {verdicts[name].why}" for name in awaited if name not in done]
-    why = f"{len(done)} of {len(awaited)} vessels did what they were there for" if awaited else "nothing was to be done"
+    why = f"{len(done)} of {len(awaited)} vessels did their part" if awaited else "nothing was to be done"
     if outcome.ending is not Ending.FINISHED:
         why = f"{outcome.error if outcome.error else outcome.ending.value}; {why}"
     told = left if outcome.ending is Ending.FINISHED else []
