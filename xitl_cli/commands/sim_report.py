@@ -67,7 +67,7 @@ def show_fleet(
         _show_all(console, {**part, "pace": None})
     if verbose:
         console.print()
-        nothing = {key: [] for key in ("nodes", "links", "faults")}
+        nothing: dict[str, Any] = {key: [] for key in ("nodes", "links", "faults")}
         _show_all(console, {**summary, **nothing, "autopilot": None, "actuators": None})
 
 
