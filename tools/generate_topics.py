@@ -15,10 +15,11 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "recording.md"
 
 def topic_table() -> Iterator[str]:
     """Lines of the table of topics."""
-    yield "| topic | schema | rate | what |"
-    yield "|---|---|---|---|"
+    yield "| topic | schema | rate | in a fleet | what |"
+    yield "|---|---|---|---|---|"
     for topic in TOPICS.values():
-        yield f"| `{topic.name}` | `{topic.schema}` | {topic.rate} | {topic.meaning} |"
+        fleet = "one a vessel" if topic.per_vessel else "one"
+        yield f"| `{topic.name}` | `{topic.schema}` | {topic.rate} | {fleet} | {topic.meaning} |"
 
 
 def field_table() -> Iterator[str]:
