@@ -201,31 +201,34 @@ def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Genera
     return FleetState(state.time_ns + lead.dt_ns, tuple(batches), environment, close)
 
 
-def state_of(fleet: Fleet, state: FleetState, number: int) -> SimulationState:
-    """The world as one vessel meets it: arrays of one row, and what it touched itself."""
+def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | None = None) -> SimulationState:
+    """The world as one vessel meets it: arrays of one row, and what it touched itself. motion: its own, if at hand."""
     batch, row = fleet.rows[number]
     together, rows = state.batches[batch], slice(row, row + 1)
     if len(fleet.members[batch]) == 1:
         return together
     vessel, afloat = together.vessel, together.afloat
     half_change = vessel.half_change
-    contacts, wrench = afloat.contacts, None
+    contacts = afloat.contacts
     if len(contacts):
         own = np.flatnonzero(contacts.vessel == row)
         contacts = contacts.rows(own, np.zeros(len(own), np.intp)) if len(own) else NO_CONTACTS
         wrench = None if afloat.wrench_frd is None else afloat.wrench_frd[rows]
+        afloat = replace(afloat, contacts=contacts, wrench_frd=wrench)
     surface = together.surface
     return SimulationState(
         together.time_ns,
         VesselState(
-            _row(vessel.motion, rows), vessel.rotor_speed[rows], None if half_change is None else half_change[rows]
+            _row(vessel.motion, rows) if motion is None else motion,
+            vessel.rotor_speed[rows],
+            None if half_change is None else half_change[rows],
         ),
         together.environment,
         _own(together.current_ned_mps, rows),
         _own(together.wind_ned_mps, rows),
         together.drift_frd_n[rows],
         HullSurface(surface.point_elevation_m[rows], surface.over_hull[rows]),
-        replace(afloat, contacts=contacts, wrench_frd=wrench),
+        afloat,
     )
 
 

@@ -81,6 +81,8 @@ class PlantView:
         self.held_steps = 0
         self.hulls = self._hulls_within if isinstance(simulation, Fleet) else None
         self._plant = plant
+        self._moved_to: FleetState | None = None
+        self._motion: Kinematics | None = None
 
     @property
     def held_s(self) -> float:
@@ -94,7 +96,7 @@ class PlantView:
         if isinstance(state, SimulationState):
             return state
         assert isinstance(simulation, Fleet)
-        return fleets.state_of(simulation, state, self.number)
+        return fleets.state_of(simulation, state, self.number, self.motion())
 
     def motion(self) -> Kinematics:
         """Of the latest state."""
@@ -102,7 +104,9 @@ class PlantView:
         if isinstance(state, SimulationState):
             return kinematics(self.simulation, state)
         assert isinstance(simulation, Fleet)
-        return fleets.kinematics_of(simulation, state, self.number)
+        if self._motion is None or state is not self._moved_to:
+            self._moved_to, self._motion = state, fleets.kinematics_of(simulation, state, self.number)
+        return self._motion
 
     def bodies(self) -> Bodies:
         """What rays meet now beside what stands still: what drifts, and the hulls of all others."""
