@@ -15,7 +15,15 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from tests.bench import bench_ardupilot, bench_lidar, bench_logs, bench_logs_mcap, bench_logs_tlog, bench_rays
+from tests.bench import (
+    bench_ardupilot,
+    bench_fleet,
+    bench_lidar,
+    bench_logs,
+    bench_logs_mcap,
+    bench_logs_tlog,
+    bench_rays,
+)
 from tests.bench.bench_ground import attitude_gap_ms, parameter_list_s
 from tests.bench.bench_link import agent_cpu_percent, lost_messages, round_trip_ratios
 from tests.bench.bench_vessel_step import median_step_us
@@ -138,6 +146,8 @@ PERCEPTION: list[tuple[str, str, str, Callable[[], list[float]]]] = [
 
 FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("sitl with waves, gusts, sensors and recording", ">= 10, aim 20", "x real time", real_time_factors),
+    ("fleet of 8 of them in lockstep", ">= 3", "x real time", lambda: bench_fleet.factors(8)),
+    ("fleet of 32", ">= 1", "x real time", lambda: bench_fleet.factors(32)),
     ("the same with the agent in its own process", "", "x real time", loopback_lockstep_factors),
     ("one vessel step with environment, N = 1", "< 150, aim 73", "us", one_vessel_us),
     ("a vessel of 1024 is cheaper by", ">= 50", "x", batch_ratios),
