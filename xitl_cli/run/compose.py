@@ -106,7 +106,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         made(perception)
     findings = None
     if autopilot is not None and companion is not None:
-        findings = findings_from_profile(profile, setup.scenery)
+        findings = findings_from_profile(profile, setup.scenery, setup.plant.bodies if profile.vessel else None)
         companion.heard.subscribe(findings.handle)
         autopilot.heard.subscribe(findings.handle_autopilot)
     mission = MissionNode(profile.mission.waypoints_ned_m, control)

@@ -18,6 +18,7 @@ from agent.wire import dialect
 from sim_core import frames
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
+from sim_core.world.rays import Bodies
 from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.mapping.accuracy import perception_sections
@@ -233,10 +234,14 @@ class FindingsNode(RunNode):
         self._recorder.perception.companion(self._step_ns(), message)
 
 
-def findings_from_profile(profile: RunProfile, scenery: Scenery) -> FindingsNode:
-    """For the companion of a profile that has one, with the truth of the world that it looks at."""
+def findings_from_profile(
+    profile: RunProfile, scenery: Scenery, others: Callable[[], Bodies] | None = None
+) -> FindingsNode:
+    """For the companion of a profile that has one, with the truth of the world that it looks at. others: as of
+    ObstacleScore.
+    """
     sensors, vessel = profile.sensors, profile.vehicle
     looks = sensors is not None and sensors.lidar is not None
     standing = scenery.caster() if looks else None
-    score = ObstacleScore((vessel.length_m, vessel.width_m), standing, scenery.water_down_m)
+    score = ObstacleScore((vessel.length_m, vessel.width_m), standing, scenery.water_down_m, others)
     return FindingsNode(local_frame(profile.site), score, profile.clock.physics_rate_hz, scenery.boom)

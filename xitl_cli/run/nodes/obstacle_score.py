@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy import float64
 from numpy.typing import NDArray
 
 from sim_core.world.debris import DebrisState
-from sim_core.world.rays import RayCaster
+from sim_core.world.rays import Bodies, RayCaster
 
 Array = NDArray[float64]
 
@@ -26,16 +27,23 @@ class ObstacleScore:
     """`see` the truth some ten times a second, `hear` every XITL_OBSTACLE; `report` at the end.
 
     hull_m: length and width of the vessel. standing: rays at all that does not move, None where there is no such thing.
-    water_down_m: the level of the water. Tracks are in the autopilot's local NED, whose origin is origin_ne_m.
+    water_down_m: the level of the water. others: what rays meet, debris first and then the hulls of others, a track of
+    which is not a false one; None where there is nobody else. Tracks are in the autopilot's local NED, whose origin is
+    origin_ne_m.
     """
 
     def __init__(
-        self, hull_m: tuple[float, float], standing: RayCaster | None = None, water_down_m: float = 0.0
+        self,
+        hull_m: tuple[float, float],
+        standing: RayCaster | None = None,
+        water_down_m: float = 0.0,
+        others: Callable[[], Bodies] | None = None,
     ) -> None:
         self.origin_ne_m: tuple[float, float] = (0.0, 0.0)
         self._half_m = (0.5 * hull_m[0], 0.5 * hull_m[1])
         self._standing = standing
         self._water_down_m = water_down_m
+        self._others = others
         self._debris: DebrisState | None = None
         self._place_ne_m, self._yaw_rad = np.zeros(2), 0.0
         self._detected_at_m: dict[int, float] = {}
@@ -66,7 +74,7 @@ class ObstacleScore:
                 from_bow = self._gaps_m(np.array((self._half_m[0], 0.0)), (0.0, 0.0))
                 self._detected_at_m.update({body: float(from_bow[body]) for body in new})
             known = known or bool(near)
-        self._of_something[number] = known or self._stands_near(place)
+        self._of_something[number] = known or self._vessel_near(place) or self._stands_near(place)
 
     def _gaps_m(self, middle_fr_m: Array, half_m: tuple[float, float]) -> Array:
         """(B,) from a box of the vessel, half_m long and wide about middle_fr_m, to the edges of the bodies in plan."""
@@ -84,6 +92,15 @@ class ObstacleScore:
         gap = np.hypot(np.maximum(forward, 0.0), np.maximum(right, 0.0)).min(axis=1)
         gaps: Array = np.maximum(gap - figures.radius_m, 0.0)
         return gaps
+
+    def _vessel_near(self, place_ne_m: Array) -> bool:
+        """Whether another vessel is about a place."""
+        if self._others is None:
+            return False
+        bodies, adrift = self._others(), 0 if self._debris is None else len(self._debris.bodies)
+        off = np.hypot(*(bodies.pos_ned_m[adrift:, :2] - place_ne_m).T)
+        reach = [NEAR_M + np.hypot(*mesh.vertices_m[:, :2].T).max() for mesh in bodies.meshes[adrift:]]
+        return bool((off < reach).any())
 
     def _stands_near(self, place_ne_m: Array) -> bool:
         """Whether something stands out of the water about a place: rays from high above say so."""

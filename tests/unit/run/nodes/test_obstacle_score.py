@@ -9,8 +9,9 @@ import pytest
 
 from agent.wire import dialect as mav
 from sim_core.world.debris import BodyKind, DebrisState, Launch, launched, no_debris
-from sim_core.world.geometry import CONCRETE, box, moved
+from sim_core.world.geometry import CONCRETE, Mesh, box, moved
 from sim_core.world.primitive_rays import PrimitiveCaster
+from sim_core.world.rays import Bodies
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
 
 HULL_M = (2.3, 1.6)
@@ -81,3 +82,15 @@ def test_a_run_without_bodies_has_no_clearance() -> None:
         "false": 0,
         "min_clearance_m": None,
     }
+
+
+def test_another_vessel_is_no_false_obstacle() -> None:
+    hull = Mesh(
+        np.array([[2.0, 0.0, 0.0], [-2.0, 0.5, 0.0], [-2.0, -0.5, 0.0]]), np.array([[0, 1, 2]], np.int32), CONCRETE
+    )
+    other = Bodies((hull,), np.array([[30.0, 0.0, 0.0]]), np.zeros((1, 3)), np.eye(3)[None])
+    score = ObstacleScore(HULL_M, others=lambda: other)
+    score.hear(news(32.0, 1.0))
+    assert score.report()["false"] == 0
+    score.hear(news(50.0, 1.0, number=2))
+    assert (score.report()["tracks"], score.report()["false"]) == (2, 1)
