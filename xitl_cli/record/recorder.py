@@ -156,6 +156,10 @@ class Recorder:
         """Records sensors and results of a companion, drifting bodies and contacts."""
         return PerceptionRecorder(self._topics)
 
+    def of_vessel(self, name: str) -> Recorder:
+        """Into the same file, for one more vessel; its topics appear as they are written."""
+        return Recorder(self._file, vessel=name, from_start=False)
+
     def write(self, stamp_ns: int, record: Any) -> None:
         """One of the records of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkState, FaultEvent, ..."""
         topic, values = _RECORDS[type(record)]

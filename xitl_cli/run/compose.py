@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from sim_core.fleet import Fleet
+from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.faults import FaultSchedule
@@ -17,6 +19,7 @@ from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
 from xitl_cli.run.links.stations import StationAddresses
+from xitl_cli.run.nodes.ais import AisLine, AisNode, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import BridgeNode
@@ -32,10 +35,12 @@ from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
+from xitl_cli.run.nodes.scripted import ScriptedRecorder
 from xitl_cli.run.nodes.track import TrackNode
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
-from xitl_cli.run.traffic.self_report import VesselVoices, report_from_motion
+from xitl_cli.run.traffic.receivers import AisReceiver
+from xitl_cli.run.traffic.self_report import SelfReport, VesselVoices, report_from_motion
 from xitl_cli.run.view import DisplayNode, StatusSource, View
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scenery import Scenery
@@ -49,7 +54,7 @@ class RunSetup:
     """What the nodes of a vessel are made from. plant: as it meets it. out: the directory of what is its own.
 
     interrupted: whether somebody wants to end the run. stations: where ground stations meet all autopilots. voices:
-    what the vessels of the run say of themselves.
+    what the vessels of the run say of themselves. receivers: who of them hears AIS.
     """
 
     profile: RunProfile
@@ -60,6 +65,7 @@ class RunSetup:
     interrupted: Callable[[], bool]
     stations: StationAddresses
     voices: VesselVoices = field(default_factory=VesselVoices)
+    receivers: dict[str, AisReceiver] = field(default_factory=dict)
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -81,12 +87,16 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         return node
 
     # Who moves the vessel.
-    bridge = autopilot = companion = None
+    bridge = autopilot = companion = line = None
     if profile.autopilot.kind == "none":
         control: ControlNode = made(direct_control(profile))
     else:
         if profile.autopilot.kind != "embedded":
-            bridge = made(BridgeNode(profile, setup.out, setup.stations.of(profile.vessel).urls))
+            if hears_sentences(profile):
+                line = AisLine(profile)
+                opened.callback(line.close)
+            calls = line.url if line is not None and profile.autopilot.ais_link is None else None
+            bridge = made(BridgeNode(profile, setup.out, setup.stations.of(profile.vessel).urls, calls))
             if bridge.station_url is not None:
                 setup.stations.call(bridge.station_url)
         control = autopilot = made(_autopilot(setup, bridge))
@@ -97,7 +107,10 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     agents = autopilots if companion is None else [*autopilots, companion.agent]
     if profile.vessel:
         own = (lambda: report_from_motion(plant.state.time_ns, plant.motion())) if autopilot is None else autopilot.said
+        receiver = None if autopilot is None else receiver_of(profile, autopilot.send, line)
         setup.voices.add(profile.vessel, own, lambda: control.progress.finished)
+        if receiver is not None:
+            setup.receivers[profile.vessel] = receiver
 
     # What is around it, what looks at it, what scores it.
     collisions = None if simulation.waterway is OPEN_WATER else CollisionNode(simulation, bool(profile.vessel))
@@ -164,16 +177,34 @@ def compose_world(
     opened.callback(display.close)
     ahead: list[RunNode | None] = [display, river]
     fleet = plant.simulation if isinstance(plant.simulation, Fleet) else None
+    among = [] if fleet is None else _among_vessels(setups, plant, fleet)
     behind: list[RunNode | None] = [
-        None
-        if fleet is None
-        else EncounterNode(plant, fleet, profile.world.encounter_distance_m, profile.clock.physics_rate_hz),
+        *among,
         None if river is None else river.launching,
         PaceRecorder(profile.clock),
         display.showing,
         first.stations,
     ]
     return WorldNodes(_present(ahead), _present(behind))
+
+
+def _among_vessels(setups: Sequence[RunSetup], plant: Plant, fleet: Fleet) -> list[RunNode]:
+    """What vessels know of each other, the scripted ones among them, and how near they came."""
+    first, profile = setups[0], setups[0].profile
+    physics_hz, recording = profile.clock.physics_rate_hz, profile.recording
+    for vessel in fleet.traffic:
+        first.voices.add(vessel.name, partial(_scripted_report, plant, vessel), lambda: False)
+    nodes: list[RunNode] = []
+    if fleet.traffic:
+        nodes.append(ScriptedRecorder(fleet, physics_hz, recording.truth_rate_hz, recording.scene))
+    nodes.append(AisNode([setup.profile for setup in setups], first.voices, first.receivers))
+    nodes.append(EncounterNode(plant, fleet, profile.world.encounter_distance_m, physics_hz))
+    return nodes
+
+
+def _scripted_report(plant: Plant, vessel: ScriptedVessel) -> SelfReport:
+    now_ns = plant.state.time_ns
+    return report_from_motion(now_ns, scripted_motion([vessel], now_ns * 1e-9))
 
 
 def _is_awaited(profile: RunProfile) -> bool:

@@ -31,6 +31,7 @@ from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
+from xitl_cli.run.traffic.receivers import AisReceiver
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.view import View
 from xitl_cli.run.world.plant import Plant
@@ -178,13 +179,14 @@ def _composed(
 ) -> RunNodes:
     """The nodes of a run; `opened` closes them. Raises UserError, which names the vessel where there are several."""
     setups, vessels, voices = [], [], VesselVoices()
+    receivers: dict[str, AisReceiver] = {}
     stations = StationAddresses(profiles)
     opened.callback(stations.close)
     for profile, view in zip(profiles, plant.vessels, strict=True):
         with _of(profile.vessel):
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
-            setups.append(RunSetup(profile, seeds, scenery, view, own, interrupted, stations, voices))
+            setups.append(RunSetup(profile, seeds, scenery, view, own, interrupted, stations, voices, receivers))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)
     world = compose_world(setups, vessels, plant, make_view, [*scenery.warnings, *warnings], opened)
@@ -285,7 +287,8 @@ def _write_head(
         about["vessels"] = ", ".join(each.vessel for each in profiles)
     recorder.metadata("xitl", about)
     recorder.attach(directory.PROFILE, "application/yaml", resolved_yaml(profile).encode())
-    recorder.attach("xitl.xml", "application/xml", files("agent.wire").joinpath("xitl.xml").read_bytes())
+    for name in ("xitl.xml", "fleet.xml") if lead.vessel else ("xitl.xml",):
+        recorder.attach(name, "application/xml", files("agent.wire").joinpath(name).read_bytes())
     if lead.recording.scene:
         recorder.scene(make_scene(profiles, scenery))
 

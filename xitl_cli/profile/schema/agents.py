@@ -169,6 +169,12 @@ class AutopilotSpec(Specification):
         AmongVessels(),
         "of MAVLink; of several vessels each has its own, the lowest that is free unless given",
     ] = 1
+    ais_link: Annotated[
+        str | None,
+        AmongVessels(),
+        "where an ArduPilot that is started elsewhere reads AIS sentences (SERIALn_PROTOCOL 40, AIS_TYPE 1), as "
+        "`serial:///dev/ttyUSB1?baud=38400` or `udp://192.168.7.2:10110`; one in software started here has its own",
+    ] = None
     ground_stations: Annotated[
         tuple[str, ...] | None,
         "`udp://host:port` is sent to, `tcp://host:port` is listened at, or at the next free port; null: UDP 14550 and "

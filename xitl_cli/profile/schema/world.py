@@ -12,6 +12,7 @@ from sim_core.keys import (
     NonNegative,
     Place,
     Positive,
+    Share,
     Specification,
     SpecificationError,
     Vector,
@@ -79,6 +80,14 @@ class DebrisSpec(Specification):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AisRadioSpec(Specification):
+    """How far AIS carries between vessels, and how much of it is lost on the way."""
+
+    range_m: Annotated[Positive, "20 nautical miles, as between ships"] = 37_040.0
+    loss: Annotated[Share, "of the transmissions, at each receiver"] = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WorldSpec(Specification):
     """What stands in the river, drawn and seen by lidar, sonar and range sensors."""
 
@@ -93,3 +102,4 @@ class WorldSpec(Specification):
     encounter_distance_m: Annotated[
         Positive, AmongVessels(), "two vessels whose hulls come nearer to each other are counted as too close"
     ] = 10.0
+    ais: Annotated[AisRadioSpec, AmongVessels()] = AisRadioSpec()

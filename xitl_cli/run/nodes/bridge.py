@@ -185,7 +185,7 @@ CALL_S = 0.7  # the agent calls again every half second
 
 
 def make_launch(
-    profile: RunProfile, ports: PortClaims, ground_stations: tuple[str, ...] = ()
+    profile: RunProfile, ports: PortClaims, ground_stations: tuple[str, ...] = (), ais: str | None = None
 ) -> FirmwareLaunch | Px4Launch | None:
     """The start of the autopilot, where that is ours to do. Raises UserError."""
     if not profile.autopilot.started_here:
@@ -193,22 +193,29 @@ def make_launch(
     if profile.autopilot.kind == "px4":
         return Px4Launch(profile)
     bridge = resolved_bridge(profile.autopilot.bridge, ports)
-    return FirmwareLaunch(profile, bridge, ports.free("udp"), ground_stations)
+    return FirmwareLaunch(profile, bridge, ports.free("udp"), ground_stations, ais)
 
 
 class BridgeNode(RunNode):
     """The autopilot of `profile` behind the agent, whose log goes to `run_directory`. bridge: how the agent reaches it.
+    ais: where one that is started here calls for AIS sentences.
 
     Raises UserError when it is to be started here and there is none.
     """
 
-    def __init__(self, profile: RunProfile, run_directory: Path | None, ground_stations: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        profile: RunProfile,
+        run_directory: Path | None,
+        ground_stations: tuple[str, ...] = (),
+        ais: str | None = None,
+    ) -> None:
         self._profile = profile
         self._directory = run_directory
         autopilot = profile.autopilot
         self.milestones = Milestones()
         self._ports = PortClaims()
-        self._launch = make_launch(profile, self._ports, ground_stations)
+        self._launch = make_launch(profile, self._ports, ground_stations, ais)
         self.bridge = autopilot.bridge if self._launch is None else self._launch.bridge
         self._process: FirmwareProcess | None = None
         self._agent: AgentConnection | None = None

@@ -19,15 +19,17 @@ TOLD_S = 1.0  # between two records of an encounter under way
 
 
 class EncounterNode(RunNode):
-    """Watches all pairs by the truth; hulls nearer than `too_close_m` are told."""
+    """Watches all pairs by the truth, scripted vessels among them; hulls nearer than `too_close_m` are told."""
 
     def __init__(self, plant: Plant, fleet: Fleet, too_close_m: float, physics_rate_hz: float) -> None:
         self._plant = plant
         self._fleet = fleet
         self._every = max(round(physics_rate_hz / WATCH_HZ), 1)
-        self._order = np.argsort(np.concatenate(fleet.members))
-        plans = [_plan(fleet.of(number).outline) for number in range(len(fleet.names))]
-        self._watch = EncounterWatch(fleet.names, HullPlans.from_capsules(plans), too_close_m)
+        own, scripted = len(fleet.names), len(fleet.traffic)
+        self._order = np.concatenate([np.argsort(np.concatenate(fleet.members)), own + np.arange(scripted)])
+        outlines = [*(fleet.of(number).outline for number in range(own)), *(one.outline for one in fleet.traffic)]
+        names = [*fleet.names, *(one.name for one in fleet.traffic)]
+        self._watch = EncounterWatch(names, HullPlans.from_capsules(list(map(_plan, outlines))), too_close_m)
         self._too_close_m = too_close_m
         self._told_s: dict[int, float] = {}
 

@@ -21,6 +21,7 @@ from xitl_cli.shipped import firmware_params_dir
 PARAMETERS = "parameters.parm"
 SCRIPTS = "scripts"  # where a SITL build looks for them
 LISTENS_S = 10.0
+AIS_PROTOCOL, AIS_PORTS = 40, (5, 6, 7)  # those that a SITL gives to nothing else
 STATION_PORTS = (1, 2)  # SERIAL1 and SERIAL2 speak MAVLink unless told otherwise
 SCRIPTING = {"SCR_ENABLE": 1, "SCR_SDEV_EN": 1, "SCR_SDEV1_PROTO": EXTERNAL_AHRS_PROTOCOL}
 SPEEDUP = 200  # as fast as the world comes
@@ -41,15 +42,21 @@ def resolved_bridge(bridge: BridgeSpec, ports: PortClaims) -> BridgeSpec:
 class FirmwareLaunch:
     """Starts the firmware of `profile`; `bridge` has the ports of the bridge, `ground_stations` theirs.
 
-    rc_port: where it may hear radio control, which nobody sends. Raises UserError when there is no firmware, or its
-    parameters keep it from taking our sensors.
+    rc_port: where it may hear radio control, which nobody sends. ais: where it calls for AIS sentences.
+
+    Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
     """
 
     log_name = DATAFLASH
     log_suffix = ".bin"
 
     def __init__(
-        self, profile: RunProfile, bridge: BridgeSpec, rc_port: int, ground_stations: tuple[str, ...] = ()
+        self,
+        profile: RunProfile,
+        bridge: BridgeSpec,
+        rc_port: int,
+        ground_stations: tuple[str, ...] = (),
+        ais: str | None = None,
     ) -> None:
         autopilot = profile.autopilot
         self.program = find_firmware("rover", autopilot.firmware_build, autopilot.firmware)
@@ -58,6 +65,9 @@ class FirmwareLaunch:
         self._ground_stations = ground_stations
         self._rc_port = rc_port
         self._values = start_parameters(profile) | _system_parameters(autopilot.system_id)
+        self._ais = ais
+        if ais is not None:
+            self._values |= {f"SERIAL{self._ais_port()}_PROTOCOL": AIS_PROTOCOL, "AIS_TYPE": 1}
         if bridge.sensors == "hil":
             self._check_scripting()
 
@@ -105,6 +115,8 @@ class FirmwareLaunch:
         if self.bridge.sensor_link is not None:
             port, parts = self._sensor_port(), urlsplit(self.bridge.sensor_link)
             serial[port] = f"uart:{parts.path}:{_baud(parts)}" if parts.scheme == "serial" else f"tcp:{parts.port}"
+        if self._ais is not None:
+            serial[self._ais_port()] = f"tcpclient:127.0.0.1:{urlsplit(self._ais).port}"
         return words + _serial_words(serial)
 
     def _linux(self) -> list[str]:
@@ -132,6 +144,12 @@ class FirmwareLaunch:
         taken = serial_port_with(self._values)
         ports = (port for port in STATION_PORTS if port != taken)
         return zip(ports, map(urlsplit, self._ground_stations), strict=False)
+
+    def _ais_port(self) -> int:
+        """The one that its parameters name for AIS, else the first that they leave alone."""
+        named = serial_port_with(self._values, AIS_PROTOCOL)
+        free = (port for port in AIS_PORTS if f"SERIAL{port}_PROTOCOL" not in self._values)
+        return next(free, AIS_PORTS[-1]) if named is None else named
 
     def _sensor_port(self) -> int:
         port = serial_port_with(self._values)

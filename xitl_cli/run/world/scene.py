@@ -19,6 +19,7 @@ from sim_core.world.geometry import MATERIALS, Mesh
 from sim_core.world.river import RiverBed
 from sim_core.world.spec import DamSpec
 from sim_core.world.structures import LogBoom
+from sim_core.world.traffic import ScriptedVessel
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame, vessel_name
 from xitl_cli.run.world.scenery import Scenery
@@ -299,6 +300,22 @@ def _triangles(mesh: Mesh) -> messages.TriangleListPrimitive:
         color=messages.Color(r=red, g=green, b=blue, a=1.0),
         indices=faces.ravel().tolist(),
     )
+
+
+def make_scripted_scene(vessels: Sequence[ScriptedVessel]) -> messages.SceneUpdate:
+    """Scripted vessels, each against its frame."""
+    entities = []
+    for vessel in vessels:
+        corners = frames.frd_to_flu(vessel.mesh.vertices_m[vessel.mesh.faces].reshape(-1, 3)).tolist()
+        red, green, blue = _MATERIAL_COLOURS[vessel.mesh.material.name]
+        triangles = messages.TriangleListPrimitive(
+            pose=_ORIGIN,
+            points=[messages.Point3(x=x, y=y, z=z) for x, y, z in corners],
+            color=messages.Color(r=red, g=green, b=blue, a=1.0),
+        )
+        frame, name = vessel_name(VESSEL_FRAME, vessel.name), vessel_name("vessel", vessel.name)
+        entities.append(messages.SceneEntity(frame_id=frame, id=name, frame_locked=True, triangles=[triangles]))
+    return messages.SceneUpdate(entities=entities)
 
 
 def make_debris_scene(bodies: Sequence[Body], first: int) -> messages.SceneUpdate:

@@ -1,0 +1,141 @@
+"""AIS between the vessels of a fleet: each transponder's reports to all who hear them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.random import default_rng
+
+from agent.wire.transport import Transport, TransportError, open_transport
+from sim_core.world.spec import AisSpec
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.world import AisRadioSpec
+from xitl_cli.run.core.node import RunNode, RunStep
+from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.run.nodes.autopilot_commands import Send
+from xitl_cli.run.traffic.ais import AisDimensions, AisStatic
+from xitl_cli.run.traffic.receivers import AisReceiver, SentenceReceiver, mavlink_receiver, px4_receiver
+from xitl_cli.run.traffic.self_report import VesselVoices
+from xitl_cli.run.traffic.transponder import AisClass, AisTransmission, Transponder
+from xitl_cli.run.world.world import local_frame
+
+LOOKS_HZ = 10.0
+FIRST_S: Mapping[AisClass, float] = {"class-a": 10.0, "class-b": 30.0}
+"""The first report comes at a drawn instant within this, which is between two of a vessel under way."""
+LOCAL_LINE = "tcp://127.0.0.1:0"
+
+
+class AisLine:
+    """Where an ArduPilot reads the sentences of its AIS receiver: one that is started here calls at `url`.
+
+    Raises UserError when the line that the profile names cannot be opened.
+    """
+
+    def __init__(self, profile: RunProfile) -> None:
+        autopilot = profile.autopilot
+        given = autopilot.ais_link
+        try:
+            self.transport: Transport = open_transport(given or LOCAL_LINE, listen=given is None)
+        except TransportError as error:
+            raise UserError(f"autopilot.ais_link: {error}") from None
+
+    @property
+    def url(self) -> str:
+        """Its address."""
+        return self.transport.address
+
+    def close(self) -> None:
+        """Give it back."""
+        self.transport.close()
+
+
+def hears_sentences(profile: RunProfile) -> bool:
+    """Whether the autopilot of one of several vessels has a line for AIS: an ArduPilot, if anybody says where."""
+    autopilot = profile.autopilot
+    if not profile.vessel or autopilot.kind != "ardupilot":
+        return False
+    return autopilot.ais_link is not None or (autopilot.started_here and autopilot.firmware_build == "sitl")
+
+
+def receiver_of(profile: RunProfile, send: Send, line: AisLine | None) -> AisReceiver | None:
+    """How the autopilot of a vessel hears AIS; None for one that does not."""
+    if profile.autopilot.kind == "embedded":
+        return mavlink_receiver(send)
+    if profile.autopilot.kind == "px4":
+        return px4_receiver(send)
+    return None if line is None else SentenceReceiver(line.transport)
+
+
+def ais_static(spec: AisSpec, length_m: float, beam_m: float, ahead_m: float = 0.0, draft_m: float = 0.0) -> AisStatic:
+    """What a vessel says it is; its middle lies `ahead_m` before the place it reports."""
+    dimensions = AisDimensions.around(length_m, beam_m, ahead_m)
+    assert spec.mmsi is not None
+    return AisStatic(spec.mmsi, spec.name, spec.callsign, spec.ship_type, dimensions, draft_m)
+
+
+class AisNode(RunNode):
+    """Vessels with a voice and a transponder are heard by the others' receivers, as far as the radio reaches.
+
+    profiles: of the simulated vessels. The scripted ones have voices too.
+    """
+
+    def __init__(self, profiles: list[RunProfile], voices: VesselVoices, receivers: Mapping[str, AisReceiver]) -> None:
+        lead = profiles[0]
+        frame, seed = local_frame(lead.site), lead.clock.seed
+        self._voices = voices
+        self._receivers = dict(receivers)
+        self._radio: AisRadioSpec = lead.world.ais
+        self._every = max(round(lead.clock.physics_rate_hz / LOOKS_HZ), 1)
+        self._rng = default_rng(Seeds(seed).sequence("ais radio"))
+        self._heard = self._lost = self._out_of_range = 0
+        self._transponders: dict[str, Transponder] = {}
+        vessels = {
+            one.vessel: (
+                one.ais,
+                ais_static(one.ais, one.vehicle.length_m, one.vehicle.width_m, one.vehicle.midship_frd_x_m),
+            )
+            for one in profiles
+        } | {
+            name: (one.ais, ais_static(one.ais, one.length_m, one.beam_m, draft_m=one.draft_m))
+            for name, one in lead.traffic.items()
+        }
+        for name, (spec, static) in vessels.items():
+            if spec.transponder != "none":
+                first_s = float(default_rng(Seeds(seed, name).sequence("ais")).uniform(0.0, FIRST_S[spec.transponder]))
+                self._transponders[name] = Transponder(spec.transponder, static, frame, first_s)
+
+    def exchange(self, step: RunStep) -> None:
+        if step.number % self._every:
+            return
+        for name, transponder in self._transponders.items():
+            for sent in transponder.due(step.now_ns, self._voices.said(name)):
+                self._spread(name, sent)
+
+    def _spread(self, sender: str, sent: AisTransmission) -> None:
+        for name, receive in self._receivers.items():
+            if name == sender:
+                continue
+            there = self._voices.said(name)
+            if there is not None and math.dist(there.pos_ne_m, sent.place_ne_m) > self._radio.range_m:
+                self._out_of_range += 1
+            elif self._radio.loss > 0.0 and self._rng.random() < self._radio.loss:
+                self._lost += 1
+            else:
+                self._heard += 1
+                receive(sent)
+
+    def report(self) -> dict[str, Any]:
+        """ais: transmissions, and what became of them at each receiver."""
+        lines = [one for one in self._receivers.values() if isinstance(one, SentenceReceiver)]
+        return {
+            "ais": {
+                "sent": {name: one.sent for name, one in self._transponders.items()},
+                "heard": self._heard,
+                "lost": self._lost,
+                "out_of_range": self._out_of_range,
+                "unsent_bytes": sum(line.unsent for line in lines),
+            }
+        }
