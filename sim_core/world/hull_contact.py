@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,12 +29,13 @@ from sim_core.world.contact import (
 )
 from sim_core.world.plan import Capsules, Numbers, touches
 
+_BEAM_SHARE = 0.5  # of the radius of the thinner hull
 _NO_NUMBERS = np.empty(0, np.intp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hulls:
-    """H hulls of M vessels, the hulls of a vessel side by side.
+    """H hulls, and beams between them, of M vessels; those of a vessel side by side.
 
     vessel (H,): whose; ends_frd_m (H, 2, 3): of their axes; radius_m (H,). Of each vessel: names, first_hull (M + 1,),
     mass_kg, reach_m (M,), and order (M,), its place by name: what touches is gone through in this order, so that the
@@ -52,19 +54,43 @@ class Hulls:
     @classmethod
     def from_outlines(cls, outlines: Sequence[Outline], names: Sequence[str]) -> Hulls:
         """One outline a vessel; each has a name of its own."""
-        counts = [len(outline.radius_m) for outline in outlines]
+        parts = [_with_beams(outline) for outline in outlines]
+        counts = [len(radius) for _, radius in parts]
         order = np.empty(len(names), np.intp)
         order[sorted(range(len(names)), key=names.__getitem__)] = np.arange(len(names))
         return cls(
             names=tuple(names),
             vessel=np.repeat(np.arange(len(outlines)), counts),
-            ends_frd_m=np.concatenate([outline.ends_frd_m.reshape(-1, 2, 3) for outline in outlines]),
-            radius_m=np.concatenate([outline.radius_m for outline in outlines]),
+            ends_frd_m=np.concatenate([ends for ends, _ in parts]),
+            radius_m=np.concatenate([radius for _, radius in parts]),
             first_hull=np.concatenate([[0], np.cumsum(counts)]),
             mass_kg=np.array([outline.mass_kg for outline in outlines]),
             reach_m=np.array([outline.reach_m for outline in outlines]),
             order=order,
         )
+
+
+def _with_beams(outline: Outline) -> tuple[Array, Array]:
+    """Ends (B, 2, 3) and radii (B,) of the capsules of a vessel, and of beams between neighbouring hulls of several.
+
+    Debris gets in between the hulls of a catamaran, under its deck; another hull does not. The beams lie behind the
+    tips, which touch first.
+    """
+    ends, radii = outline.ends_frd_m.reshape(-1, 2, 3), outline.radius_m
+    if not np.isfinite(outline.mass_kg) or len(ends) < 2:
+        return ends, radii
+    across = np.argsort(ends[:, 0, 1], kind="stable")
+    beams, thick = [], []
+    for port, starboard in pairwise(across.tolist()):
+        least = min(radii[port], radii[starboard])
+        stern, bow = max(ends[port, 0, 0], ends[starboard, 0, 0]), min(ends[port, 1, 0], ends[starboard, 1, 0])
+        for ahead_m in (stern + least, bow - least):
+            pair = ends[[port, starboard], 0].copy()
+            pair[:, 0] = ahead_m
+            pair[:, 1] += [radii[port], -radii[starboard]]
+            beams.append(pair)
+            thick.append(_BEAM_SHARE * least)
+    return np.concatenate([ends, beams]), np.concatenate([radii, thick])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,6 +18,7 @@ from rich.table import Table
 from tests.bench import (
     bench_ardupilot,
     bench_fleet,
+    bench_fleet_step,
     bench_lidar,
     bench_logs,
     bench_logs_mcap,
@@ -151,6 +152,7 @@ FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("the same with the agent in its own process", "", "x real time", loopback_lockstep_factors),
     ("one vessel step with environment, N = 1", "< 150, aim 73", "us", one_vessel_us),
     ("a vessel of 1024 is cheaper by", ">= 50", "x", batch_ratios),
+    *bench_fleet_step.FIGURES,
     ("xitl --help", "< 0.5", "s", help_s),
     ("agent process until it listens", "< 0.5", "s", agent_start_s),
     ("all parameters to a ground station", "< 2", "s", parameter_list_s),

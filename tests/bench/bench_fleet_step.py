@@ -1,9 +1,9 @@
 """Cost of one step of a fleet beside one of a single vessel, in waves of 32 components, current and gusts.
 
 Vessels lie in a grid, 10 m apart; with contact there is a boom too, and in `touching` each lies against the next one.
-CPU time, least of several rounds in which all take turns, so that they share what the machine does beside.
+CPU time, least of several rounds in which all take turns: they share what else the machine does.
 
-Run by hand: `OPENBLAS_NUM_THREADS=1 python tests/bench/bench_fleet_step.py`.
+Run by hand: `OPENBLAS_NUM_THREADS=1 python -m tests.bench.bench_fleet_step`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from bench_vessel_step import ASV, MONOHULL
 
 from sim_core import fleet as fleets
 from sim_core import simulation as simulations
@@ -27,6 +26,7 @@ from sim_core.fleet import Fleet
 from sim_core.simulation import Simulation
 from sim_core.world.plan import Capsules
 from sim_core.world.waterway import OPEN_WATER, Waterway
+from tests.bench.bench_vessel_step import ASV, MONOHULL
 
 DT_S, ROUNDS, STEPS = 0.0025, 12, 160  # a whole number of long steps
 BOOM = Waterway(Capsules(np.array([[0.0, -9.0]]), np.array([[200.0, -9.0]]), np.array([0.4]), ("log boom",)))
@@ -77,6 +77,32 @@ def many(count: int, waterway: Waterway = OPEN_WATER, apart_m: float = 10.0, mod
     return go
 
 
+def least_step_s(cases: dict[str, Callable[[], None]]) -> dict[str, float]:
+    """Of each, least of all rounds."""
+    best = dict.fromkeys(cases, math.inf)
+    for _ in range(ROUNDS):
+        for name, go in cases.items():
+            began_s = time.process_time()
+            go()
+            best[name] = min(best[name], (time.process_time() - began_s) / STEPS)
+    return best
+
+
+def ratios(waterway: Waterway = OPEN_WATER) -> list[float]:
+    """Step of 64 vessels over that of one, a few times."""
+    found = []
+    for _ in range(3):
+        best = least_step_s({"one": one_alone(), "many": many(64, waterway)})
+        found.append(best["many"] / best["one"])
+    return found
+
+
+FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
+    ("a step of a fleet of 64 over one vessel's", "<= 3", "x", ratios),
+    ("the same, contact with a boom too", "<= 3", "x", lambda: ratios(BOOM)),
+]
+
+
 def main() -> None:
     cases = {
         "1 vessel": one_alone(),
@@ -86,18 +112,10 @@ def main() -> None:
         "64 vessels, touching": many(64, apart_m=1.55),
         "64 vessels of 3 models": many(64, models=3),
     }
-    best = dict.fromkeys(cases, math.inf)
-    for _ in range(ROUNDS):
-        for name, go in cases.items():
-            began_s = time.process_time()
-            go()
-            best[name] = min(best[name], (time.process_time() - began_s) / STEPS)
-    one_s = best["1 vessel"]
+    best = least_step_s(cases)
     for name, step_s in best.items():
-        count = int(name.split()[0])
-        print(
-            f"{name:24} {step_s * 1e6:8.1f} us a step, {step_s / one_s:5.2f} x one, {step_s * 1e6 / count:7.2f} us each"
-        )
+        each_us = step_s * 1e6 / int(name.split()[0])
+        print(f"{name:24} {step_s * 1e6:8.1f} us, {step_s / best['1 vessel']:5.2f} x one, {each_us:7.2f} us a vessel")
 
 
 if __name__ == "__main__":

@@ -147,6 +147,19 @@ def test_momentum_and_its_moment_stay_and_energy_does_not_grow(places, yaws, spe
     assert energy_j(fleet, states[-1]) < energy_j(fleet, states[0])
 
 
+def test_a_hull_does_not_get_in_between_two_others() -> None:
+    """Catamarans bow to bow, shifted so that a hull of each is before the gap of the other."""
+    fleet = Fleet.from_spec([FULL, FULL], Environment(), 0.0025)
+    states = sailed(fleet, under_way(fleet, [[0.0, 0.0], [2.5, 0.6]], [0.0, math.pi], [1.0, 1.0]), 0.8)
+    apart = [
+        float(np.subtract(*(fleets.kinematics_of(fleet, state, number).pos_ned_m[0, 0] for number in (1, 0))))
+        for state in states
+    ]
+    tips_m = 2.0 * 1.5 * 0.2  # by which they may overlap until tip meets beam, and what the springs give
+    assert FULL.hull.length_m - tips_m - 0.1 < min(apart) < FULL.hull.length_m
+    assert apart[-1] > min(apart)
+
+
 def test_what_two_feel_of_each_other_is_equal_and_opposite() -> None:
     fleet = Fleet.from_spec([FULL, SMALL, FULL], weather(), 0.0025, names=("a", "b", "c"))
     state = fleets.initial(
