@@ -1,6 +1,7 @@
 """What carries the bytes of a link: one interface, one table of schemes, one tree of errors.
 
     (no URL)              two ends in one process, see `memory_pair`               agent.wire.memory
+    (no URL)              two processes of one machine, see `socket_pair`          agent.wire.socket_pair
     udp://host:port       datagrams over Ethernet, USB-Ethernet or loopback        agent.wire.udp
     tcp://host:port       a stream of bytes; listening, one peer after the other   agent.wire.tcp
     serial:///dev/…       a stream of bytes over a serial line                     agent.wire.serial_line

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from agent.wire.can_transfer import LARGEST_CHUNK, CanLine
 from agent.wire.impaired import ImpairedTransport
 from agent.wire.memory import memory_pair
+from agent.wire.socket_pair import SocketPairTransport, socket_pair
 from agent.wire.transport import SenderStatus, Transport, open_transport
 from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback
 
@@ -65,10 +66,16 @@ def impaired_pair() -> Ends:
     return ImpairedTransport(listening), ImpairedTransport(calling)
 
 
+def sockets_pair() -> Ends:
+    here, there = socket_pair()
+    return SocketPairTransport(there, "pair"), here
+
+
 CLASSIC, FD = "bitrate=1000000", "bitrate=1000000&fd=true&data_bitrate=5000000"
 
 PAIRS: dict[str, Callable[[], Ends]] = {
     "memory": memory_pair,
+    "sockets": sockets_pair,
     "udp": udp_pair,
     "tcp": tcp_pair,
     "impaired": impaired_pair,

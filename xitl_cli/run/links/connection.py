@@ -350,6 +350,7 @@ class AgentConnection:
     def send_tick(self, sim_ns: int, tick: int) -> None:
         """Lockstep: all that was sampled up to now has been sent."""
         self.link.send(dialect.MAVLink_xitl_tick_message(sim_ns // 1000, tick))
+        self.peer.hand_over()
 
     def wait_for_answer(self, sim_ns: int, tick: int, silent_s: float, check: Callable[[], None]) -> None:
         """Lockstep: wait for the answer to a tick that was sent, and send it again; what comes meanwhile is taken in.

@@ -22,6 +22,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import BridgeSpec
 from xitl_cli.run.core.directory import DATAFLASH
+from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.loopback import open_loopback
 
 
@@ -103,6 +104,9 @@ class Peer(Protocol):
 
     transport: Transport
 
+    def hand_over(self) -> None:
+        """What was sent up to now is enough for the agent to work on, if it does so beside this process."""
+
     def pump(self) -> None:
         """Let the agent work; does nothing where it has a processor of its own."""
 
@@ -129,6 +133,9 @@ class InProcessAgent:
             self.close()
             raise UserError(str(error)) from error
         self.pump: Callable[[], None] = node.poll
+
+    def hand_over(self) -> None:
+        pass
 
     def check(self) -> None:
         pass
@@ -206,6 +213,9 @@ class ProcessAgent:
             self.close()
             raise UserError(f"{options.key}.link: {error}") from error
 
+    def hand_over(self) -> None:
+        pass
+
     def pump(self) -> None:
         pass
 
@@ -264,6 +274,9 @@ class BoardAgent:
         except TransportError as error:
             raise UserError(f"{options.key}.link: {error}") from error
 
+    def hand_over(self) -> None:
+        pass
+
     def pump(self) -> None:
         pass
 
@@ -311,10 +324,15 @@ def _is_address(host: str) -> bool:
     return True
 
 
-def open_peer(runs: str, link: str | None, options: AgentOptions) -> Peer:
-    """The peer that a profile asks for. Raises UserError when it cannot be opened."""
+def open_peer(
+    runs: str, link: str | None, options: AgentOptions, workers: AgentWorkers | None = None, vessel: str = ""
+) -> Peer:
+    """The peer that a profile asks for, of the vessel called so. Raises UserError when it cannot be opened.
+
+    workers: have the autopilots that would be in this process, those of a fleet in lockstep.
+    """
     if runs == "in-process":
-        return InProcessAgent(options)
+        return InProcessAgent(options) if workers is None else workers.open(own_options(options), vessel)
     if link is None:
         key = options.key
         raise UserError(f"{key}.runs = {runs} needs {key}.link, for instance udp://127.0.0.1:14660")

@@ -1,0 +1,138 @@
+"""Two ends of a pair of sockets: two processes of one machine, or two places in one.
+
+Chunks arrive whole and in order, and none is lost: the system holds some hundred each way, and refuses what comes on
+top.
+"""
+
+from __future__ import annotations
+
+import socket
+from select import select
+from time import monotonic, sleep
+from urllib.parse import SplitResult
+
+from agent.wire.transport import BadUrlError, Transport, TransportClosedError
+
+CHUNK_BYTES = 1 << 16
+CHUNKS = 1024  # of one receive(): a flood may not hold the caller
+
+
+class SocketPairTransport(Transport):
+    """The end of a pair that has `sock`, a SOCK_SEQPACKET which it closes. lost: the other end is closed.
+
+    gather: what is sent is kept until there are so many bytes, `flush` or a `receive` that waits: to wake another
+    process costs more than what it is sent.
+    """
+
+    name = "pair"
+
+    def __init__(self, sock: socket.socket, name: str, gather: int = 0) -> None:
+        super().__init__(f"pair://{name}")
+        sock.setblocking(False)
+        self.lost = False
+        self._gather = gather
+        self._gathered = b""
+        self._socket: socket.socket | None = sock
+        self._room = memoryview(bytearray(CHUNK_BYTES))
+
+    @classmethod
+    def open(cls, url: SplitResult, listen: bool) -> SocketPairTransport:
+        """A pair has no URL: always raises BadUrlError."""
+        raise BadUrlError(url.geturl(), "the two ends of a pair have no URL", "make them with socket_pair()")
+
+    @property
+    def peer(self) -> str:
+        return self.address
+
+    def send(self, data: bytes) -> bool:
+        sock = self._open_socket()
+        if self._gather:
+            if len(self._gathered) + len(data) <= self._gather:
+                self._gathered += data
+                return True
+            self.flush()
+        return self._hand_on(sock, data)
+
+    def flush(self) -> None:
+        """Send what is kept."""
+        if self._gathered:
+            gathered, self._gathered = self._gathered, b""
+            self._hand_on(self._open_socket(), gathered)
+
+    def _hand_on(self, sock: socket.socket, data: bytes) -> bool:
+        try:
+            sock.send(data)
+        except (BlockingIOError, InterruptedError):
+            self.unsent += 1
+            return False
+        except OSError:
+            self.lost = True
+            self.unsent += 1
+            return False
+        return True
+
+    def receive(self, timeout_s: float = 0.0) -> list[bytes]:
+        sock = self._open_socket()
+        chunks = self._drain(sock)
+        if not chunks and timeout_s > 0.0:
+            self.flush()
+            until_s = monotonic() + timeout_s
+            while not chunks and not self.lost and (left_s := until_s - monotonic()) > 0.0:
+                select([sock], (), (), left_s)
+                chunks = self._drain(sock)
+            if self.lost and not chunks:
+                sleep(max(until_s - monotonic(), 0.0))
+        return chunks
+
+    def _drain(self, sock: socket.socket) -> list[bytes]:
+        chunks: list[bytes] = []
+        room = self._room
+        while len(chunks) < CHUNKS and not self.lost:
+            try:
+                size = sock.recv_into(room)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                size = 0
+            if not size:
+                self.lost = True
+                break
+            chunks.append(bytes(room[:size]))
+        return chunks
+
+    def wait_for_room(self, timeout_s: float) -> bool:
+        sock = self._open_socket()
+        return self.lost or bool(select((), [sock], (), timeout_s)[1])
+
+    def finish(self, timeout_s: float) -> bool:
+        """Say that nothing more comes, and wait until the other end is closed. False when that takes longer."""
+        sock = self._open_socket()
+        self.flush()
+        try:
+            sock.shutdown(socket.SHUT_WR)
+        except OSError:
+            return True
+        until_s = monotonic() + timeout_s
+        while not self.lost and (left_s := until_s - monotonic()) > 0.0:
+            select([sock], (), (), left_s)
+            self._drain(sock)
+        return self.lost
+
+    def _open_socket(self) -> socket.socket:
+        if self._socket is None:
+            raise TransportClosedError(self.address)
+        return self._socket
+
+    def fileno(self) -> int | None:
+        return None if self._socket is None else self._socket.fileno()
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+def socket_pair(name: str = "pair", gather: int = 0) -> tuple[SocketPairTransport, socket.socket]:
+    """An end in this process, and the socket of the other one, to hand to another process or a transport of its own."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    return SocketPairTransport(ours, name, gather), theirs

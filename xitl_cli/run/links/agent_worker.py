@@ -1,0 +1,121 @@
+"""A process with agents of a fleet, several of them: `python -m xitl_cli.run.links.agent_worker CONTROL PARENT`.
+
+Over the socket whose descriptor is CONTROL come a number, options and the agent's own end of a pair, for each agent; the
+answer is its number and why it cannot be made, empty when it can. An agent is closed when the other end of its pair is.
+The number of one that fails comes with the reason, and the others go on. The process ends with PARENT, and when the
+control is closed.
+"""
+
+from __future__ import annotations
+
+import pickle
+import select
+import socket
+import sys
+import traceback
+from contextlib import ExitStack
+
+from agent.__main__ import end_with_parent
+from agent.assembly import REFUSALS, assemble
+from agent.options import Options
+from agent.wire.socket_pair import SocketPairTransport
+
+IDLE_MS = 20  # so often those are served that wait for others than the host: ground stations
+MESSAGE_BYTES = 1 << 17
+
+
+class HostedAgent:
+    """One of them. Raises `REFUSALS`."""
+
+    def __init__(self, number: int, options: Options, sock: socket.socket) -> None:
+        self.number = number
+        self.transport = SocketPairTransport(sock, f"agent-{number}")
+        self._opened = ExitStack()
+        self._opened.callback(self.transport.close)
+        try:
+            self.poll = assemble(self.transport, options, self._opened).poll
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End its log first, its transport last: that tells the other end that all is written."""
+        self._opened.close()
+
+
+class AgentWorker:
+    """The agents that were asked for over `control`."""
+
+    def __init__(self, control: socket.socket) -> None:
+        self._control = control
+        self._agents: dict[int, HostedAgent] = {}
+        self._poll = select.poll()
+        self._poll.register(control, select.POLLIN)
+
+    def serve(self) -> None:
+        """Until the control is closed."""
+        control = self._control.fileno()
+        while True:
+            ready = [descriptor for descriptor, _ in self._poll.poll(IDLE_MS)]
+            if control in ready:
+                ready.remove(control)
+                if not self._make():
+                    return
+            for descriptor in ready or list(self._agents):
+                self._work(descriptor)
+
+    def close(self) -> None:
+        """All that are left."""
+        for descriptor in list(self._agents):
+            self._close(descriptor)
+
+    def _make(self) -> bool:
+        """False when there is nobody any more who could ask."""
+        message, descriptors, _, _ = socket.recv_fds(self._control, MESSAGE_BYTES, 1)
+        if not message:
+            return False
+        number, options = pickle.loads(message)
+        try:
+            agent = HostedAgent(number, options, socket.socket(fileno=descriptors[0]))
+        except REFUSALS as error:
+            self._say(number, str(error))
+            return True
+        descriptor = agent.transport.fileno()
+        assert descriptor is not None
+        self._agents[descriptor] = agent
+        self._poll.register(descriptor, select.POLLIN)
+        self._say(number, "")
+        return True
+
+    def _work(self, descriptor: int) -> None:
+        agent = self._agents[descriptor]
+        try:
+            agent.poll()
+        except Exception as error:  # noqa: BLE001  the host says whose it was
+            traceback.print_exc()
+            self._say(agent.number, repr(error))
+            agent.transport.lost = True
+        if agent.transport.lost:
+            self._close(descriptor)
+
+    def _close(self, descriptor: int) -> None:
+        self._poll.unregister(descriptor)
+        self._agents.pop(descriptor).close()
+
+    def _say(self, number: int, reason: str) -> None:
+        self._control.send(pickle.dumps((number, reason)))
+
+
+def main() -> None:
+    """See the module."""
+    control, parent = map(int, sys.argv[1:])
+    end_with_parent(parent)
+    worker = AgentWorker(socket.socket(fileno=control))
+    try:
+        worker.serve()
+    finally:
+        worker.close()
+
+
+if __name__ == "__main__":
+    main()

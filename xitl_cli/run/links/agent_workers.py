@@ -1,0 +1,168 @@
+"""Agents of a fleet in processes beside the host's, several in each: in lockstep both sides work at the same time.
+
+A tick is answered when the motor commands are made; telemetry and log of it, and the samples of the next, are work for
+another processor while the host steps the world. What is said on a link is the same as in one process, byte for byte,
+since an agent in lockstep goes by its messages and their order alone.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import select
+import socket
+import subprocess
+import sys
+import time
+
+from agent.options import Options
+from agent.wire.socket_pair import SocketPairTransport, socket_pair
+from agent.wire.transport import Transport
+from xitl_cli.errors import UserError
+
+START_S = 60.0
+STOP_S = 10.0
+GATHERED_BYTES = 16 << 10  # the samples of some ticks
+_MESSAGE_BYTES = 1 << 17
+
+
+def usual_workers() -> int:
+    """One for each processor that this process may use but the host's own, at least one."""
+    return max(len(os.sched_getaffinity(0)) - 1, 1)
+
+
+class AgentWorkers:
+    """`processes` workers, each started when it first gets an agent; they get the agents in turns."""
+
+    def __init__(self, processes: int) -> None:
+        self._processes = processes
+        self._workers: list[Worker] = []
+        self._opened = 0
+
+    def open(self, options: Options, vessel: str) -> WorkerAgent:
+        """The agent of `vessel` in one of them. Raises UserError when it cannot be made."""
+        number, self._opened = self._opened, self._opened + 1
+        if len(self._workers) < self._processes:
+            self._workers.append(Worker())
+        return WorkerAgent(self._workers[number % self._processes], number, options, vessel)
+
+    def close(self) -> None:
+        """End all processes; their agents are to be closed before."""
+        for worker in self._workers:
+            worker.close()
+        self._workers.clear()
+
+
+class Worker:
+    """A process with agents."""
+
+    def __init__(self) -> None:
+        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            words = [sys.executable, "-m", "xitl_cli.run.links.agent_worker", str(theirs.fileno()), str(os.getpid())]
+            self._process = subprocess.Popen(
+                words,
+                stdin=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,  # a Ctrl-C at the terminal is the host's to pass on
+            )
+        self._vessels: list[str] = []
+        self._said: dict[int, str] = {}
+
+    def make(self, number: int, options: Options, sock: socket.socket, vessel: str) -> None:
+        """An agent with the other end of `sock`. Raises UserError when it cannot be made."""
+        self._vessels.append(vessel)
+        with sock:
+            try:
+                socket.send_fds(self._control, [pickle.dumps((number, options))], [sock.fileno()])
+            except OSError:
+                raise self.gone(vessel) from None
+        until_s = time.monotonic() + START_S
+        while number not in self._said:
+            if not self._listen(max(until_s - time.monotonic(), 0.0)):
+                raise self.gone(vessel)
+        reason = self._said.pop(number)
+        if reason:
+            raise UserError(f"{vessel}: {reason}")
+
+    def check(self, number: int, vessel: str) -> None:
+        """Raise UserError when the agent has failed or its process is gone."""
+        while self._listen(0.0):
+            pass
+        reason = self._said.get(number)
+        if reason is not None:
+            raise UserError(f"{vessel}: its autopilot failed: {reason}; look at its controller and its log")
+        if self._process.poll() is not None:
+            raise self.gone(vessel)
+
+    def gone(self, vessel: str) -> UserError:
+        """What to say of a process that has ended, or does not answer."""
+        try:
+            code = self._process.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            return UserError(f"{vessel}: the process of its autopilot does not answer; look at what else runs here")
+        reason = f"exit code {code}"
+        if code < 0:
+            reason = f"signal {-code} killed it; look for who sent it (out of memory?), then run again"
+        others = ", ".join(name for name in self._vessels if name != vessel)
+        whose = f"its autopilot, and of {others}," if others else "its autopilot"
+        return UserError(f"{vessel}: the process of {whose} ended: {reason}")
+
+    def close(self) -> None:
+        """End it."""
+        self._control.close()
+        try:
+            self._process.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _listen(self, timeout_s: float) -> bool:
+        """Take in one thing that it says; False when it says nothing."""
+        if not select.select([self._control], (), (), timeout_s)[0]:
+            return False
+        try:
+            message = self._control.recv(_MESSAGE_BYTES)
+        except OSError:
+            message = b""
+        if not message:
+            return False
+        number, reason = pickle.loads(message)
+        self._said[number] = reason
+        return True
+
+
+class WorkerAgent:
+    """An agent in a worker, as a Peer."""
+
+    def __init__(self, worker: Worker, number: int, options: Options, vessel: str) -> None:
+        self._worker, self._number, self._vessel = worker, number, vessel
+        self._pair: SocketPairTransport
+        self._pair, theirs = socket_pair(vessel, GATHERED_BYTES)
+        self.transport: Transport = self._pair
+        try:
+            worker.make(number, options, theirs, vessel)
+        except UserError:
+            self._pair.close()
+            raise
+
+    def hand_over(self) -> None:
+        self._pair.flush()
+
+    def pump(self) -> None:
+        pass
+
+    def check(self) -> None:
+        self._worker.check(self._number, self._vessel)
+
+    def unreachable(self, waited_s: float) -> UserError:
+        return UserError(
+            f"{self._vessel}: its autopilot, in a process of this machine, did not answer for {waited_s:.0f} s; "
+            "look at what else runs here"
+        )
+
+    def close(self) -> None:
+        """Returns when what it wrote is in its files."""
+        if self._pair.fileno() is not None:
+            self._pair.finish(STOP_S)
+            self._pair.close()
