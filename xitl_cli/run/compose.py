@@ -16,6 +16,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.core.node import ControlNode, RunNode, VesselNodes, WorldNodes
 from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
 from xitl_cli.run.links.stations import StationAddresses
@@ -55,6 +56,7 @@ class RunSetup:
 
     interrupted: whether somebody wants to end the run. stations: where ground stations meet all autopilots. voices:
     what the vessels of the run say of themselves. receivers: who of them hears AIS.
+    workers: have the autopilots that would be in this process, where that pays.
     """
 
     profile: RunProfile
@@ -66,6 +68,7 @@ class RunSetup:
     stations: StationAddresses
     voices: VesselVoices = field(default_factory=VesselVoices)
     receivers: dict[str, AisReceiver] = field(default_factory=dict)
+    workers: AgentWorkers | None = None
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -238,7 +241,7 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
         options = options_from_profile(profile, setup.out, bridge=bridge.bridge)
         supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent)
     autopilot = AutopilotNode(
-        profile, setup.seeds, driver_of, options, supervision, setup.interrupted, setup.plant.hulls
+        profile, setup.seeds, driver_of, options, supervision, setup.interrupted, setup.plant.hulls, setup.workers
     )
     if bridge is not None:
         autopilot.heard.subscribe(bridge.handle)

@@ -27,6 +27,7 @@ from xitl_cli.run.core.node import RunContext, RunNode, SimulationClock, VesselN
 from xitl_cli.run.core.pace import Lockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop, named
@@ -182,11 +183,15 @@ def _composed(
     receivers: dict[str, AisReceiver] = {}
     stations = StationAddresses(profiles)
     opened.callback(stations.close)
+    workers = fleet_workers(profiles)
+    if workers is not None:
+        opened.callback(workers.close)
     for profile, view in zip(profiles, plant.vessels, strict=True):
         with _of(profile.vessel):
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
-            setups.append(RunSetup(profile, seeds, scenery, view, own, interrupted, stations, voices, receivers))
+            made = (profile, seeds, scenery, view, own, interrupted, stations, voices, receivers)
+            setups.append(RunSetup(*made, workers=workers))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)
     world = compose_world(setups, vessels, plant, make_view, [*scenery.warnings, *warnings], opened)

@@ -1,7 +1,8 @@
 """A process with agents of a fleet, several of them: `python -m xitl_cli.run.links.agent_worker CONTROL PARENT`.
 
-Over the socket whose descriptor is CONTROL come a number, options and the agent's own end of a pair, for each agent; the
-answer is its number and why it cannot be made, empty when it can. An agent is closed when the other end of its pair is.
+Over the socket whose descriptor is CONTROL come a number, options and the agent's own end of a pair, for each agent;
+the answer is its number and why it cannot be made, empty when it can. An agent is closed when the other end of its pair
+is.
 The number of one that fails comes with the reason, and the others go on. The process ends with PARENT, and when the
 control is closed.
 """

@@ -14,21 +14,18 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 
 from agent.options import Options
 from agent.wire.socket_pair import SocketPairTransport, socket_pair
 from agent.wire.transport import Transport
 from xitl_cli.errors import UserError
+from xitl_cli.profile.schema import RunProfile
 
 START_S = 60.0
 STOP_S = 10.0
 GATHERED_BYTES = 16 << 10  # the samples of some ticks
 _MESSAGE_BYTES = 1 << 17
-
-
-def usual_workers() -> int:
-    """One for each processor that this process may use but the host's own, at least one."""
-    return max(len(os.sched_getaffinity(0)) - 1, 1)
 
 
 class AgentWorkers:
@@ -40,7 +37,7 @@ class AgentWorkers:
         self._opened = 0
 
     def open(self, options: Options, vessel: str) -> WorkerAgent:
-        """The agent of `vessel` in one of them. Raises UserError when it cannot be made."""
+        """The agent of `vessel` in one of them. Raises UserError, which does not name it, when it cannot be made."""
         number, self._opened = self._opened, self._opened + 1
         if len(self._workers) < self._processes:
             self._workers.append(Worker())
@@ -51,6 +48,18 @@ class AgentWorkers:
         for worker in self._workers:
             worker.close()
         self._workers.clear()
+
+
+def fleet_workers(profiles: Sequence[RunProfile]) -> AgentWorkers | None:
+    """One for each processor that this process may use but its own; None where they would not help.
+
+    That is a vessel alone, real time, where the agents wait for the clock, or a single processor.
+    """
+    embedded = [each for each in profiles if each.autopilot.kind == "embedded" and each.autopilot.runs == "in-process"]
+    spare = len(os.sched_getaffinity(0)) - 1
+    if len(embedded) < 2 or spare < 1 or profiles[0].clock.mode != "lockstep":
+        return None
+    return AgentWorkers(spare)
 
 
 class Worker:
@@ -83,15 +92,15 @@ class Worker:
                 raise self.gone(vessel)
         reason = self._said.pop(number)
         if reason:
-            raise UserError(f"{vessel}: {reason}")
+            raise UserError(reason)
 
     def check(self, number: int, vessel: str) -> None:
-        """Raise UserError when the agent has failed or its process is gone."""
+        """Raise UserError when the agent of `vessel` has failed or its process is gone."""
         while self._listen(0.0):
             pass
         reason = self._said.get(number)
         if reason is not None:
-            raise UserError(f"{vessel}: its autopilot failed: {reason}; look at its controller and its log")
+            raise UserError(f"the autopilot failed: {reason}; this is a fault of xitl, please report it")
         if self._process.poll() is not None:
             raise self.gone(vessel)
 
@@ -100,13 +109,13 @@ class Worker:
         try:
             code = self._process.wait(STOP_S)
         except subprocess.TimeoutExpired:
-            return UserError(f"{vessel}: the process of its autopilot does not answer; look at what else runs here")
+            return UserError("the process of the autopilot does not answer; look at what else runs here")
         reason = f"exit code {code}"
         if code < 0:
             reason = f"signal {-code} killed it; look for who sent it (out of memory?), then run again"
         others = ", ".join(name for name in self._vessels if name != vessel)
-        whose = f"its autopilot, and of {others}," if others else "its autopilot"
-        return UserError(f"{vessel}: the process of {whose} ended: {reason}")
+        whose = f"the autopilot, and of those of {others}," if others else "the autopilot"
+        return UserError(f"the process of {whose} ended: {reason}")
 
     def close(self) -> None:
         """End it."""
@@ -150,14 +159,14 @@ class WorkerAgent:
         self._pair.flush()
 
     def pump(self) -> None:
-        pass
+        self._pair.flush()
 
     def check(self) -> None:
         self._worker.check(self._number, self._vessel)
 
     def unreachable(self, waited_s: float) -> UserError:
         return UserError(
-            f"{self._vessel}: its autopilot, in a process of this machine, did not answer for {waited_s:.0f} s; "
+            f"the autopilot, in a process of this machine, did not answer for {waited_s:.0f} s; "
             "look at what else runs here"
         )
 

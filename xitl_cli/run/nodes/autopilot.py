@@ -18,6 +18,7 @@ from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunSte
 from xitl_cli.run.core.reports import ActuatorReport, Progress
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.connection import (
     WARNING,
     AgentConnection,
@@ -49,10 +50,9 @@ class AutopilotNode(ControlNode):
     """Sends samples to its agents and takes in motor commands.
 
     In lockstep every exchange is a tick (`ticking`, its part of an exchange ahead of the others') and its answer; in
-    real time both sides go on their own. A second agent, if the
-    profile has one in standby, gets all that the first one gets. `make_driver` makes the node that commands it
-    over its first agent;
-    `interrupted` is asked while the answer to a tick is waited for; supervision: see there.
+    real time both sides go on their own. A second agent, if the profile has one in standby, gets all that the first one
+    gets. `make_driver` makes the node that commands it over its first agent; `interrupted` is asked while the answer to
+    a tick is waited for; supervision: see there. workers: have the first agent, were it to be in this process.
 
     heard: to subscribe to what the active agent says. driver: comes before this node in a run.
     """
@@ -66,11 +66,13 @@ class AutopilotNode(ControlNode):
         supervision: Supervision | None = None,
         interrupted: Callable[[], bool] = lambda: False,
         hulls: HullsAround | None = None,
+        workers: AgentWorkers | None = None,
     ) -> None:
         self.heard = MessageRoute()
         self.ticking = ExchangePart(self._tick)
         self._profile = profile
         self._options = options or AgentOptions(profile.autopilot.system_id)
+        self._workers = workers
         self._supervision = supervision or Supervision(lambda: profile.autopilot.silent_s)
         self._interrupted = interrupted
         self._lockstep = profile.clock.mode == "lockstep"
@@ -147,7 +149,7 @@ class AutopilotNode(ControlNode):
         autopilot, options = self._profile.autopilot, self._options
         for agent in self.agents:
             if agent.name == "agent":
-                agent.reach(open_peer(autopilot.runs, autopilot.link, options))
+                agent.reach(open_peer(autopilot.runs, autopilot.link, options, self._workers, self._profile.vessel))
             else:
                 assert autopilot.standby is not None
                 own = replace(options, ground_stations=(), log_dir=None)

@@ -98,9 +98,9 @@ def test_each_says_and_logs_what_one_in_process_does(workers: AgentWorkers, tmp_
     assert [log == logs[0] for log in logs[1:]] == [True] * 3
 
 
-def test_one_that_cannot_be_made_is_named(workers: AgentWorkers, tmp_path: Path) -> None:
+def test_one_that_cannot_be_made_says_why_and_the_next_is(workers: AgentWorkers, tmp_path: Path) -> None:
     options = own_options(AgentOptions(controller=str(tmp_path / "nowhere.py")))
-    with pytest.raises(UserError, match=r"^leader: .*nowhere\.py"):
+    with pytest.raises(UserError, match=r"nowhere\.py"):
         workers.open(options, "leader")
     workers.open(own_options(AgentOptions()), "follower").close()
 
@@ -108,7 +108,7 @@ def test_one_that_cannot_be_made_is_named(workers: AgentWorkers, tmp_path: Path)
 def test_one_that_fails_says_why_and_the_others_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of a worker in this process, whose first agent raises when it is spoken to."""
+    """Of a worker in this process; its first agent raises at once."""
 
     def assembled(transport: Transport, options: Options, opened: ExitStack) -> AgentNode:
         node = assemble(transport, options, opened)
@@ -123,16 +123,16 @@ def test_one_that_fails_says_why_and_the_others_go_on(
     thread.start()
     with ours, theirs:
         ours.settimeout(PATIENCE_S)
-        ends = []
+        ends, said = [], set()
         for number in (1, 2):
             here, there = socket_pair()
             with there:
                 options = own_options(AgentOptions(system_id=number))
                 socket.send_fds(ours, [pickle.dumps((number, options))], [there.fileno()])
-            assert pickle.loads(ours.recv(1 << 16)) == (number, "")
             ends.append(here)
-        ends[0].send(b"x")
-        assert pickle.loads(ours.recv(1 << 16)) == (1, "ZeroDivisionError('integer division or modulo by zero')")
+        for _ in range(3):
+            said.add(pickle.loads(ours.recv(1 << 16)))
+        assert said == {(1, ""), (2, ""), (1, "ZeroDivisionError('integer division or modulo by zero')")}
         steady = Link(ends[1], 255, 190)
         steady.send(START)
         assert steady.receive(PATIENCE_S)
@@ -147,12 +147,12 @@ def test_one_that_fails_says_why_and_the_others_go_on(
     assert "ZeroDivisionError" in capsys.readouterr().err
 
 
-def test_a_process_that_is_killed_names_the_vessel_and_those_beside() -> None:
+def test_a_process_that_is_killed_names_those_beside() -> None:
     with closing(AgentWorkers(1)) as one:
         agents = [one.open(own_options(AgentOptions()), name) for name in ("leader", "follower")]
         link, _ = linked(agents[0])
         os.kill(worker_of(agents[0]).pid, signal.SIGKILL)
-        with pytest.raises(UserError, match=r"^leader: the process of its autopilot, and of follower, ended: signal 9"):
+        with pytest.raises(UserError, match="and of those of follower, ended: signal 9"):
             answer(link, agents[0], 1)
         for agent in agents:
             agent.close()
