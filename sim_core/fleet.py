@@ -209,12 +209,9 @@ def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | 
         return together
     vessel, afloat = together.vessel, together.afloat
     half_change = vessel.half_change
-    contacts = afloat.contacts
-    if len(contacts):
-        own = np.flatnonzero(contacts.vessel == row)
-        contacts = contacts.rows(own, np.zeros(len(own), np.intp)) if len(own) else NO_CONTACTS
+    if len(afloat.contacts):
         wrench = None if afloat.wrench_frd is None else afloat.wrench_frd[rows]
-        afloat = replace(afloat, contacts=contacts, wrench_frd=wrench)
+        afloat = replace(afloat, contacts=contacts_of(fleet, state, number), wrench_frd=wrench)
     surface = together.surface
     return SimulationState(
         together.time_ns,
@@ -230,6 +227,16 @@ def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | 
         HullSurface(surface.point_elevation_m[rows], surface.over_hull[rows]),
         afloat,
     )
+
+
+def contacts_of(fleet: Fleet, state: FleetState, number: int) -> Contacts:
+    """What one vessel touched itself."""
+    batch, row = fleet.rows[number]
+    contacts = state.batches[batch].contacts
+    if not len(contacts) or len(fleet.members[batch]) == 1:
+        return contacts
+    own = np.flatnonzero(contacts.vessel == row)
+    return contacts.rows(own, np.zeros(len(own), np.intp)) if len(own) else NO_CONTACTS
 
 
 def kinematics_of(fleet: Fleet, state: FleetState, number: int) -> Kinematics:

@@ -11,7 +11,7 @@ from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.mcap_file import RecordingError
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import PaceReport
-from xitl_cli.run.core.node import RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
+from xitl_cli.run.core.node import FleetStep, RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
@@ -93,8 +93,11 @@ class Loop:
         """The world as each vessel meets it, by the numbers of groups."""
         plant = self._plant
         now_ns = plant.state.time_ns
-        steps = [RunStep(number, now_ns, view.state, view.motion(), view.held) for view in plant.vessels]
-        return steps if self._alone else [steps[0], *steps]
+        if self._alone:
+            view = plant.vessels[0]
+            return [RunStep(number, now_ns, view.state, view.motion(), view.held)]
+        steps = [FleetStep.of(number, now_ns, view) for view in plant.vessels]
+        return [steps[0], *steps]
 
     def _call(self, groups: list[Group], steps: list[RunStep]) -> None:
         """Raises UserError that names the vessel whose node could not go on."""

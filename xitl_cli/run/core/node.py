@@ -18,15 +18,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from agent.wire.link import Link
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
+from sim_core.world.contact import Contacts
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.reports import Progress
+
+if TYPE_CHECKING:
+    from xitl_cli.run.world.plant import PlantView
 
 
 class SimulationClock:
@@ -62,6 +66,34 @@ class RunStep(NamedTuple):
     state: SimulationState
     motion: Kinematics
     held: bool = False
+
+    @property
+    def contacts(self) -> Contacts:
+        """What the vessel touches."""
+        return self.state.contacts
+
+
+class FleetStep(RunStep):
+    """That of one of several vessels: in place of its state stands its view of the plant, which makes it when asked."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, number: int, now_ns: int, view: PlantView) -> FleetStep:
+        """As the plant stands now."""
+        return cls(number, now_ns, cast("SimulationState", view), view.motion(), view.held)
+
+    @property
+    def state(self) -> SimulationState:
+        view: Any = self[2]
+        made: SimulationState = view.state
+        return made
+
+    @property
+    def contacts(self) -> Contacts:
+        view: Any = self[2]
+        found: Contacts = view.contacts
+        return found
 
 
 class RunNode:

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from sim_core.sensors.rangefinder import HullsAround
@@ -39,6 +41,7 @@ from xitl_cli.run.world.world import local_frame
 from xitl_cli.signing import read_key_file
 
 SYNC_RATE_HZ = 10.0
+STILL_AIR = np.zeros((1, 3))
 
 
 def autopilot_links(profile: RunProfile) -> tuple[str, ...]:
@@ -170,7 +173,8 @@ class AutopilotNode(ControlNode):
 
     def sense(self, step: RunStep) -> None:
         self._check.add_truth(step.now_ns, step.motion)
-        messages = self._sensing.due(step.number, step.now_ns, step.motion, step.state.wind_ned_mps)
+        air_ned_mps = step.state.wind_ned_mps if self._sensing.feels_wind else STILL_AIR
+        messages = self._sensing.due(step.number, step.now_ns, step.motion, air_ned_mps)
         if messages:
             for agent in self._present():
                 agent.send_sensors(messages)

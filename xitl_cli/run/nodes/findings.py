@@ -104,12 +104,12 @@ class FindingsNode(RunNode):
         self._recorder, self._clock = context.recorder, context.clock
 
     def sense(self, step: RunStep) -> None:
-        number, now_ns, state, motion, _ = step
+        number, now_ns, motion = step.number, step.now_ns, step.motion
         if number % self._every_truth == 0:
             self._recent.append((now_ns, motion.pos_ned_m[0], motion.quat_ned_frd[0]))
         if number % self._every_seen == 0:
             rotation = motion.rot_ned_frd[0]
-            self.score.see(motion.pos_ned_m[0], math.atan2(rotation[1, 0], rotation[0, 0]), state.debris)
+            self.score.see(motion.pos_ned_m[0], math.atan2(rotation[1, 0], rotation[0, 0]), step.state.debris)
 
     def handle(self, message: Any) -> None:
         """A message of the companion."""

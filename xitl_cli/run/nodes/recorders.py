@@ -37,11 +37,12 @@ class TruthRecorder(RunNode):
         self._recorder.actuators(step.now_ns, self._control.command, self._names)
 
     def record(self, step: RunStep) -> None:
-        number, now_ns, state, motion, _ = step
+        number, now_ns, motion = step.number, step.now_ns, step.motion
         recorder = self._recorder
         if number % self._every_truth == 0:
-            recorder.truth(now_ns, motion, state.vessel.rotor_speed)
+            recorder.truth(now_ns, motion, step.state.vessel.rotor_speed)
         if number % self._every_environment == 0:
+            state = step.state
             surface_m = float(elevation_m(self._simulation, state)[0])
             recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], surface_m)
             lat, lon, alt = self._frame.geodetic(motion.pos_ned_m)

@@ -43,15 +43,15 @@ class CollisionNode(RunNode):
         self._recorder = context.recorder
 
     def sense(self, step: RunStep) -> None:
-        recorder, state = self._recorder, step.state
-        if len(state.contacts) and not step.held:
-            for begun in self._collisions.add(state.time_ns, state.contacts):
+        recorder, now_ns, contacts = self._recorder, step.now_ns, step.contacts
+        if len(contacts) and not step.held:
+            for begun in self._collisions.add(now_ns, contacts):
                 text = f"the hull hit {_article(begun.what)} at {begun.impact_mps:.2f} m/s"
-                recorder.log(state.time_ns, WARNING, SOURCE, text)
-                self._record_contact(recorder, state.time_ns, begun.what, began=True)
+                recorder.log(now_ns, WARNING, SOURCE, text)
+                self._record_contact(recorder, now_ns, begun.what, began=True)
         if step.number % self._record_every == 0:
-            for touching in self._collisions.touching(state.time_ns):
-                self._record_contact(recorder, state.time_ns, touching.what, began=False)
+            for touching in self._collisions.touching(now_ns):
+                self._record_contact(recorder, now_ns, touching.what, began=False)
 
     def report(self) -> dict[str, Any]:
         """collisions: None where the vessel feels nothing."""

@@ -69,7 +69,7 @@ class LidarInstrument:
 
     def update(self, step: RunStep) -> list[Message]:
         """After each physics step: the chunks of the clouds that are due."""
-        number, sim_ns, state, motion, _ = step
+        number, sim_ns, motion = step.number, step.now_ns, step.motion
         ends = number % self._every == 0
         if self._stamps_ns:
             self._keep(sim_ns, motion)
@@ -79,7 +79,7 @@ class LidarInstrument:
             self._stamps_ns, self._places, self._attitudes = [], [], []
             self._keep(sim_ns, motion)
             now = self._bodies_now
-            self._bodies = drifting_bodies(self._simulation, state) if now is None else now()
+            self._bodies = drifting_bodies(self._simulation, step.state) if now is None else now()
         if self._waiting and self._waiting[0][0] <= sim_ns:
             return self._waiting.popleft()[1]
         return []

@@ -71,11 +71,15 @@ class SensorSuite:
             for name, model, encode in models
         ]
         self._channels: list[Channel] = [*self._sensors, *further]
+        self.feels_wind = any(isinstance(channel, VaneChannel) for channel in further)
         self._waiting: list[tuple[int, int, Message]] = []
         self._order = 0
 
     def due(self, step: int, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> list[Message]:
-        """Measure what is due at this step; return what has waited out its latency, oldest first."""
+        """Measure what is due at this step; return what has waited out its latency, oldest first.
+
+        air_ned_mps: the wind (1, 3), looked at where a sensor `feels_wind`.
+        """
         ready: list[Message] = []
         for channel in self._channels:
             if step % channel.every == 0:

@@ -80,13 +80,13 @@ class SonarInstrument:
 
     def update(self, step: RunStep) -> list[Message]:
         """After each physics step: XITL_PING of the pings that are due."""
-        _, sim_ns, state, motion, _ = step
+        sim_ns, motion = step.now_ns, step.motion
         if self._ping_ns is None:
             self._ping_ns = sim_ns
         if sim_ns >= self._ping_ns:
-            self._send_out(sim_ns, self._ping_ns, state, motion)
+            self._send_out(sim_ns, self._ping_ns, step.state, motion)
         if self._port is not None:
-            self._port.poll(sim_ns, lambda settings: self._echo(settings, state, motion, self._device_rng))
+            self._port.poll(sim_ns, lambda settings: self._echo(settings, step.state, motion, self._device_rng))
         messages: list[Message] = []
         while self._heard and self._heard[0][0] <= sim_ns:
             messages += ping_messages(self._heard.popleft()[1])

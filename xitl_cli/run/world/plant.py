@@ -14,6 +14,7 @@ from sim_core import simulation as simulations
 from sim_core.fleet import Fleet, FleetState
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, kinematics
+from sim_core.world.contact import Contacts
 from sim_core.world.debris import Launch
 from sim_core.world.plan import Walls
 from sim_core.world.rays import Bodies
@@ -97,6 +98,15 @@ class PlantView:
             return state
         assert isinstance(simulation, Fleet)
         return fleets.state_of(simulation, state, self.number, self.motion())
+
+    @property
+    def contacts(self) -> Contacts:
+        """What this vessel touches in the latest one."""
+        simulation, state = self._plant.simulation, self._plant.state
+        if isinstance(state, SimulationState):
+            return state.contacts
+        assert isinstance(simulation, Fleet)
+        return fleets.contacts_of(simulation, state, self.number)
 
     def motion(self) -> Kinematics:
         """Of the latest state."""
