@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 from agent.wire.link import Link
 from sim_core.kinematics import Kinematics
@@ -28,9 +28,6 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.reports import Progress
-
-if TYPE_CHECKING:
-    from xitl_cli.run.world.plant import PlantView
 
 
 class SimulationClock:
@@ -73,27 +70,35 @@ class RunStep(NamedTuple):
         return self.state.contacts
 
 
+class WorldView(Protocol):
+    """What a fleet's step is made from; of the latest step of the world."""
+
+    held: bool
+
+    @property
+    def state(self) -> SimulationState: ...
+    @property
+    def contacts(self) -> Contacts: ...
+    def motion(self) -> Kinematics: ...
+
+
 class FleetStep(RunStep):
     """That of one of several vessels: in place of its state stands its view of the plant, which makes it when asked."""
 
     __slots__ = ()
 
     @classmethod
-    def of(cls, number: int, now_ns: int, view: PlantView) -> FleetStep:
+    def of(cls, number: int, now_ns: int, view: WorldView) -> FleetStep:
         """As the plant stands now."""
         return cls(number, now_ns, cast("SimulationState", view), view.motion(), view.held)
 
     @property
     def state(self) -> SimulationState:
-        view: Any = self[2]
-        made: SimulationState = view.state
-        return made
+        return cast(WorldView, self[2]).state
 
     @property
     def contacts(self) -> Contacts:
-        view: Any = self[2]
-        found: Contacts = view.contacts
-        return found
+        return cast(WorldView, self[2]).contacts
 
 
 class RunNode:
