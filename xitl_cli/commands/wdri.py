@@ -49,9 +49,9 @@ def wdri(
     Of a fleet: the WDRI of each vessel, and their mean. Of a run's directory: the nodes that were there and the links
     that carried something.
     """
-    from xitl_cli.graph.wdri import fleet_wdri, profile_wdri
+    from xitl_cli.graph.wdri import FleetWdri, fleet_wdri, profile_wdri
     from xitl_cli.profile import load_profile
-    from xitl_cli.run.run_graph import is_run, measured_run
+    from xitl_cli.run.run_graph import is_run, measured_run, vessels_of_run
 
     count = _count(vertices)
     run = None
@@ -60,7 +60,12 @@ def wdri(
             raise UserError(
                 f"{name}: is a run that is over, --set changes nothing in it; give a profile, or drop --set"
             )
-        run = measured_run(Path(name), reference, count)
+        there = vessels_of_run(Path(name))
+        if there and vessel is None:
+            vessels = {each: measured_run(Path(name), reference, count, each).wdri for each in there}
+            _show_fleet(FleetWdri(vessels), as_json)
+            return
+        run = measured_run(Path(name), reference, count, vessel)
         result = run.wdri
     else:
         profile = load_profile(name, overrides or ())

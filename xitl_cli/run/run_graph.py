@@ -154,12 +154,19 @@ def is_run(name: str) -> bool:
         return False
 
 
-def measured_run(folder: Path, reference: str | None = None, vertices: VertexCount | None = None) -> MeasuredRun:
+def vessels_of_run(folder: Path) -> tuple[str, ...]:
+    """Names of the vessels of a fleet's run; none where there was one alone. Raises UserError for no summary."""
+    return tuple(_summary(folder / SUMMARY).get("vessels", {}))
+
+
+def measured_run(
+    folder: Path, reference: str | None = None, vertices: VertexCount | None = None, vessel: str | None = None
+) -> MeasuredRun:
     """The measured graph in `folder`; `reference` and `vertices` as in `profile_wdri`, by default those of its profile.
 
-    Raises UserError when the folder holds no measured graph.
+    vessel: the one of a fleet's run. Raises UserError when the folder holds no measured graph.
     """
-    section = _section(folder / SUMMARY)
+    section = _section(folder / SUMMARY, vessel)
     try:
         graph = _graph(section["measured"])
         claimed = float(section["claimed"]["wdri"])
@@ -169,6 +176,8 @@ def measured_run(folder: Path, reference: str | None = None, vertices: VertexCou
     if graph.present() == 0:
         raise UserError(f"{folder}: nothing was measured, the run ended before it began; {SUMMARY} says why")
     profile = load_profile(str(folder / PROFILE))
+    if vessel is not None:
+        profile = profile.vessel(vessel)
     if profile.graph is None:
         raise UserError(f"{folder / PROFILE}: has no graph to compare with; name one with --reference")
     count = profile.graph.vertices if vertices is None else vertices
@@ -178,12 +187,23 @@ def measured_run(folder: Path, reference: str | None = None, vertices: VertexCou
     return MeasuredRun(graph_wdri(graph, reference, count, str(folder)), claimed, missing, unclaimed)
 
 
-def _section(path: Path) -> dict[str, Any]:
+def _summary(path: Path) -> dict[str, Any]:
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: cannot be read ({error}); run again") from None
-    section = summary.get("graph") if isinstance(summary, dict) else None
+    return summary if isinstance(summary, dict) else {}
+
+
+def _section(path: Path, vessel: str | None) -> dict[str, Any]:
+    part = _summary(path)
+    if vessel is not None:
+        vessels = part.get("vessels", {})
+        if vessel not in vessels:
+            there = f"it has {', '.join(vessels)}" if vessels else "it is of one vessel alone, leave the name out"
+            raise UserError(f"{path}: has no vessel {vessel!r}; {there}")
+        part = vessels[vessel]
+    section = part.get("graph")
     if not isinstance(section, dict):
         raise UserError(f"{path}: holds no graph, it is of an older xitl; run again")
     return section

@@ -56,6 +56,9 @@ def _shown(path: Path) -> str:
 def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
     """Make `path` and see that it holds no earlier run, or clear that run away. vessels: a folder of each is made."""
     check_writable(path)
+    for name in vessels:
+        if _exists(path / name) and not _is_of_a_vessel(path / name):
+            raise UserError(f"{path / name}: holds other things than a vessel's of a run; choose another --out")
     present = [name for name in _FILES if _exists(path / name)]
     present += sorted(name for name in {*vessels, *_vessels_in(path)} if _exists(path / name))
     if present and not overwrite:
@@ -75,13 +78,18 @@ def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
 
 
 def _vessels_in(path: Path) -> list[str]:
-    """Folders of the vessels of an earlier run: those with nothing else in them than what a vessel leaves."""
-    try:
-        folders = [each for each in path.iterdir() if each.is_dir() and each.name not in _FILES]
-        found = [each.name for each in folders if {one.name for one in each.iterdir()} <= set(_OF_A_VESSEL)]
-    except OSError:
+    """Folders of the vessels of an earlier run."""
+    if not _exists(path / PROFILE):
         return []
-    return found if _exists(path / PROFILE) else []
+    return [each.name for each in path.iterdir() if each.name not in _FILES and _is_of_a_vessel(each)]
+
+
+def _is_of_a_vessel(folder: Path) -> bool:
+    """Whether it is a folder with nothing else in it than what a vessel leaves."""
+    try:
+        return {each.name for each in folder.iterdir()} <= set(_OF_A_VESSEL)
+    except OSError:
+        return False
 
 
 def write_profile(path: Path, text: str) -> None:

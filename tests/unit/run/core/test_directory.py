@@ -91,3 +91,18 @@ def test_a_directory_that_cannot_be_is_refused_with_what_to_do(
     with pytest.raises(UserError, match=r"choose another --out$") as refusal:
         directory.create(Path(text), overwrite=False)
     assert len(str(refusal.value)) < 300
+
+
+def test_folders_of_a_fleet_are_made_and_those_of_another_go_with_its_run(tmp_path: Path) -> None:
+    directory.create(tmp_path, False, ["leader", "other"])
+    (tmp_path / directory.PROFILE).write_text("")
+    (tmp_path / "other" / directory.DATAFLASH).write_bytes(b"old")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/notes.txt").write_text("")
+    with pytest.raises(UserError, match=r"already holds a run .*leader.*other"):
+        directory.create(tmp_path, False, ["leader"])
+    directory.create(tmp_path, True, ["leader"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["leader", "mine"]
+    with pytest.raises(UserError, match="mine: holds other things"):
+        directory.create(tmp_path, True, ["mine"])
+    assert (tmp_path / "mine/notes.txt").exists()
