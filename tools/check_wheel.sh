@@ -26,6 +26,9 @@ venv/bin/xitl logs analyze run/run.mcap run/autopilot.bin > /dev/null
 needs report venv/bin/xitl logs analyze run/autopilot.bin --report report.html
 needs report venv/bin/xitl logs plot run/autopilot.bin ATT.Roll --out plot.html
 needs parquet venv/bin/xitl logs export run/autopilot.bin ATT --format parquet --out folder
+venv/bin/xitl campaign controllers --dry-run > /dev/null
+needs campaign venv/bin/xitl campaign environments
+needs campaign venv/bin/xitl campaign compare run run
 needs perception venv/bin/xitl map run/run.mcap
 needs perception venv/bin/xitl sim sitl-perception --duration 1
 test "$(du -sm venv | cut -f 1)" -lt 400

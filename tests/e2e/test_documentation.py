@@ -68,7 +68,7 @@ class Reader:
         self.typed.append(line)
         told = subprocess.run(
             line, shell=True, cwd=self.directory, env=self._environment, capture_output=True, text=True,
-            timeout=ENOUGH_S, check=False,
+            timeout=ENOUGH_S * (8 if command.words[:2] == ["xitl", "campaign"] else 1), check=False,
         )  # fmt: skip
         printed = told.stdout + told.stderr
         wrong = "Traceback" in printed or not self._ended_well(command, told.returncode)
@@ -157,6 +157,8 @@ def short_plan(text: str) -> str:
     """Of a second a run, two seeds, and a search that gives up after its first points."""
     seeds = "1" if "sensitivity:" in text else "1-2"
     text = re.sub(r"^seeds: .*$", f"seeds: {seeds}", text, flags=re.MULTILINE)
+    if not re.search(r"^  autopilot\.", text, re.MULTILINE):
+        text = text.replace("base: sitl\n", "base: mitl\n")
     text = re.sub(r"^(search|sensitivity): \{.*$", _fewest_runs, text, flags=re.MULTILINE)
     return f"{text}\nset: {{clock.duration_s: {RUN_S}}}\n"
 

@@ -127,10 +127,10 @@ def runs_section(table: ResultTable) -> Section:
 
 
 def figures_section(table: ResultTable) -> Section:
-    """Median, 95th percentile and worst of each figure, for each combination of axes where those are few."""
+    """Median, 95th percentile and worst of each figure, for every combination of axes where those are few."""
     groups = _groups(table)
-    rows: list[tuple[Value, ...]] = []
     told, statuses = limits(table.verdicts), counted_statuses(table.verdicts)
+    by_figure: dict[str, list[tuple[Value, ...]]] = {}
     for figure in table.figures:
         upper = next((limit.upper for limit in told if limit.figure == figure), True)
         for name, members in groups.items():
@@ -139,12 +139,19 @@ def figures_section(table: ResultTable) -> Section:
                 continue
             of = spread(np.array([float(row[figure]) for row in known]))
             worst = (max if upper else min)(known, key=lambda row, figure=figure: row[figure])  # type: ignore[misc]
-            bad = of.p95 if upper else of.p5
-            group = (name,) if len(groups) > 1 else ()
-            rows.append((figure, *group, of.runs, _short(of.median), _short(bad), _short(worst[figure]), worst["seed"]))
-    columns = ("figure", *(("at",) if len(groups) > 1 else ()), "runs", "median", "95 %", "worst", "of seed")
-    grids = (Grid("figures", "Figures (95 % and worst toward the bad side)", columns, tuple(rows)),)
-    return Section("figures", "Figures", grids=grids if rows else (), plots=tuple(_figure_plots(table, told)))
+            cells = (of.median, of.p95 if upper else of.p5, worst[figure])
+            row = (name if len(groups) > 1 else figure, of.runs, *map(_short, cells), worst["seed"])
+            by_figure.setdefault(figure, []).append(row)
+    columns = ("runs", "median", "95 %", "worst", "of seed")
+    if len(groups) > 1:
+        heads = ("", *columns)
+        named = ((figure, pictures.titled(figure), tuple(rows)) for figure, rows in by_figure.items())
+        grids = tuple(Grid(f"figures.{figure}", title, heads, rows) for figure, title, rows in named)
+    else:
+        whole = tuple(row for rows in by_figure.values() for row in rows)
+        grids = (Grid("figures", "All runs", ("figure", *columns), whole),) if whole else ()
+    title = "Figures (95 % and worst toward their bad side)"
+    return Section("figures", title, (), (), grids, tuple(_figure_plots(table, told)))
 
 
 def _figure_plots(table: ResultTable, told: Sequence[Limit]) -> Iterable[Plot]:

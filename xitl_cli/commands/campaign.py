@@ -80,12 +80,15 @@ def run(
     Exit code: 0 all runs passed, or a search found every boundary; 1 not so; 2 something to put right; 130 interrupted,
     --resume goes on.
     """
+    from xitl_cli.campaign.cluster import check_installed
     from xitl_cli.campaign.plan import find_plan, read_plan
 
     found = read_plan(find_plan(plan))
     if on is not None and workers is not None:
         raise UserError("--workers is of this machine, --on is another's scheduler; give one of them")
     if dry_run:
+        if found.search is not None or found.spec.sensitivity is not None:
+            check_installed()
         with quiet_pipe():
             _show_points(found, as_json)
         return

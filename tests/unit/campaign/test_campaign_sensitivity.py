@@ -7,8 +7,6 @@ import pytest
 
 from xitl_cli.campaign.sensitivity import axis_effects, elasticities, unit_sample
 
-pytest.importorskip("SALib")
-
 ISHIGAMI = {"x1": (0.3139, 0.5576), "x2": (0.4424, 0.4424), "x3": (0.0, 0.2437)}
 """First-order and total indices for a = 7, b = 0.1: Homma and Saltelli 1996, Reliability Engineering 52."""
 G_COEFFICIENTS = (0.0, 1.0, 4.5, 9.0, 99.0)
@@ -57,6 +55,7 @@ def test_sobols_g_function() -> None:
         assert effect.main == pytest.approx(main, abs=0.06)
 
 
+@pytest.mark.slow
 def test_morris_of_a_plane_is_its_coefficients() -> None:
     sample = unit_sample("morris", 3, 8, seed=5)
     told = axis_effects("y", "morris", ["a", "b", "c"], sample, sample @ np.array([1.0, -5.0, 0.0]), 0.95, seed=5)
@@ -66,6 +65,7 @@ def test_morris_of_a_plane_is_its_coefficients() -> None:
     assert [effect.interaction for effect in told.effects] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_group_with_a_run_that_told_nothing_is_left_out_and_counted() -> None:
     sample = unit_sample("morris", 2, 8, seed=5)
     values = sample @ np.array([1.0, 2.0])
