@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import shutil
 import time
@@ -134,6 +135,9 @@ class Campaign:
                     self.progress.add(row, now=False)
                     yield row
                     continue
+                if point.number in under_way:  # asked for again: its row will do
+                    coming = itertools.chain([point], coming)
+                    break
                 one = under_way[point.number] = _UnderWay(point, key, self._task(point))
                 self._workers.submit(one.task)
             if not under_way:

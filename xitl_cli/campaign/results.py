@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any
 
 from agent import __version__
@@ -274,6 +275,14 @@ class CampaignFolder:
             self.table().write_parquet()
         except OSError as error:
             raise self._no_room(error) from None
+
+    def __enter__(self) -> CampaignFolder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
 
     def close(self) -> None:
         """Finish the file of lines."""

@@ -1,0 +1,314 @@
+"""Campaigns as they are typed: what is killed is survived, what misbehaves is told, and the table stays the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import environment
+
+from xitl_cli.campaign.execution import MARK
+from xitl_cli.campaign.results import CAMPAIGN, LINES, NOT_COMPARED, ResultTable
+
+pytest.importorskip("distributed")
+pytestmark = pytest.mark.slow
+
+ENOUGH_S = 240.0
+SHORT = "extends: mitl\nclock: {duration_s: 0.4}\nrecording: {scene: false}\n"
+PLAN = """
+base: short.yaml
+axes: {environment.wind.mean_mps: [0, 6]}
+seeds: 1-4
+verdicts: [mission.cross_track_rms_m < 0.2, duration_s > 0.3]
+recordings: failures
+"""
+Process = subprocess.Popen[str]
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("short.yaml").write_text(SHORT, encoding="utf-8")
+    Path("plan.yaml").write_text(PLAN, encoding="utf-8")
+    return tmp_path
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "xitl_cli.main", "campaign", *arguments]
+
+
+@contextmanager
+def begun(words: Sequence[str]) -> Iterator[Process]:
+    process = subprocess.Popen(
+        words, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def campaign(*arguments: str, code: int = 0) -> str:
+    """What it prints on both streams."""
+    told = subprocess.run(
+        command(*arguments), env=environment(), capture_output=True, text=True, timeout=ENOUGH_S, check=False
+    )
+    assert told.returncode == code, told.stdout + told.stderr
+    assert "Traceback" not in told.stderr
+    return told.stdout + told.stderr
+
+
+def wait_for(condition: Callable[[], Any]) -> Any:
+    until_s = time.monotonic() + ENOUGH_S
+    while time.monotonic() < until_s:
+        if found := condition():
+            return found
+        time.sleep(0.02)
+    pytest.fail("nothing of what was waited for")
+
+
+def rows_in(folder: str) -> int:
+    path = Path(folder) / LINES
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def compared(folder: str) -> list[dict[str, Any]]:
+    rows = ResultTable.read(Path(folder)).rows
+    return [{key: value for key, value in row.items() if key not in NOT_COMPARED} for row in rows]
+
+
+def parent_of(pid: int) -> int:
+    try:
+        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+    except OSError:
+        return 0
+
+
+def below(pid: int, words: str) -> list[int]:
+    """Processes whose parent it is and whose command line holds these words."""
+    found = []
+    for one in map(int, filter(str.isdigit, (one.name for one in Path("/proc").iterdir()))):
+        try:
+            line = Path(f"/proc/{one}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        except OSError:
+            continue
+        if words in line and parent_of(one) == pid:
+            found.append(one)
+    return found
+
+
+def workers_of(pid: int) -> list[int]:
+    return below(pid, "xitl_cli.campaign.cluster")
+
+
+def runs_in(folder: Path) -> list[int]:
+    """Runs under way of campaigns in a folder, and all that they have started."""
+    found = []
+    for one in map(int, filter(str.isdigit, (one.name for one in Path("/proc").iterdir()))):
+        try:
+            marked = f"{MARK}=".encode() in Path(f"/proc/{one}/environ").read_bytes()
+            if marked and Path(f"/proc/{one}/cwd").resolve() == folder:
+                found.append(one)
+        except OSError:
+            continue
+    return found
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+    """The table of the plan by one worker."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    (folder / "short.yaml").write_text(SHORT, encoding="utf-8")
+    (folder / "plan.yaml").write_text(PLAN, encoding="utf-8")
+    words = command("plan.yaml", "--workers", "1", "--out", "out")
+    subprocess.run(words, cwd=folder, env=environment(), capture_output=True, timeout=ENOUGH_S, check=False)
+    return compared(str(folder / "out"))
+
+
+def test_a_plan_from_the_command_line(undisturbed: list[dict[str, Any]]) -> None:
+    told = campaign("plan.yaml", "--workers", "4", "--out", "out", "--json", code=0)
+    document = json.loads(told[: told.rindex("\n}") + 2])
+    assert document["complete"] is True
+    assert document["runs"] == document["statuses"]["incomplete"] == 8
+    assert document["verdicts"][-1]["low"] < 1.0 <= document["verdicts"][-1]["high"]
+    assert compared("out") == undisturbed
+    assert len({row["mission.cross_track_rms_m"] for row in undisturbed}) == 8  # seeds and winds do something
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert parquet.read_table("out/results.parquet")["number"].to_pylist() == list(range(1, 9))
+    assert "holds a campaign already" in campaign("plan.yaml", "--out", "out", code=2)
+    assert campaign("plan.yaml", "--out", "out", "--resume").count("8 of 8") >= 1
+    assert rows_in("out") == 8
+
+
+def test_a_client_that_is_killed_is_resumed_and_leaves_no_run(
+    undisturbed: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    with begun(command("plan.yaml", "--workers", "2", "--out", "out")) as client:
+        wait_for(lambda: rows_in("out") >= 3 and runs_in(tmp_path))
+        client.kill()
+        wait_for(lambda: not runs_in(tmp_path))
+    before = rows_in("out")
+    assert 3 <= before < 8
+    campaign("plan.yaml", "--resume", "--out", "out")
+    assert compared("out") == undisturbed
+    assert rows_in("out") == 8
+
+
+def test_workers_and_runs_that_are_killed_change_nothing(undisturbed: list[dict[str, Any]], tmp_path: Path) -> None:
+    with begun(command("plan.yaml", "--workers", "2", "--out", "out")) as client:
+        wait_for(lambda: rows_in("out") >= 2 and runs_in(tmp_path))
+        first = wait_for(lambda: workers_of(client.pid))[0]
+        os.kill(first, signal.SIGKILL)
+        wait_for(lambda: len(set(workers_of(client.pid)) - {first}) == 2)  # replaced
+        run = wait_for(lambda: [one for worker in workers_of(client.pid) for one in below(worker, "xitl_cli.main sim")])
+        os.kill(run[0], signal.SIGKILL)
+        out, errors = client.communicate(timeout=ENOUGH_S)
+        assert client.returncode == 0, out + errors
+    assert compared("out") == undisturbed
+    assert sum(row["attempts"] - 1 for row in ResultTable.read(Path("out")).rows) >= 1
+
+
+def test_an_interrupted_one_ends_cleanly_and_goes_on(undisturbed: list[dict[str, Any]], tmp_path: Path) -> None:
+    with begun(command("plan.yaml", "--workers", "2")) as client:
+        folder = str(wait_for(lambda: [path.parent for path in Path("runs").glob(f"plan-*/{CAMPAIGN}")])[0])
+        wait_for(lambda: rows_in(folder) >= 2)
+        client.send_signal(signal.SIGINT)
+        _, errors = client.communicate(timeout=ENOUGH_S)
+        assert client.returncode == 130, errors
+        assert "Traceback" not in errors
+        assert "--resume" in errors
+    wait_for(lambda: not runs_in(tmp_path))
+    campaign("plan.yaml", "--resume")
+    assert compared(folder) == undisturbed
+
+
+KINDS = {
+    "good.py:Good": "from agent.fcu.control.heading_speed import HeadingSpeedController as Good",
+    "hang.py:X": "import time; time.sleep(1e4)",
+    "crash.py:X": "import os; os._exit(7)",
+    "segv.py:X": "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
+    "memory.py:X": "import subprocess, sys, time\n"
+    "grow = 'x = bytearray(700_000_000)\\nfor at in range(0, len(x), 4096): x[at] = 1\\nimport time; time.sleep(1e4)'\n"
+    "subprocess.Popen([sys.executable, '-c', grow], start_new_session=True)\ntime.sleep(1e4)",
+    "worker.py:X": "import os, signal, time; os.kill(os.getppid(), signal.SIGKILL); time.sleep(1e4)",
+    "good.py:Nothing": "",
+}
+
+
+def test_what_misbehaves_is_told_as_what_it_is(tmp_path: Path) -> None:
+    for name, text in KINDS.items():
+        if text:
+            Path(name.partition(":")[0]).write_text(text, encoding="utf-8")
+    Path("sail.yaml").write_text("extends: sitl\nclock: {duration_s: 0.2}\n", encoding="utf-8")
+    Path("kinds.yaml").write_text(
+        f"base: sail.yaml\naxes:\n  autopilot.controller: [{', '.join(KINDS)}]\n"
+        "limits: {time_s: 20, memory_mb: 500, attempts: 2}\nrecordings: all\n",
+        encoding="utf-8",
+    )
+    told = campaign("kinds.yaml", "--workers", "2", "--out", "out", code=1)
+    rows = {row["command"].split("/")[-1].split()[0]: row for row in ResultTable.read(Path("out")).rows}
+    assert {name: (rows[name]["status"], rows[name]["attempts"]) for name in KINDS} == {
+        "good.py:Good": ("incomplete", 1),
+        "hang.py:X": ("timeout", 2),
+        "crash.py:X": ("crashed", 2),
+        "segv.py:X": ("crashed", 2),
+        "memory.py:X": ("memory", 2),
+        "worker.py:X": ("killed", 2),
+        "good.py:Nothing": ("failed", 1),
+    }
+    assert "has no Nothing" in rows["good.py:Nothing"]["error"]
+    assert (Path(rows["good.py:Good"]["directory"]) / "run.mcap").exists()
+    assert "xitl sim sail.yaml --set autopilot.controller=" in told
+    assert runs_in(tmp_path) == []
+
+
+@contextmanager
+def scheduler(*before: str, host: str = "127.0.0.1", port: int = 0) -> Iterator[tuple[Process, str]]:
+    """A scheduler and a worker, each a process of its own, and its address."""
+    dask = [*before, sys.executable, "-m", "dask"]
+    told = Path(f"scheduler-{time.monotonic_ns()}.json")
+    words = [*dask, "scheduler", "--host", host, "--port", str(port), "--no-dashboard", "--scheduler-file", str(told)]
+    with begun(words) as process:
+        address = wait_for(lambda: told.exists() and told.read_text() and json.loads(told.read_text())["address"])
+        with begun([*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]):
+            yield process, address
+
+
+def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]]) -> None:
+    with scheduler() as (process, address):
+        with begun(command("plan.yaml", "--on", address, "--out", "out")) as client:
+            wait_for(lambda: rows_in("out") >= 2)
+            process.kill()
+            _, errors = client.communicate(timeout=ENOUGH_S)
+            assert client.returncode == 2, errors
+            assert "the scheduler is away; what ended is kept, --resume goes on" in " ".join(errors.split())
+            assert "Traceback" not in errors
+        away = campaign("plan.yaml", "--on", address, "--out", "out", "--resume", code=2)
+        assert f"--on {address}: does not answer" in " ".join(away.split())
+    assert 2 <= rows_in("out") < 8
+    with scheduler() as (_, address):
+        campaign("plan.yaml", "--on", address, "--out", "out", "--resume")
+    assert compared("out") == undisturbed
+
+
+@pytest.mark.skipif(
+    os.geteuid() != 0 or shutil.which("ip") is None, reason="network namespaces are made by root with ip"
+)
+def test_a_scheduler_in_another_network_namespace(undisturbed: list[dict[str, Any]]) -> None:
+    name, link = f"xitl-{os.getpid()}", f"xv{os.getpid()}"
+    here, there = "10.213.7.1", "10.213.7.2"
+    made = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True, check=False)
+    if made.returncode:
+        pytest.skip(f"no network namespace can be made here: {made.stderr.strip()}")
+    inside = ["ip", "netns", "exec", name]
+    try:
+        for line in (
+            f"ip link add {link} type veth peer name {link}p netns {name}",
+            f"ip address add {here}/30 dev {link}",
+            f"ip link set {link} up",
+            f"ip -n {name} address add {there}/30 dev {link}p",
+            f"ip -n {name} link set {link}p up",
+            f"ip -n {name} link set lo up",
+        ):
+            done = subprocess.run(line.split(), capture_output=True, text=True, check=False)
+            if done.returncode:
+                pytest.skip(f"no link into a network namespace can be made here: {done.stderr.strip()}")
+        with scheduler(*inside, host=there, port=8786) as (_, address):
+            assert address == f"tcp://{there}:8786"
+            campaign("plan.yaml", "--on", address, "--out", "out")
+    finally:
+        subprocess.run(["ip", "netns", "delete", name], check=False)
+    assert compared("out") == undisturbed
+
+
+def test_a_million_runs_by_accident_are_refused() -> None:
+    text = PLAN.replace("[0, 6]", "{from: 0, to: 20, count: 1000}").replace("1-4", "1-1000")
+    Path("plan.yaml").write_text(text, encoding="utf-8")
+    told = " ".join(campaign("plan.yaml", "--out", "out", code=2).split())
+    assert "1000000 runs (1000 of environment.wind.mean_mps × 1000 seeds); add --yes if that is meant" in told
+    assert not Path("out").exists()
+
+
+def test_constraints_that_leave_nothing_are_told() -> None:
+    Path("plan.yaml").write_text(f"{PLAN}constraints: [environment.wind.mean_mps > 7]\n", encoding="utf-8")
+    assert "no combination fulfils the constraints" in " ".join(campaign("plan.yaml", "--out", "out", code=2).split())
+    assert not Path("out").exists()
+
+
+def test_a_figure_that_no_summary_has_is_told_before_anything_runs() -> None:
+    Path("plan.yaml").write_text(PLAN.replace("cross_track_rms_m", "cross_track_rms"), encoding="utf-8")
+    told = " ".join(campaign("plan.yaml", "--out", "out", code=2).split())
+    assert "plan.yaml:5: verdicts: mission.cross_track_rms is no figure of a summary" in told
+    assert "did you mean mission.cross_track_rms_m?" in told
+    assert rows_in("out") == 0
