@@ -21,7 +21,7 @@ from xitl_cli.logs.report.model import Report
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, EXAMPLE = ROOT / "docs" / "api.md", "examples/plot_a_run.py"
-FUNCTIONS = (xitl.simulate, xitl.load_profile, xitl.wdri, xitl.open_log, xitl.analyze, xitl.compare)
+FUNCTIONS = (xitl.simulate, xitl.load_profile, xitl.wdri, xitl.open_log, xitl.analyze, xitl.compare, xitl.campaign)
 RESULTS = (xitl.Result, Log, Table, Report, Comparison, Wdri)
 ERRORS = (xitl.UserError, xitl.LogError)
 _SPECIAL = ("__getitem__", "__len__", "__iter__")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from agent import __version__
 
 if TYPE_CHECKING:
-    from xitl_cli.api import Result, analyze, compare, load_profile, open_log, simulate, wdri
+    from xitl_cli.api import Result, analyze, campaign, compare, load_profile, open_log, simulate, wdri
     from xitl_cli.errors import UserError
     from xitl_cli.logs.model.errors import LogError
 
@@ -28,6 +28,7 @@ __all__ = [
     "UserError",
     "__version__",
     "analyze",
+    "campaign",
     "compare",
     "load_profile",
     "open_log",

@@ -14,12 +14,13 @@ from xitl_cli.profile import load_profile as _load_profile
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
+    from xitl_cli.campaign.results import ResultTable
     from xitl_cli.graph.wdri import FleetWdri, VertexCount, Wdri
     from xitl_cli.logs.compare.comparison import Comparison
     from xitl_cli.logs.model.log import Log
     from xitl_cli.logs.report.model import Report
 
-__all__ = ["Result", "analyze", "compare", "load_profile", "open_log", "simulate", "wdri"]
+__all__ = ["Result", "analyze", "campaign", "compare", "load_profile", "open_log", "simulate", "wdri"]
 
 PathText = str | PathLike[str]
 Overrides = Mapping[str, Any] | Iterable[str]
@@ -74,6 +75,32 @@ def simulate(
     if result.summary["error"]:
         raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
     return result
+
+
+def campaign(
+    plan: PathText,
+    *,
+    out: PathText | None = None,
+    on: str | None = None,
+    workers: int | None = None,
+    resume: bool = False,
+) -> ResultTable:
+    """Carry out a plan of many runs, as `xitl campaign` does, and keep the campaign in a folder.
+
+    plan: a YAML file, or the name of a shipped one. out: the folder, `runs/<plan>-<time>` in the working directory by
+    default. on: the address of a Dask scheduler, this machine by default. workers: runs at once on this machine, as
+    many as it has cores by default. resume: go on with what an earlier one in `out` lacks.
+
+    `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) say what came out. Raises UserError for
+    what is wrong in the plan, and when it cannot go on; what ended until then is kept.
+    """
+    from xitl_cli.campaign.carry_out import carry_out, open_folder
+    from xitl_cli.campaign.cluster import check_installed
+    from xitl_cli.campaign.plan import find_plan, read_plan
+
+    check_installed()
+    found = read_plan(find_plan(fspath(plan)))
+    return carry_out(found, open_folder(found, None if out is None else Path(out), resume), on, workers)
 
 
 def wdri(

@@ -30,8 +30,16 @@ _SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,  # attempts are counted here
     "distributed.scheduler.worker-saturation": 1.0,  # none waits at a worker that may be killed
     "distributed.worker.daemon": False,
-    "distributed.admin.tick.limit": "60s",
     "distributed.scheduler.active-memory-manager.start": False,
+    # Dask watches its own work, which is done by other processes here: it took 2 % of a core.
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.tick.limit": "60s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.memory.monitor-interval": "5s",
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
 }
 
 
@@ -311,7 +319,7 @@ async def _work(address: str) -> None:
     import dask
     from distributed import Worker
 
-    with dask.config.set({"distributed.worker.memory.target": False, "distributed.worker.memory.spill": False}):
+    with dask.config.set(_SETTINGS):
         async with Worker(address, nthreads=1, memory_limit=0, dashboard=False) as worker:
             await worker.finished()
 

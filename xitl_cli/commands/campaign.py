@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from xitl_cli.campaign.engine import Progress
     from xitl_cli.campaign.plan import Plan
-    from xitl_cli.campaign.results import CampaignFolder, ResultTable
+    from xitl_cli.campaign.results import ResultTable
 
 MANY = 10_000
 """More runs than that are asked about."""
@@ -92,7 +93,7 @@ def run(
         with quiet_pipe():
             _show_points(found, as_json)
         return
-    table, complete = _carried_out(found, on, workers, resume, yes, out, as_json)
+    table, complete = _carried_out(found, on, workers, resume, yes, out)
     page = _report(table) if report else None
     with still_read():
         if as_json:
@@ -117,56 +118,44 @@ def _fulfilled(table: ResultTable) -> bool:
 
 
 def _carried_out(
-    plan: Plan, on: str | None, workers: int | None, resume: bool, yes: bool, out: Path | None, as_json: bool
+    plan: Plan, on: str | None, workers: int | None, resume: bool, yes: bool, out: Path | None
 ) -> tuple[ResultTable, bool]:
     """The table, and whether all runs are there."""
+    from xitl_cli.campaign.carry_out import carry_out, open_folder
     from xitl_cli.campaign.cluster import check_installed
-    from xitl_cli.campaign.engine import Campaign, try_first_run
 
     check_installed()
     total = _count(plan, yes)
-    folder = _folder(plan, out, resume)
+    folder = open_folder(plan, out, resume)
     console = terminal(stderr=True)
-    if not folder.done:
-        try_first_run(plan)
     many = f"up to {plan.most_runs()}" if plan.search is not None else total
     say(console, f"{many} runs of {plan.base.name}, in {folder.path}")
-    interrupted = False
-    with _shown_progress(console) as watch:
+    with _shown_progress(console) as watch, _ended_by_signals():
         try:
-            with _workers(plan, on, workers, folder, watch) as (found, name):
-                if plan.search is not None:
-                    from xitl_cli.campaign.search import carry_out
-
-                    carry_out(plan.search, Campaign(plan, folder, found, None, watch, name).submit)
-                else:
-                    for _ in Campaign(plan, folder, found, total, watch, name).run():
-                        pass
+            table = carry_out(plan, folder, on, workers, None if plan.search is not None else total, watch)
         except KeyboardInterrupt:
-            interrupted = True
-        finally:
-            folder.close()
-    folder.write_table()
-    if interrupted:
-        left = "" if plan.search is not None else f" with {total - len(folder.done)} of {total} runs left"
-        say(console, f"interrupted{left}; --resume --out {folder.path} goes on")
-    return folder.table(), not interrupted
+            left = "" if plan.search is not None else f" with {total - len(folder.done)} of {total} runs left"
+            say(console, f"interrupted{left}; --resume --out {folder.path} goes on")
+            return folder.table(), False
+    return table, True
 
 
 @contextmanager
-def _workers(
-    plan: Plan, on: str | None, count: int | None, folder: CampaignFolder, watch: _Watch
-) -> Iterator[tuple[Any, str]]:
-    import uuid
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM, as of a batch system, and a terminal that hangs up do what Ctrl-C does."""
 
-    from xitl_cli.campaign.cluster import local_workers, workers_at
+    def end(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
 
-    name = uuid.uuid4().hex[:12]
-    kept = None if plan.spec.recordings == "none" else folder.path
-    opened = local_workers(count, name) if on is None else workers_at(on, name, kept)
-    with opened as workers:
-        watch.where(workers.threads, on, workers.dashboard)
-        yield workers, name
+    numbers = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    previous = {number: signal.signal(number, end) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
 
 def _count(plan: Plan, yes: bool) -> int:
@@ -191,41 +180,17 @@ def _ask(plan: Plan, most: int) -> None:
         raise UserError(f"{plan.path}: nothing was run; take fewer values, or combine: latin_hypercube with samples")
 
 
-def _folder(plan: Plan, out: Path | None, resume: bool) -> CampaignFolder:
-    from xitl_cli.campaign.results import CAMPAIGN, CampaignFolder
-
-    if not resume:
-        return CampaignFolder.create(out or _default_out(plan), plan)
-    if out is None:
-        before = sorted(Path("runs").glob(f"{plan.name}-*/{CAMPAIGN}"), key=lambda path: path.stat().st_mtime)
-        if not before:
-            raise UserError(
-                f"runs/{plan.name}-…: no campaign of this plan is there; name it with --out, or leave --resume"
-            )
-        out = before[-1].parent
-    return CampaignFolder.resume(out, plan)
-
-
-def _default_out(plan: Plan) -> Path:
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    path, number = Path("runs") / f"{plan.name}-{stamp}", 1
-    while path.exists():
-        number += 1
-        path = Path("runs") / f"{plan.name}-{stamp}-{number}"
-    return path
-
-
 class _Watch:
     """Tells how far a campaign is: one line that changes at a terminal, one now and then elsewhere."""
 
-    def __init__(self, show: Callable[[str], None], every_s: float) -> None:
-        self._show, self._every_s = show, every_s
-        self._place, self._next_s = "", 0.0
+    def __init__(self, tell: Callable[[str], None], show: Callable[[str], None], every_s: float) -> None:
+        self._tell, self._show, self._every_s = tell, show, every_s
+        self._next_s = 0.0
 
-    def where(self, threads: int, on: str | None, dashboard: str | None) -> None:
+    def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
+        """Where runs are carried out, and how many at once."""
         at = f"{threads} at once {'here' if on is None else f'on {on}'}"
-        self._place = f"{at}, dashboard {dashboard}" if dashboard else at
-        self._show(self._place)
+        self._tell(f"{at}, dashboard {dashboard}" if dashboard else at)
 
     def __call__(self, progress: Progress) -> None:
         if time.monotonic() < self._next_s and progress.done != progress.total:
@@ -257,13 +222,16 @@ def duration_text(seconds: float) -> str:
 
 @contextmanager
 def _shown_progress(console: Console) -> Iterator[_Watch]:
+    def tell(text: str) -> None:
+        say(console, text)
+
     if not console.is_terminal:
-        yield _Watch(lambda text: say(console, text), _LINE_EVERY_S)
+        yield _Watch(tell, tell, _LINE_EVERY_S)
         return
     from rich.text import Text
 
     with console.status("starting workers") as status:
-        yield _Watch(lambda text: status.update(Text(text)), 0.2)
+        yield _Watch(tell, lambda text: status.update(Text(text)), 0.2)
 
 
 def _report(table: ResultTable) -> Path:
