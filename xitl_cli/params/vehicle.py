@@ -28,6 +28,7 @@ HEARTBEAT_S = 0.5
 ANSWER_S = 1.0
 TRIES = 4
 REASON_S = 0.3
+OTHERS_S = 1.2  # every autopilot speaks once a second
 LOCAL_HOSTS = ("127.0.0.1", "0.0.0.0", "localhost", "[::1]", "[::]")
 
 Result = TypeVar("Result")
@@ -77,6 +78,7 @@ class VehicleConnection:
     def __init__(self, transport: Transport, url: str, signing: Signing | None, system_id: int | None = None) -> None:
         self._wanted = system_id
         self._heard: set[int] = set()
+        self._adopted_s = 0.0
         self.kind = 0
         self.px4 = False
         self._link = Link(transport, SYSTEM_ID, COMPONENT_ID, signing=signing)
@@ -93,12 +95,17 @@ class VehicleConnection:
             if time.monotonic() > deadline_s:
                 raise self._nobody(timeout_s)
             for message in self._receive(0.1):
-                if message.get_srcComponent() == AUTOPILOT_COMPONENT_ID:
-                    self._heard.add(message.get_srcSystem())
                 if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and _is_vehicle(message):
                     self._adopt(message)
-            if self._target is not None and self._wanted is None and len(self._heard) > 1:
-                raise UserError(f"{self._url}: systems {self._all_heard} are heard there; add ?system= and one of them")
+
+    def _check_alone(self) -> None:
+        if self._wanted is None and len(self._heard) > 1:
+            raise UserError(f"{self._url}: systems {self._all_heard} are heard there; add ?system= and one of them")
+
+    def _settle(self) -> None:
+        """Before anything is changed: whether another one would have been heard."""
+        while self._wanted is None and (left_s := self._adopted_s + OTHERS_S - time.monotonic()) > 0.0:
+            self._receive(left_s)
 
     def _adopt(self, heartbeat: Any) -> None:
         """The first, or the first that is wanted."""
@@ -106,6 +113,7 @@ class VehicleConnection:
         if self._target is not None or self._wanted not in (None, system_id):
             return
         self._target = (system_id, heartbeat.get_srcComponent())
+        self._adopted_s = time.monotonic()
         self.kind = int(heartbeat.type)
         self.px4 = heartbeat.autopilot == dialect.MAV_AUTOPILOT_PX4
         self._parameters = ParameterClient(self._target, self.px4, True, TRIES, ANSWER_S)
@@ -153,6 +161,7 @@ class VehicleConnection:
 
     def set(self, name: str, value: float) -> SetResult:
         """Set one parameter and hear what it is now."""
+        self._settle()
         self._texts.clear()
         if self.px4 and name not in self.types:
             self.read(name)
@@ -172,6 +181,7 @@ class VehicleConnection:
 
     def command(self, number: int, *values: float) -> int | None:
         """A MAV_CMD with its parameters: the MAV_RESULT, None when it does not answer."""
+        self._settle()
         request = self._commands.command(number, *values)
         self._complete(request)
         return None if request.answer is None else int(request.answer.result)
@@ -201,6 +211,9 @@ class VehicleConnection:
             self._link.send(dialect.MAVLink_heartbeat_message(kind, none, 0, 0, dialect.MAV_STATE_ACTIVE, 3))
         messages = self._link.receive(timeout_s)
         for message in messages:
+            if message.get_srcComponent() == AUTOPILOT_COMPONENT_ID and message.get_srcSystem() not in self._heard:
+                self._heard.add(message.get_srcSystem())
+                self._check_alone()
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._is_ours(message):
                 text = self._text.handle(message)
                 self._texts.extend([] if text is None else [text])

@@ -41,3 +41,9 @@ def params() -> Params:
         return Ran(result.exit_code, result.stdout, "")
 
     return run
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether others would be heard is not waited for."""
+    monkeypatch.setattr("xitl_cli.params.vehicle.OTHERS_S", 0.0)
