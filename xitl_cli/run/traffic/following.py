@@ -8,9 +8,8 @@ of these are the leader's axes along its course over ground.
 Velocities go to the autopilot, over ground, and not places: a place that moves all the time is one that a vessel brakes
 for all the time. They point to where the track goes through a circle around the vessel (pure pursuit, Coulter 1992),
 with an integral of what it lies beside the track, since ArduRover makes a heading of a velocity and lets the current
-carry it off. The speed is the leader's and a share of what is to be made up, no more than what the leader itself went
-at in a corner, with a little on top. Where the leader lies still the place is one to go to
-and to keep.
+carry it off. The speed is the leader's and a share of what is to be made up; in a corner no more than half as much
+again as the leader went at there. Where the leader lies still the place is one to go to and to keep.
 """
 
 from __future__ import annotations

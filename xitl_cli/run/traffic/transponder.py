@@ -65,15 +65,20 @@ class CourseChange:
 
     def __init__(self) -> None:
         self._headings: deque[tuple[int, float, float]] = deque()
+        self._north = self._east = 0.0  # sums over them
         self._straight_ns: int | None = None
 
     def update(self, now_ns: int, heading_rad: float) -> bool:
         """At every look."""
         headings = self._headings
         headings.append((now_ns, math.cos(heading_rad), math.sin(heading_rad)))
+        self._north += headings[-1][1]
+        self._east += headings[-1][2]
         while now_ns - headings[0][0] > HEADING_MEAN_S * 1e9:
-            headings.popleft()
-        mean_rad = math.atan2(sum(one[2] for one in headings), sum(one[1] for one in headings))
+            _, north, east = headings.popleft()
+            self._north -= north
+            self._east -= east
+        mean_rad = math.atan2(self._east, self._north)
         off_deg = abs(math.degrees(math.remainder(heading_rad - mean_rad, 2.0 * math.pi)))
         if off_deg > TURNED_DEG:
             self._straight_ns = now_ns + round(STRAIGHT_AGAIN_S * 1e9)
