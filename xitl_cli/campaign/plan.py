@@ -183,7 +183,10 @@ class Plan:
         if self.search is not None:
             found["search"] = self.search.document()
         if self.spec.sensitivity is not None:
-            found["sensitivity"] = asdict(self.spec.sensitivity)
+            from xitl_cli.campaign.sensitivity import sample_places
+
+            rows = sample_places(self.spec.sensitivity, self.axes, self.spec.seed)[1]
+            found["sensitivity"] = {"spec": asdict(self.spec.sensitivity), "places": rows}
         return found
 
     @cached_property

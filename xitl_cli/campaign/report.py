@@ -59,7 +59,7 @@ def campaign_sections(table: ResultTable) -> list[Section]:
         search = Search.read(document)
         sections.append(boundary_section(search, told_again(search, table.rows)))
     if (document := table.about.get("sensitivity")) is not None:
-        sections.append(sensitivity_section(table, SensitivitySpec(**document)))
+        sections.append(sensitivity_section(table, SensitivitySpec(**document["spec"]), document["places"]))
     elif table.about["plan"].get("combine") == "one_at_a_time":
         sections.append(elasticity_section(table))
     if len(_numeric_axes(table)) > 1:
@@ -311,12 +311,11 @@ def _exploration_grid(key: str, search: Search, found: ExplorationFinding, where
     return Grid(key, f"Failing points nearest to nominal{where}", columns, rows)
 
 
-def sensitivity_section(table: ResultTable, spec: SensitivitySpec) -> Section:
+def sensitivity_section(table: ResultTable, spec: SensitivitySpec, places: Sequence[int]) -> Section:
     """Axes by how much they matter, for each figure."""
     figures = spec.figures or tuple(figure for figure in table.figures if _spread_out(table.column(figure)))
-    told = sensitivities(
-        spec, table.axes, figures, table.rows, len(table.about["seeds"]), int(table.about["plan"].get("seed", 1))
-    )
+    seed = int(table.about["plan"].get("seed", 1))
+    told = sensitivities(spec, table.axes, figures, table.rows, places, len(table.about["seeds"]), seed)
     grids = tuple(_effects_grid(one) for one in told if one.effects)
     lacks = tuple(f"{one.figure}: no sensitivity, as {one.why}." for one in told if one.why)
     findings = tuple(_strongest(one, spec) for one in told if one.effects)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
-from xitl_cli.campaign.axes import Axis, RunPoint
+from xitl_cli.campaign.axes import Axis, AxisValue, RunPoint
 from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
 from xitl_cli.campaign.search_spec import SensitivitySpec
 from xitl_cli.campaign.statistics import Floats, Interval, mean_interval
@@ -120,36 +121,56 @@ def _about(middle: float, half: float) -> Interval:
     return Interval(middle - half, middle + half)
 
 
+def sample_places(
+    spec: SensitivitySpec, axes: Sequence[Axis], seed: int
+) -> tuple[list[dict[str, AxisValue]], list[int]]:
+    """The distinct places of a sample, and which of them each of its rows is: Morris repeats some."""
+    places: list[dict[str, AxisValue]] = []
+    known: dict[str, int] = {}
+    rows = []
+    for shares in unit_sample(spec.method, len(axes), spec.samples, seed):
+        values = {axis.key: axis.quantile(float(share)) for axis, share in zip(axes, shares, strict=True)}
+        number = known.setdefault(json.dumps(values), len(places))
+        if number == len(places):
+            places.append(values)
+        rows.append(number)
+    return places, rows
+
+
 def sensitivity_points(
     spec: SensitivitySpec, axes: Sequence[Axis], seeds: Sequence[int], seed: int
 ) -> Iterator[RunPoint]:
     """Each place of the sample with every seed, the same ones everywhere: what seeds do is not taken for an axis."""
-    number = 0
-    for shares in unit_sample(spec.method, len(axes), spec.samples, seed):
-        values = {axis.key: axis.quantile(float(share)) for axis, share in zip(axes, shares, strict=True)}
-        for each in seeds:
-            number += 1
-            yield RunPoint(number, values, each)
+    for number, values in enumerate(sample_places(spec, axes, seed)[0]):
+        for each, one in enumerate(seeds):
+            yield RunPoint(number * len(seeds) + each + 1, values, one)
 
 
 def sensitivities(
-    spec: SensitivitySpec, axes: Sequence[str], figures: Sequence[str], rows: Iterable[Row], seeds: int, seed: int
+    spec: SensitivitySpec,
+    axes: Sequence[str],
+    figures: Sequence[str],
+    rows: Iterable[Row],
+    places: Sequence[int],
+    seeds: int,
+    seed: int,
 ) -> list[Sensitivity]:
-    """Of each figure, its mean over seeds. rows: by their numbers; places that lack one count as without a figure."""
+    """Of each figure, its mean over seeds. rows: by their numbers; places that lack one count as without a figure.
+
+    places: of each row of the sample, as of `sample_places`.
+    """
     sample = unit_sample(spec.method, len(axes), spec.samples, seed)
     by_number = {row["number"]: row for row in rows}
     told = []
     for figure in figures:
-        values = np.full((len(sample), seeds), np.nan)
+        values = np.full((max(places) + 1, seeds), np.nan)
         for number, row in by_number.items():
             value = row.get(figure)
-            if (
-                row.get("status") in (COMPLETED, INCOMPLETE)
-                and isinstance(value, (int, float))
-                and 1 <= number <= values.size
-            ):
+            ran = row.get("status") in (COMPLETED, INCOMPLETE)
+            if ran and isinstance(value, (int, float)) and 1 <= number <= values.size:
                 values.flat[number - 1] = float(value)
-        told.append(axis_effects(figure, spec.method, axes, sample, values.mean(axis=1), spec.confidence, seed))
+        of_sample = values.mean(axis=1)[np.asarray(places)]
+        told.append(axis_effects(figure, spec.method, axes, sample, of_sample, spec.confidence, seed))
     return told
 
 

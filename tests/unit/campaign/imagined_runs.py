@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from xitl_cli.campaign.engine import Campaign
 from xitl_cli.campaign.execution import COMPLETED, Row, RunTask
@@ -37,7 +37,7 @@ class ImaginaryWorkers:
         self.carried_out += 1
         words = list(task.arguments)
         sets = [words[number + 1] for number, word in enumerate(words) if word == "--set"]
-        values = {key: json.loads(text) for key, _, text in (one.partition("=") for one in sets)}
+        values = {key: yaml.safe_load(text) for key, _, text in (one.partition("=") for one in sets)}
         told = dict(self._figures(values, int(words[words.index("--seed") + 1])))
         row = {
             "number": task.number,

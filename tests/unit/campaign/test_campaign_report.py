@@ -72,3 +72,61 @@ def test_the_table_of_the_readme(tmp_path: Path) -> None:
     assert with_table(page, "new") == "before\n<!-- figures -->\n\nnew\n\n<!-- end of figures -->\nafter\n"
     with pytest.raises(ValueError, match="has no place for figures"):
         with_table("nothing", "new")
+
+
+ONE_AT_A_TIME = f"""
+base: sitl
+axes:
+  {WIND}: [4.9, 5.1]
+  {CURRENT}: [0.45, 0.55]
+  autopilot.controller: ["examples/sliding_mode_heading.py:SlidingModeHeading"]
+combine: one_at_a_time
+seeds: 1-3
+keep: [{TRACK}]
+verdicts: [{TRACK} < 99]
+"""
+
+
+def test_a_one_at_a_time_plan_tells_elasticities_about_its_base(tmp_path: Path) -> None:
+    """wind² / current about 5 m/s and 0.5 m/s: 2 and -1; a controller has none, and that is said."""
+    (tmp_path / "examples").symlink_to(Path(__file__).parents[3] / "examples")
+
+    def power_law(values: dict[str, float], seed: int) -> dict[str, float]:
+        return {TRACK: seed * values.get(WIND, 5.0) ** 2 / values.get(CURRENT, 0.5)}
+
+    table, _ = imagined(planned(tmp_path, ONE_AT_A_TIME), tmp_path / "out", power_law)
+    told = next(section for section in campaign_sections(table) if section.key == "elasticity")
+    (grid,) = told.grids
+    found = {row[0]: row[1] for row in grid.rows}
+    assert found == {WIND: pytest.approx(2.0, abs=0.01), CURRENT: pytest.approx(-1.0, abs=0.02)}
+    assert told.lacks == ("autopilot.controller: no elasticity, as the base has no number there.",)
+
+
+SENSITIVITY = f"""
+base: mitl
+axes:
+  {WIND}: {{uniform: [0, 10]}}
+  {CURRENT}: {{from: 0, to: 1}}
+seeds: 1-2
+keep: [{TRACK}, duration_s]
+sensitivity: {{method: morris, samples: 8}}
+"""
+
+
+@pytest.mark.slow
+def test_a_sensitivity_plan_ranks_its_axes(tmp_path: Path) -> None:
+    """2 m over the whole range of the wind, 0.5 m over that of the current; a figure that never varies says nothing."""
+    table, _ = imagined(
+        planned(tmp_path, SENSITIVITY),
+        tmp_path / "out",
+        lambda values, seed: {TRACK: 0.2 * values[WIND] - 0.5 * values[CURRENT] + seed, "duration_s": 60.0},
+    )
+    assert len(table) < 8 * 3 * 2  # Morris comes by some places repeatedly
+    assert len({(row[WIND], row[CURRENT], row["seed"]) for row in table.rows}) == len(table)
+    told = next(section for section in campaign_sections(table) if section.key == "sensitivity")
+    assert [row[:2] for row in told.grids[0].rows] == [
+        (WIND, pytest.approx(2.0, rel=1e-3)),
+        (CURRENT, pytest.approx(0.5, rel=1e-3)),
+    ]
+    assert told.grids[0].title == f"{TRACK} (8 groups of runs)"
+    assert told.findings[0].sentence.startswith(f"{TRACK}: {WIND} matters most (mu* = 2")
