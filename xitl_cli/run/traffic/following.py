@@ -30,6 +30,7 @@ INTEGRAL_PER_S = 0.02
 LOOKAHEAD_M = 7.0
 FASTEST = 1.5  # of the mission's speed: to make up for what was lost
 SLOWEST = 0.3  # of the leader's speed: with less way on there is no steering
+STRAIGHT = math.cos(math.radians(20.0))  # between where the follower is and where it looks; what bends more is a corner
 SLOWED = 0.75  # of the leader's speed now: where it went slower than that it had reason to
 ABOVE_LEADER, LEAST_LIMIT_MPS = 1.5, 1.5  # of what it went at there
 MOVED_M = 1.5  # a place to keep that has moved by so much is another
@@ -52,8 +53,11 @@ class FormationPlace(NamedTuple):
 
 
 class TrackPursuit(NamedTuple):
-    """How a vessel lies to the track with its offset to starboard: the way it has come along it, how far it lies to
-    the left of it, where it goes through LOOKAHEAD_M from there, and how fast the leader went until there."""
+    """How a vessel lies to the track with its offset to starboard.
+
+    along_m: the way it has come along it. left_m: how far it lies to the left. aim_ne_m: where the track is LOOKAHEAD_M
+    on. leader_mps: how slow the leader was until there, where that is a corner; infinite elsewhere.
+    """
 
     along_m: float
     left_m: float
@@ -130,11 +134,13 @@ class LeaderTrack:
             if square <= nearest_m2:  # of places that are as near the one farther on
                 nearest_m2, along_m = square, one.along_m + gone_m
                 left_m = way[1] * beside[0] - way[0] * beside[1]
-        looked = [
-            point.speed_mps for point in points if along_m - STEP_M <= point.along_m <= along_m + LOOKAHEAD_M + STEP_M
-        ]
-        aim, _ = self._at(along_m + LOOKAHEAD_M)
-        return TrackPursuit(along_m, left_m, aim, min(looked, default=math.inf))
+        _, here = self._at(along_m)
+        aim, there = self._at(along_m + LOOKAHEAD_M)
+        slowest_mps = math.inf
+        if here[0] * there[0] + here[1] * there[1] < STRAIGHT:
+            first_m, last_m = along_m - STEP_M, along_m + LOOKAHEAD_M + STEP_M
+            slowest_mps = min((one.speed_mps for one in points if first_m <= one.along_m <= last_m), default=math.inf)
+        return TrackPursuit(along_m, left_m, aim, slowest_mps)
 
     def _leader_along_m(self, now_ns: int) -> float:
         assert self._report is not None
