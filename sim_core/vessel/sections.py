@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sim_core.frames import Array
 from sim_core.keys import SpecificationError
 from sim_core.mesh_file import MeshFileError, read_triangles
-from sim_core.vessel.spec import DemiHull, HullMesh, Section
+from sim_core.vessel.spec import DemiHull, HullMesh, HullSection
 
 ROUND_CORNERS = 32
 """Of the polygon in place of a round section; it has the circle's area, and is 0.16 % less deep."""
@@ -87,7 +87,7 @@ def hull_shape(hull: DemiHull) -> HullShape:
     return HullShape(np.concatenate(rings) + hull.keel_frd_m, np.concatenate(faces).astype(int32))
 
 
-def section_corners_m(section: Section) -> Array:
+def section_corners_m(section: HullSection) -> Array:
     """(C, 2) y and z of a section's corners, its keel at the origin."""
     if (radius_m := section.radius_m) is not None:
         turn = 2.0 * math.pi / ROUND_CORNERS
@@ -104,7 +104,7 @@ def section_corners_m(section: Section) -> Array:
     return once
 
 
-def _tapered_strips(hull: DemiHull, section: Section) -> HullStrips:
+def _tapered_strips(hull: DemiHull, section: HullSection) -> HullStrips:
     """Volumes and their middles are exact: the areas go with the share of the width."""
     edges = np.linspace(-0.5, 0.5, hull.strips + 1)
     places, shares = np.array(hull.taper).T

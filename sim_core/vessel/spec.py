@@ -78,7 +78,7 @@ def _check_rising(path: tuple[str, ...], values: list[float], which: str) -> Non
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Section(Specification):
+class HullSection(Specification):
     """Cross-section of a hull: round, a box, or by its offsets, such as a V. Give one of the three."""
 
     radius_m: Annotated[Positive | None, "of a round one"] = None
@@ -129,7 +129,7 @@ class DemiHull(Specification):
 
     length_m: Annotated[Positive, "from end to end of its sections; of a mesh, of the waterline"]
     keel_frd_m: Annotated[Vector, "halfway along its lowest line, from the body's origin"]
-    section: Section | None = None
+    section: HullSection | None = None
     mesh: HullMesh | None = None
     taper: Annotated[
         tuple[Place, ...],
@@ -582,7 +582,7 @@ class VesselSpec(Specification):
             DemiHull(
                 length_m=hull.length_m,
                 keel_frd_m=(0.0, side * hull.centreline_m, hull.keel_below_cg_m),
-                section=Section(radius_m=hull.radius_m),
+                section=HullSection(radius_m=hull.radius_m),
                 strips=hull.strips,
             )
             for side in (-1.0, 1.0)

@@ -17,7 +17,7 @@ from sim_core.environment.spec import CurrentSpec, DiscreteGust, GustSpec, Water
 from sim_core.environment.waves import realise_waves
 from sim_core.environment.wind import Wind
 from sim_core.simulation import Simulation, initial, step
-from sim_core.vessel.spec import AddedMass, Damping, DemiHull, Hull, Propeller, Section, VesselSpec, Windage
+from sim_core.vessel.spec import AddedMass, Damping, DemiHull, Hull, HullSection, Propeller, VesselSpec, Windage
 
 ASV = VesselSpec(
     name="asv-full",
@@ -39,7 +39,7 @@ MONOHULL = replace(
         DemiHull(
             length_m=2.3,
             keel_frd_m=(0.0, 0.0, 0.25),
-            section=Section(offsets_m=((0.0, 0.0), (0.15, 0.5), (0.45, 0.6))),
+            section=HullSection(offsets_m=((0.0, 0.0), (0.15, 0.5), (0.45, 0.6))),
             taper=((-0.5, 0.9), (0.1, 1.0), (0.5, 0.1)),
         ),
     ),

@@ -23,7 +23,7 @@ STEPS = np.array([1e-4] * 3 + [1e-3] * 6)
 
 
 @dataclass(frozen=True, slots=True)
-class Mode:
+class NaturalMode:
     """An oscillation about rest: natural period without damping, and damping as a share of the critical one."""
 
     name: str
@@ -50,7 +50,7 @@ class SmallMotion:
         drag: Array = -self.mass @ self.matrix[3:, 3:]
         return drag
 
-    def modes(self) -> tuple[Mode, ...]:
+    def modes(self) -> tuple[NaturalMode, ...]:
         """Heave, roll and pitch: the undamped modes, each with the damping that acts in its own shape.
 
         That holds for one damped beyond oscillation too. Raises ValueError where the vessel does not right itself.
@@ -74,7 +74,7 @@ class SmallMotion:
         for _, mode, axis in reversed(order):
             if mode not in names and (name := ("heave", "roll", "pitch")[axis]) not in names.values():
                 names[mode] = name
-        modes = [Mode(names[mode], period, ratio) for mode, (_, period, ratio) in enumerate(found)]
+        modes = [NaturalMode(names[mode], period, ratio) for mode, (_, period, ratio) in enumerate(found)]
         return tuple(sorted(modes, key=lambda mode: ("heave", "roll", "pitch").index(mode.name)))
 
     def growth(self, plane: Plane) -> float:

@@ -18,7 +18,7 @@ from sim_core.simulation import Simulation
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Severity, Value
 from xitl_cli.manoeuvres.helm import FULL_STEERING_DEG, Helm
-from xitl_cli.manoeuvres.small_motion import Mode, Plane, SmallMotion, small_motion
+from xitl_cli.manoeuvres.small_motion import NaturalMode, Plane, SmallMotion, small_motion
 from xitl_cli.manoeuvres.track import Instant, Track, sail, spread, start, steady, still_water
 
 THROTTLES = (0.25, 0.5, 0.75, 1.0)
@@ -179,7 +179,7 @@ def _roll_pitch_deg(rotation: Array) -> tuple[float, float]:
 
 def _small(rest: AtRest) -> Iterator[Fact]:
     for name in ("heave", "roll", "pitch"):
-        mode: Mode = rest.modes[name]
+        mode: NaturalMode = rest.modes[name]
         yield Fact(f"{name}_period_s", f"{name}, natural period", _rounded(mode.period_s), "s")
         yield Fact(f"{name}_damping_ratio", f"{name}, damping ratio", _rounded(mode.damping_ratio), "")
     drag, mass = rest.about.damping, rest.about.mass

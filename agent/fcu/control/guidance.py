@@ -58,6 +58,23 @@ class GuidanceGains(NamedTuple):
         )
 
 
+class GuidanceInput(NamedTuple):
+    """What is steered by. `speed_mps` is over ground; `wanted_mps` what is asked for, or may be used at most."""
+
+    gains: GuidanceGains
+    frame: LocalProjection
+    pos_ne_m: tuple[float, float]
+    yaw_rad: float
+    speed_mps: float
+    wanted_mps: float
+    dt_s: float
+
+    @property
+    def here(self) -> tuple[float, float]:
+        """Latitude and longitude."""
+        return self.frame.to_geodetic(*self.pos_ne_m)
+
+
 class GuidanceLeg(NamedTuple):
     """A straight line from start to end, metres north and east of the origin; precomputed by `leg`.
 
@@ -194,15 +211,9 @@ class StationKeeping:
         self.lon_deg = lon_deg
         self._heading_rad: float | None = None
 
-    def steer(
-        self,
-        gains: GuidanceGains,
-        frame: LocalProjection,
-        pos_ne_m: tuple[float, float],
-        yaw_rad: float,
-        most_mps: float,
-    ) -> GuidanceOutput:
-        """Heading and speed, negative astern, no faster than `most_mps`."""
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
+        """Heading and speed, negative astern, no faster than wanted."""
+        gains, frame, pos_ne_m, yaw_rad, _, most_mps, _ = now
         north_m, east_m = frame.to_local(self.lat_deg, self.lon_deg)
         north_m, east_m = north_m - pos_ne_m[0], east_m - pos_ne_m[1]
         distance_m = math.hypot(north_m, east_m)
@@ -240,19 +251,11 @@ class PointTransit:
         """Whether it was steered along and is not there yet."""
         return self._leg is not None and not self.arrived
 
-    def steer(
-        self,
-        gains: GuidanceGains,
-        frame: LocalProjection,
-        pos_ne_m: tuple[float, float],
-        yaw_rad: float,
-        speed_mps: float,
-        desired_mps: float,
-        dt_s: float,
-    ) -> GuidanceOutput:
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
         """Heading and speed."""
         if self.arrived:
-            return self.station.steer(gains, frame, pos_ne_m, yaw_rad, desired_mps)
+            return self.station.steer(now)
+        gains, frame, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s = now
         if self._leg is None or frame is not self._frame:
             self._frame = frame
             self._leg = make_leg(pos_ne_m, frame.to_local(self.station.lat_deg, self.station.lon_deg), None)
@@ -282,17 +285,9 @@ class CircleTransit:
         self._integral_s = 0.0
         self._angle_rad: float | None = None  # of the vessel seen from the centre, once it is on the circle
 
-    def steer(
-        self,
-        gains: GuidanceGains,
-        frame: LocalProjection,
-        pos_ne_m: tuple[float, float],
-        yaw_rad: float,
-        speed_mps: float,
-        desired_mps: float,
-        dt_s: float,
-    ) -> GuidanceOutput:
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
         """Heading and speed: the tangent, turned toward the circle by line of sight as `follow_leg` does to a line."""
+        gains, frame, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s = now
         north_m, east_m = frame.to_local(self.lat_deg, self.lon_deg)
         north_m, east_m = pos_ne_m[0] - north_m, pos_ne_m[1] - east_m
         distance_m = math.hypot(north_m, east_m)

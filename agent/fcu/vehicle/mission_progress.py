@@ -18,6 +18,7 @@ from typing import Callable, NamedTuple, Optional, Protocol
 from agent.fcu.control.guidance import (
     CircleTransit,
     GuidanceGains,
+    GuidanceInput,
     GuidanceLeg,
     GuidanceOutput,
     GuidanceState,
@@ -65,30 +66,13 @@ Perform = Callable[[MissionItem], str]
 UtcClock = Callable[[], Optional[float]]
 
 
-class StageInput(NamedTuple):
-    """What a stage steers by. `speed_mps` is over ground; `wanted_mps` what the mission asks for."""
-
-    gains: GuidanceGains
-    frame: LocalProjection
-    pos_ne_m: tuple[float, float]
-    yaw_rad: float
-    speed_mps: float
-    wanted_mps: float
-    dt_s: float
-
-    @property
-    def here(self) -> tuple[float, float]:
-        """Latitude and longitude."""
-        return self.frame.to_geodetic(*self.pos_ne_m)
-
-
 class Stage(Protocol):
     """An item that is carried out until it is `done`. ending: what is said then; distance_m: how far its place is."""
 
     done: bool
     ending: tuple[int, str] | None
 
-    def steer(self, now: StageInput) -> GuidanceOutput:
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
         """One step."""
 
 
@@ -120,11 +104,11 @@ class PlaceStage:
         self._station: StationKeeping | None = None
         self._stayed_s = 0.0
 
-    def steer(self, now: StageInput) -> GuidanceOutput:
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
         if self._station is not None:
             self._stayed_s += now.dt_s
             self.done = self._stayed_s >= self._stay_s
-            return self._station.steer(now.gains, now.frame, now.pos_ne_m, now.yaw_rad, now.wanted_mps)
+            return self._station.steer(now)
         if self._line is None or now.frame is not self._frame:
             self._draw_line(now)
         line = self._line
@@ -144,7 +128,7 @@ class PlaceStage:
         """Whether the next line starts where the vessel is then."""
         return self._stay_s > 0.0
 
-    def _draw_line(self, now: StageInput) -> None:
+    def _draw_line(self, now: GuidanceInput) -> None:
         start, turn_from = now.pos_ne_m, None
         if self._before is not None and self._frame is None:
             turn_from = self._before._line
@@ -167,10 +151,8 @@ class CircleStage:
         self._circle = circle
         self._turns = turns
 
-    def steer(self, now: StageInput) -> GuidanceOutput:
-        output = self._circle.steer(
-            now.gains, now.frame, now.pos_ne_m, now.yaw_rad, now.speed_mps, now.wanted_mps, now.dt_s
-        )
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
+        output = self._circle.steer(now)
         self.done = self._circle.turned_rad >= 2.0 * math.pi * self._turns
         return output
 
@@ -178,7 +160,7 @@ class CircleStage:
 class DelayStage:
     """Stays where the vessel comes to rest."""
 
-    def __init__(self, now: StageInput, delay_s: float) -> None:
+    def __init__(self, now: GuidanceInput, delay_s: float) -> None:
         self.done = False
         self.ending: tuple[int, str] | None = None
         stop_m = 0.5 * now.speed_mps * now.speed_mps / now.gains.deceleration_mps2
@@ -188,10 +170,10 @@ class DelayStage:
         )
         self._left_s = delay_s
 
-    def steer(self, now: StageInput) -> GuidanceOutput:
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
         self._left_s -= now.dt_s
         self.done = self._left_s <= 0.0
-        return self._station.steer(now.gains, now.frame, now.pos_ne_m, now.yaw_rad, now.wanted_mps)
+        return self._station.steer(now)
 
 
 class HeadingStage:
@@ -202,7 +184,7 @@ class HeadingStage:
         self.ending: tuple[int, str] | None = None
         self._output = GuidanceOutput(heading_rad, speed_mps, 0.0, 0.0, heading_rad, False)
 
-    def steer(self, now: StageInput) -> GuidanceOutput:
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
         self.done = abs(wrap_angle(self._output.heading_rad - now.yaw_rad)) < _AT_HEADING_RAD
         return self._output
 
@@ -211,7 +193,7 @@ class GuidedStage:
     """Leaves the vessel to the targets that come, as in GUIDED, until it is near `place` or a limit of
     DO_GUIDED_LIMITS is passed."""
 
-    def __init__(self, now: StageInput, place: tuple[float, float] | None, most_s: float, most_m: float) -> None:
+    def __init__(self, now: GuidanceInput, place: tuple[float, float] | None, most_s: float, most_m: float) -> None:
         self.done = False
         self.ending: tuple[int, str] | None = None
         self._start = now.here
@@ -219,7 +201,7 @@ class GuidedStage:
         self._most_s, self._most_m = most_s, most_m
         self._lasted_s = 0.0
 
-    def steer(self, now: StageInput) -> GuidanceOutput:
+    def steer(self, now: GuidanceInput) -> GuidanceOutput:
         self._lasted_s += now.dt_s
         near = self._place is not None and self._distance_m(now, self._place) <= now.gains.radius_m
         too_long = 0.0 < self._most_s <= self._lasted_s
@@ -227,7 +209,7 @@ class GuidedStage:
         self.done = near or too_long or too_far
         return GuidanceOutput(now.yaw_rad, 0.0, 0.0, 0.0, now.yaw_rad, False)
 
-    def _distance_m(self, now: StageInput, place: tuple[float, float]) -> float:
+    def _distance_m(self, now: GuidanceInput, place: tuple[float, float]) -> float:
         north_m, east_m = now.frame.to_local(*place)
         return math.hypot(north_m - now.pos_ne_m[0], east_m - now.pos_ne_m[1])
 
@@ -336,7 +318,7 @@ class MissionProgress:
         self.state = UNDER_WAY
         item = self.mission.items[self.current]
         wanted_mps = self.default_speed_mps if self.speed_mps is None else self.speed_mps
-        now = StageInput(gains, frame, pos_ne_m, yaw_rad, speed_mps, wanted_mps, dt_s)
+        now = GuidanceInput(gains, frame, pos_ne_m, yaw_rad, speed_mps, wanted_mps, dt_s)
         if self._stage is None:
             self._say(INFO, f"Mission: {self.current} {item.name}")
             self._stage = STAGE_BEGINNINGS[item.command](self, item, now)
@@ -470,12 +452,9 @@ class MissionProgress:
 
     # -- stages begin
 
-    def _begin_place(self, item: MissionItem, now: StageInput) -> Stage:
+    def _begin_place(self, item: MissionItem, now: GuidanceInput) -> Stage:
         seq = self.current
-        place = item.place or now.here
-        if item.command == RETURN_HOME:
-            home = self.home or self.mission.items[0]
-            place = (home.lat_deg, home.lon_deg)
+        place = self._place_of(seq) or now.here
         after: tuple[float, float] | None = None
         if item.stay_s == 0.0:
             following = self._next_item(seq + 1).current
@@ -496,7 +475,7 @@ class MissionProgress:
             return home.lat_deg, home.lon_deg
         return item.place if item.command in PASSAGES and item.command != LOITER_TURNS else None
 
-    def _begin_circle(self, item: MissionItem, now: StageInput) -> Stage:
+    def _begin_circle(self, item: MissionItem, now: GuidanceInput) -> Stage:
         turns, _, radius_m, _ = item.parameters
         lat_deg, lon_deg = item.place or now.here
         circle = CircleTransit(now.gains, lat_deg, lon_deg, min(abs(radius_m), _MOST_RADIUS_M), radius_m >= 0.0)
@@ -506,19 +485,19 @@ class MissionProgress:
             self._say(WARNING, f"Circle: max speed is {circle.speed_mps:.1f}")
         return CircleStage(circle, turns)
 
-    def _begin_delay(self, item: MissionItem, now: StageInput) -> Stage:
+    def _begin_delay(self, item: MissionItem, now: GuidanceInput) -> Stage:
         seconds = item.parameters[0]
         delay_s = seconds if seconds > 0.0 else until_time_of_day_s(item.parameters[1:], self._utc_s())
         self._say(INFO, f"Delaying {int(delay_s)} sec")
         return DelayStage(now, delay_s)
 
-    def _begin_heading(self, item: MissionItem, now: StageInput) -> Stage:
+    def _begin_heading(self, item: MissionItem, now: GuidanceInput) -> Stage:
         angle_deg, speed_mps, relative, _ = item.parameters
         heading_rad = wrap_angle(math.radians(angle_deg) + (now.yaw_rad if relative > 0.0 else 0.0))
         most_mps = self.default_speed_mps
         return HeadingStage(heading_rad, min(max(speed_mps, -most_mps), most_mps))
 
-    def _begin_guided(self, item: MissionItem, now: StageInput) -> Stage:
+    def _begin_guided(self, item: MissionItem, now: GuidanceInput) -> Stage:
         is_on = item.parameters[0] > 0.0
         return GuidedStage(now, item.place, *self.guided_limits) if is_on else DelayStage(now, 0.0)
 
@@ -533,7 +512,7 @@ def until_time_of_day_s(clock: tuple[float, ...], utc_s: float | None) -> float:
     return (at_s - utc_s) % period_s
 
 
-STAGE_BEGINNINGS: Mapping[int, Callable[[MissionProgress, MissionItem, StageInput], Stage]] = {
+STAGE_BEGINNINGS: Mapping[int, Callable[[MissionProgress, MissionItem, GuidanceInput], Stage]] = {
     WAYPOINT: MissionProgress._begin_place,
     LOITER_UNLIMITED: MissionProgress._begin_place,
     LOITER_TIME: MissionProgress._begin_place,

@@ -131,8 +131,7 @@ def _circle(navigator: Navigator, now: ModeInput) -> ModeOutput:
         if circle.speed_mps < most_mps:
             navigator.events.add(WARNING, f"Circle: max speed is {circle.speed_mps:.1f}")
     most_mps = navigator.asked_mps or navigator.circle_mps
-    facing = now.facing(navigator.astern)
-    output = navigator.circle.steer(navigator.gains, now.frame, now.pos_ne_m, *facing, most_mps, now.dt_s)
+    output = navigator.circle.steer(now.guidance(navigator.gains, most_mps, navigator.astern))
     return _toward(navigator, now, turned_about(output) if navigator.astern else output)
 
 
@@ -193,13 +192,13 @@ def _guided(navigator: Navigator, now: ModeInput) -> ModeOutput:
 
 
 def _kept(navigator: Navigator, now: ModeInput, station: StationKeeping) -> GuidanceOutput:
-    return station.steer(navigator.gains, now.frame, now.pos_ne_m, now.estimate.yaw_rad, navigator.cruise_mps)
+    return station.steer(now.guidance(navigator.gains, navigator.cruise_mps))
 
 
 def _along(navigator: Navigator, now: ModeInput, transit: PointTransit, most_mps: float, what: str) -> ModeOutput:
     under_way = transit.under_way
     astern = navigator.astern and not transit.arrived
-    output = transit.steer(navigator.gains, now.frame, now.pos_ne_m, *now.facing(astern), most_mps, now.dt_s)
+    output = transit.steer(now.guidance(navigator.gains, most_mps, astern))
     if under_way and transit.arrived:
         navigator.events.add(NOTICE, f"Reached {what}")
     return _toward(navigator, now, turned_about(output) if astern else output)

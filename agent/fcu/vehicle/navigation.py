@@ -10,6 +10,7 @@ from agent.fcu.control.guidance import (
     CircleTransit,
     CourseOverGround,
     GuidanceGains,
+    GuidanceInput,
     GuidanceOutput,
     PointTransit,
     StationKeeping,
@@ -129,6 +130,10 @@ class ModeInput(NamedTuple):
         if astern:
             return wrap_angle(self.estimate.yaw_rad + math.pi), -self.speed_mps
         return self.estimate.yaw_rad, self.speed_mps
+
+    def guidance(self, gains: GuidanceGains, wanted_mps: float, astern: bool = False) -> GuidanceInput:
+        """What is steered by, bow or stern first."""
+        return GuidanceInput(gains, self.frame, self.pos_ne_m, *self.facing(astern), wanted_mps, self.dt_s)
 
 
 class Navigator:

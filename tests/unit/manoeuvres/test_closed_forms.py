@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.vessel.spec import AddedMass, Damping, DemiHull, Propeller, Section, VesselSpec
+from sim_core.vessel.spec import AddedMass, Damping, DemiHull, HullSection, Propeller, VesselSpec
 from xitl_cli.manoeuvres.closed_forms import (
     HorizontalMotion,
     LinearSeakeeping,
@@ -32,7 +32,9 @@ def barge(**changed: object) -> VesselSpec:
         inertia_kgm2=(8.0, 80.0, 85.0),
         centre_of_gravity_frd_m=(0.0, 0.0, 0.15),
         hulls=(
-            DemiHull(length_m=LENGTH_M, keel_frd_m=(0.0, 0.0, DRAFT_M), section=Section(width_m=WIDTH_M, depth_m=0.5)),
+            DemiHull(
+                length_m=LENGTH_M, keel_frd_m=(0.0, 0.0, DRAFT_M), section=HullSection(width_m=WIDTH_M, depth_m=0.5)
+            ),
         ),
         added_mass=AddedMass(10.0, 200.0, 300.0, 2.0, 60.0, 60.0),
         damping_linear=Damping(surge=20.0, sway=80.0, heave=400.0, roll=10.0, pitch=100.0, yaw=60.0),

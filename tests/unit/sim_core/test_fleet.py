@@ -19,7 +19,7 @@ from sim_core.environment.wind import Wind
 from sim_core.fleet import Fleet, FleetState
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation
-from sim_core.vessel.spec import AddedMass, Damping, DemiHull, Section, VesselSpec, Windage
+from sim_core.vessel.spec import AddedMass, Damping, DemiHull, HullSection, VesselSpec, Windage
 from sim_core.world.contact import DAMPING_RATIO, STIFFNESS_NPM
 from sim_core.world.hull_contact import close_pairs
 
@@ -32,7 +32,7 @@ SLIDING = replace(
     name="sliding",
     hull=None,
     hulls=(
-        DemiHull(length_m=2.3, keel_frd_m=(0.0, 0.0, RADIUS_M), section=Section(width_m=2 * RADIUS_M, depth_m=0.8)),
+        DemiHull(length_m=2.3, keel_frd_m=(0.0, 0.0, RADIUS_M), section=HullSection(width_m=2 * RADIUS_M, depth_m=0.8)),
     ),
     added_mass=AddedMass(),
     damping_linear=Damping(),

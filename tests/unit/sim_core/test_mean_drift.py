@@ -16,7 +16,7 @@ from sim_core.environment.waves import WaveField, realise_waves
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.mean_drift import MeanDrift, barrier_reflection, box_reflection, wall_m
-from sim_core.vessel.spec import Damping, DemiHull, Section, VesselSpec
+from sim_core.vessel.spec import Damping, DemiHull, HullSection, VesselSpec
 
 DENSITY = 997.8
 WATER = Water(density_kgpm3=DENSITY, level_m=0.0, depth_m=200.0)
@@ -59,12 +59,14 @@ def test_reflection_is_that_of_a_barrier_and_of_a_box() -> None:
 
 def test_a_waterline_is_worth_its_projected_walls() -> None:
     """A straight wall gives the first harmonic of cos |cos|, 8 / (3 pi); a round one 2/3 of its width, every way."""
-    box = DemiHull(length_m=3.0, keel_frd_m=(0.0, 0.0, 0.2), section=Section(width_m=0.4, depth_m=0.5))
+    box = DemiHull(length_m=3.0, keel_frd_m=(0.0, 0.0, 0.2), section=HullSection(width_m=0.4, depth_m=0.5))
     np.testing.assert_allclose(wall_m(box, 0.4), np.array([0.4, 3.0]) * 8.0 / (3.0 * np.pi), rtol=1e-4)
     angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, 50)
     taper = tuple(zip((0.5 * np.sin(angle)).tolist(), np.cos(angle).tolist(), strict=True))
     taper = ((-0.5, 0.0), *taper[1:-1], (0.5, 0.0))
-    disc = DemiHull(length_m=2.0, keel_frd_m=(0.0, 0.0, 0.2), section=Section(width_m=2.0, depth_m=0.5), taper=taper)
+    disc = DemiHull(
+        length_m=2.0, keel_frd_m=(0.0, 0.0, 0.2), section=HullSection(width_m=2.0, depth_m=0.5), taper=taper
+    )
     np.testing.assert_allclose(wall_m(disc, 2.0), [4.0 / 3.0, 4.0 / 3.0], rtol=0.003)
 
 

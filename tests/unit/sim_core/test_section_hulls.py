@@ -19,22 +19,22 @@ from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.buoyancy import FlatPoses, RoundHulls, SectionHulls, make_buoyancy
 from sim_core.vessel.floating import FloatingPose, floating_pose
 from sim_core.vessel.sections import cut_strips, hull_shape
-from sim_core.vessel.spec import AddedMass, Damping, DemiHull, HullMesh, Section, VesselSpec, Windage
+from sim_core.vessel.spec import AddedMass, Damping, DemiHull, HullMesh, HullSection, VesselSpec, Windage
 from sim_core.vessel.vessel import Surroundings, accelerate
 
 WATER = Water(density_kgpm3=1000.0)
 DEEP = replace(WATER, depth_m=1e3)
 NEWTON_PER_M3 = 1000.0 * GRAVITY_MPS2
-BOX = Section(width_m=1.0, depth_m=0.6)
-V = Section(offsets_m=((0.0, 0.0), (0.6, 0.6)))
-CHINE = Section(offsets_m=((0.0, 0.1), (0.15, 0.4), (0.5, 0.5), (0.6, 0.35)))
+BOX = HullSection(width_m=1.0, depth_m=0.6)
+V = HullSection(offsets_m=((0.0, 0.0), (0.6, 0.6)))
+CHINE = HullSection(offsets_m=((0.0, 0.1), (0.15, 0.4), (0.5, 0.5), (0.6, 0.35)))
 
 
 def vessel(*hulls: DemiHull, mass_kg: float, **keys: object) -> VesselSpec:
     return replace(FULL, hull=None, hulls=hulls, mass_kg=mass_kg, **keys)
 
 
-def hull(section: Section | None = BOX, length_m: float = 4.0, y_m: float = 0.0, **keys: object) -> DemiHull:
+def hull(section: HullSection | None = BOX, length_m: float = 4.0, y_m: float = 0.0, **keys: object) -> DemiHull:
     return DemiHull(**{"length_m": length_m, "keel_frd_m": (0.0, y_m, 0.3), "section": section, "strips": 20} | keys)
 
 
@@ -43,8 +43,8 @@ def poses(model: VesselSpec, depth_m: Array, roll_rad: Array, pitch_rad: Array) 
     return FlatPoses(make_buoyancy(model, WATER), depth_m, rotation[:, 2])
 
 
-@pytest.mark.parametrize("section", [BOX, V, CHINE, Section(radius_m=0.3)], ids=["box", "V", "chine", "round"])
-def test_the_triangles_that_are_drawn_enclose_the_hull(section: Section) -> None:
+@pytest.mark.parametrize("section", [BOX, V, CHINE, HullSection(radius_m=0.3)], ids=["box", "V", "chine", "round"])
+def test_the_triangles_that_are_drawn_enclose_the_hull(section: HullSection) -> None:
     """A trapezoid ahead of a prism: all sides face outward, and the volume is that of the strips."""
     drawn = hull(section, taper=((-0.5, 1.0), (0.1, 1.0), (0.5, 0.2)))
     shape = hull_shape(drawn)
@@ -105,7 +105,7 @@ def test_a_wedge_floats_by_the_book() -> None:
 
 
 @pytest.mark.parametrize("section", [BOX, V, CHINE], ids=["box", "V", "chine"])
-def test_the_wrench_is_that_of_a_sum_over_a_grid(section: Section) -> None:
+def test_the_wrench_is_that_of_a_sum_over_a_grid(section: HullSection) -> None:
     model = vessel(hull(section, length_m=1.0, strips=4), mass_kg=20.0)
     flat = some_poses(model, 20)
     cell = 0.005
@@ -149,8 +149,8 @@ def test_the_short_form_is_the_long_one() -> None:
 
 def test_round_hulls_of_several_radii_and_places() -> None:
     """A trimaran: each hull with the depth of its own axis, against the same as polygons."""
-    middle = hull(Section(radius_m=0.3), keel_frd_m=(0.2, 0.0, 0.5))
-    side = Section(radius_m=0.1)
+    middle = hull(HullSection(radius_m=0.3), keel_frd_m=(0.2, 0.0, 0.5))
+    side = HullSection(radius_m=0.1)
     floats = [hull(side, 2.0, keel_frd_m=(-0.5, y, 0.3), strips=6) for y in (-1.2, 1.2)]
     model = vessel(middle, *floats, mass_kg=450.0)
     exact = make_buoyancy(model, WATER)
@@ -178,7 +178,9 @@ def test_a_taper_takes_its_share_of_the_volume() -> None:
 def test_several_hulls_stand_by_their_distance(count: int) -> None:
     """BM = sum(L B^3 / 12 + L B y^2) / V."""
     places = np.linspace(-1.5, 1.5, count)
-    model = vessel(*(hull(Section(width_m=0.3, depth_m=0.6), y_m=y) for y in places.tolist()), mass_kg=240.0 * count)
+    model = vessel(
+        *(hull(HullSection(width_m=0.3, depth_m=0.6), y_m=y) for y in places.tolist()), mass_kg=240.0 * count
+    )
     pose = floating_pose(model, WATER)
     second_m4 = 4.0 * 0.3**3 / 12 * count + 4.0 * 0.3 * float(places @ places)
     assert pose.draft_m == pytest.approx(0.2)
@@ -238,7 +240,7 @@ def test_a_mesh_of_a_cylinder_is_the_round_hull(tmp_path: Path) -> None:
     file = written(shape, tmp_path / "cylinder.stl")
     low = {"mass_kg": 400.0, "centre_of_gravity_frd_m": (0.0, 0.0, 0.1)}
     one = floating_pose(vessel(mesh_hull(file, 0.6, 0.6, strips=6), **low), WATER)
-    other = floating_pose(vessel(hull(Section(radius_m=0.3), strips=6), **low), WATER)
+    other = floating_pose(vessel(hull(HullSection(radius_m=0.3), strips=6), **low), WATER)
     # The metacentre is the cylinder's axis; the waterline of 32 corners is within 0.5 % of it, its cube within 1.5 %.
     assert one.gm_transverse_m == pytest.approx(0.1, abs=0.015 * 0.3)
     assert one.draft_m == pytest.approx(other.draft_m, rel=3e-3)
@@ -255,7 +257,7 @@ def test_a_mesh_of_two_hulls_is_the_catamaran(tmp_path: Path) -> None:
     both.invert()
     file = written(both, tmp_path / "both.stl")
     one = floating_pose(vessel(mesh_hull(file, 2.3, 0.6), mass_kg=400.0), WATER)
-    pair = [hull(Section(width_m=0.3, depth_m=0.6), y_m=y) for y in (-1.0, 1.0)]
+    pair = [hull(HullSection(width_m=0.3, depth_m=0.6), y_m=y) for y in (-1.0, 1.0)]
     other = floating_pose(vessel(*pair, mass_kg=400.0), WATER)
     for name in ("draft_m", "gm_transverse_m", "gm_longitudinal_m"):
         assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-5)
@@ -423,8 +425,10 @@ def test_shares_of_dry_and_drowned_strips() -> None:
 
 def test_means_over_the_hulls_go_by_what_each_displaces() -> None:
     """A slope of the surface pushes each hull by what it displaces, so the floats do not count like the middle hull."""
-    floats = [hull(Section(width_m=0.2, depth_m=0.3), 2.0, keel_frd_m=(0.0, y, 0.2), strips=12) for y in (-1.0, 1.0)]
-    for middle in (hull(strips=12), hull(Section(radius_m=0.4), strips=12)):
+    floats = [
+        hull(HullSection(width_m=0.2, depth_m=0.3), 2.0, keel_frd_m=(0.0, y, 0.2), strips=12) for y in (-1.0, 1.0)
+    ]
+    for middle in (hull(strips=12), hull(HullSection(radius_m=0.4), strips=12)):
         share = make_buoyancy(vessel(middle, *floats, mass_kg=600.0), WATER).point_share
         assert share.sum() == pytest.approx(1.0)
         assert share[:24].sum() == pytest.approx(1.0 - 2 * share[24:48].sum())
@@ -437,7 +441,7 @@ def test_means_over_the_hulls_go_by_what_each_displaces() -> None:
 
 
 def test_a_trimaran_rides_waves() -> None:
-    side = Section(offsets_m=((0.0, 0.0), (0.3, 0.1)))
+    side = HullSection(offsets_m=((0.0, 0.0), (0.3, 0.1)))
     floats = [hull(side, 2.0, y_m=y, strips=6, keel_frd_m=(-0.5, y, 0.25)) for y in (-1.2, 1.2)]
     model = vessel(hull(CHINE, taper=((-0.5, 0.9), (0.1, 1.0), (0.5, 0.2))), *floats, mass_kg=400.0)
     field = realise_waves(WaveSpec("jonswap", 0.3, 2.5, 60.0, spreading=5.0), WATER, np.random.default_rng(2))
@@ -485,4 +489,4 @@ def test_the_pose_of_the_shipped_catamaran() -> None:
 )
 def test_a_hull_that_cannot_be_drawn_is_refused(keys: dict, problem: str) -> None:
     with pytest.raises(SpecificationError, match=problem):
-        hull(**{name: Section(**value) if isinstance(value, dict) else value for name, value in keys.items()})
+        hull(**{name: HullSection(**value) if isinstance(value, dict) else value for name, value in keys.items()})

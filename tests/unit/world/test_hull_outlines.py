@@ -11,7 +11,7 @@ from asv import ASV
 from sim_core.environment.environment import Environment
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, initial
-from sim_core.vessel.spec import DemiHull, Section
+from sim_core.vessel.spec import DemiHull, HullSection
 from sim_core.world.contact import Contacts, compute_contacts, find_near
 from sim_core.world.debris import no_debris
 from sim_core.world.geometry import CONCRETE, box, moved
@@ -19,13 +19,13 @@ from sim_core.world.mesh_contact import Triangles, compute_mesh_contacts, find_r
 from sim_core.world.plan import Capsules
 from sim_core.world.river import Bed, FlatBed
 
-FLOAT = Section(radius_m=0.1)
+FLOAT = HullSection(radius_m=0.1)
 TRIMARAN = replace(
     ASV,
     mass_kg=420.0,
     hull=None,
     hulls=(
-        DemiHull(length_m=3.0, keel_frd_m=(0.0, 0.0, 0.4), section=Section(width_m=0.6, depth_m=0.6)),
+        DemiHull(length_m=3.0, keel_frd_m=(0.0, 0.0, 0.4), section=HullSection(width_m=0.6, depth_m=0.6)),
         DemiHull(length_m=1.0, keel_frd_m=(-0.5, -1.0, 0.2), section=FLOAT),
         DemiHull(length_m=1.0, keel_frd_m=(-0.5, 1.0, 0.2), section=FLOAT),
     ),

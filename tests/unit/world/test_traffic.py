@@ -15,7 +15,7 @@ from sim_core.environment.spec import Water
 from sim_core.fleet import Fleet
 from sim_core.sensors.rangefinder import ObstacleScanner, Rangefinder
 from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
-from sim_core.vessel.spec import DemiHull, Section
+from sim_core.vessel.spec import DemiHull, HullSection
 from sim_core.world.debris import BodyKind, Launch, volume_below_m3
 from sim_core.world.plan import OPEN_WATER, convex_hull, inset
 from sim_core.world.primitive_rays import PrimitiveCaster
@@ -129,7 +129,7 @@ def test_two_scripted_vessels_pass_through_each_other_and_say_nothing() -> None:
 BOX_VESSEL = replace(
     ASV,
     hull=None,
-    hulls=(DemiHull(length_m=4.0, keel_frd_m=(0.0, 0.0, 0.25), section=Section(width_m=2.0, depth_m=0.6)),),
+    hulls=(DemiHull(length_m=4.0, keel_frd_m=(0.0, 0.0, 0.25), section=HullSection(width_m=2.0, depth_m=0.6)),),
 )
 
 

@@ -8,7 +8,7 @@ import pytest
 from boat import LAT_DEG, LON_DEG, Boat, degrees
 from steered_boat import SteeredBoat
 
-from agent.fcu.control.guidance import GuidanceGains, StationKeeping
+from agent.fcu.control.guidance import GuidanceGains, GuidanceInput, StationKeeping
 from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
@@ -89,7 +89,8 @@ def test_which_end_goes_first(loiter_type: int, yaw_deg: float, heading_deg: flo
     """Five metres north of the vessel, radius two: (5 - 2/2) m at 0.5/s, half of it with the bow 90 degrees off."""
     frame = LocalProjection(LAT_DEG, LON_DEG, 0.0)
     gains = GuidanceGains.from_parameters(Parameters({"LOIT_TYPE": loiter_type, "LOIT_RADIUS": 2.0}))
-    output = StationKeeping(*frame.to_geodetic(5.0, 0.0)).steer(gains, frame, (0.0, 0.0), math.radians(yaw_deg), 3.0)
+    now = GuidanceInput(gains, frame, (0.0, 0.0), math.radians(yaw_deg), 0.0, 3.0, 0.02)
+    output = StationKeeping(*frame.to_geodetic(5.0, 0.0)).steer(now)
     assert math.cos(output.heading_rad - math.radians(heading_deg)) == pytest.approx(1.0)
     assert output.speed_mps == pytest.approx(speed_mps)
     assert output.distance_m == pytest.approx(5.0)
