@@ -276,11 +276,10 @@ def try_first_run(plan: Plan) -> None:
     """
     point = next(plan.points())
     loaded = plan.base.check(point, {axis.key: axis.origin for axis in plan.axes})
-    profile = loaded.profile
-    autopilot, clock = profile.autopilot, profile.clock
-    inside = autopilot is not None and (autopilot.kind == "none" or autopilot.runs == "in-process")
-    if not inside or (clock is not None and clock.mode != "lockstep") or profile.companion is not None:
-        return
+    for vessel in loaded.profile.run_profiles():
+        inside = vessel.autopilot.kind == "none" or vessel.autopilot.runs == "in-process"
+        if not inside or vessel.clock.mode != "lockstep" or vessel.companion is not None:
+            return
     made = plan.base.overrides(point)
     arguments = (*made.arguments, "--duration", str(_PROBE_S))
     text = plan.base.text(made.parts)
