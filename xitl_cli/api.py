@@ -94,11 +94,12 @@ def campaign(
     `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) say what came out. Raises UserError for
     what is wrong in the plan, and when it cannot go on; what ended until then is kept.
     """
-    from xitl_cli.campaign.carry_out import carry_out, open_folder
     from xitl_cli.campaign.cluster import check_installed
     from xitl_cli.campaign.plan import find_plan, read_plan
 
     check_installed()
+    from xitl_cli.campaign.carry_out import carry_out, open_folder
+
     found = read_plan(find_plan(fspath(plan)))
     return carry_out(found, open_folder(found, None if out is None else Path(out), resume), on, workers)
 

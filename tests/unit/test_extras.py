@@ -17,7 +17,9 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-OPTIONAL = ("plotly", "scipy", "pandas", "pyarrow", "kiss_icp", "embreex", "trimesh")
+OPTIONAL = (
+    "plotly", "scipy", "pandas", "pyarrow", "kiss_icp", "embreex", "trimesh", "dask", "distributed", "optuna", "SALib",
+)  # fmt: skip
 
 
 def base_install(directory: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -33,6 +35,7 @@ def base_install(directory: Path, *arguments: str) -> subprocess.CompletedProces
         ("report", ("logs", "plot", str(CALM), "ATT.Roll", "--out", "plot.html")),
         ("parquet", ("logs", "export", str(CALM), "ATT", "--format", "parquet", "--out", "folder")),
         ("perception", ("map", "run.mcap")),
+        ("campaign", ("campaign", "environments")),
         ("perception", ("sim", "sitl-perception", "--duration", "1")),
     ],
 )

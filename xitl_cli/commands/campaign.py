@@ -121,10 +121,11 @@ def _carried_out(
     plan: Plan, on: str | None, workers: int | None, resume: bool, yes: bool, out: Path | None
 ) -> tuple[ResultTable, bool]:
     """The table, and whether all runs are there."""
-    from xitl_cli.campaign.carry_out import carry_out, open_folder
     from xitl_cli.campaign.cluster import check_installed
 
     check_installed()
+    from xitl_cli.campaign.carry_out import carry_out, open_folder
+
     total = _count(plan, yes)
     folder = open_folder(plan, out, resume)
     console = terminal(stderr=True)
