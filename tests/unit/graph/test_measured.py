@@ -229,6 +229,23 @@ def test_the_graph_of_a_run_directory(tmp_path: Path) -> None:
     assert run.wdri.wdri < run.claimed_wdri
 
 
+def test_the_graphs_of_a_fleets_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = section("hitl-beaglebone", traffic={"agent": {**EVERYTHING, "tx": {IMU: 1}}}, nodes=[node(kind="real")])
+    board = section("hitl-beaglebone", traffic={"agent": EVERYTHING}, nodes=[node(kind="real")])
+    folder = run_directory(tmp_path, found, "fleet-crossing")
+    summary = {"vessels": {"own": {"graph": found}, "target": {"graph": board}}}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    wdri(str(folder), as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    indices = {name: one["wdri"] for name, one in document["vessels"].items()}
+    assert indices == {"own": found["measured"]["wdri"], "target": board["measured"]["wdri"]}
+    assert document["wdri"] == sum(indices.values()) / 2
+    wdri(str(folder), vessel="own", as_json=True)
+    assert json.loads(capsys.readouterr().out)["missing"] == ["D-LC"]
+    with pytest.raises(UserError, match="barge"):
+        wdri(str(folder), vessel="barge")
+
+
 def test_the_command_shows_a_run_within_80_columns(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
