@@ -146,6 +146,12 @@ class DaskWorkers:
             self._client.run(stop_runs, self._campaign, on_error="ignore")
 
 
+def _silence_logs() -> None:
+    """Dask gives some of its loggers a level of their own; what goes wrong is said by us."""
+    for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
 @contextlib.contextmanager
 def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
     """A scheduler in this process and worker processes of one thread on this machine, a core each unless counted.
@@ -157,7 +163,7 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
     from distributed import Client, LocalCluster
 
     count = count or len(os.sched_getaffinity(0))
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _silence_logs()
     with dask.config.set(_SETTINGS), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # such as of a port of the dashboard that is taken
         with (
@@ -235,7 +241,7 @@ def workers_at(address: str, campaign: str, folder: Path | None) -> Iterator[Das
     check_installed()
     from distributed import Client
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _silence_logs()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what differs is said by us
         try:
