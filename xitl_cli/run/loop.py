@@ -32,7 +32,8 @@ class Loop:
     the controlling nodes of the vessels that are awaited did all they were there for.
 
     In an exchange the nodes of all vessels up to the controlling ones are called first, then the controlling ones: in
-    lockstep all agents have their tick before the first answer is waited for.
+    lockstep all agents have their tick before the first answer is waited for. A fleet records in between: that is work
+    for the host while agents elsewhere do theirs, and what is recorded then hangs on no answer.
     """
 
     def __init__(
@@ -65,7 +66,8 @@ class Loop:
 
     def run(self) -> Ending:
         """Raises UserError when a node is lost or the recording cannot be written; the plant keeps its last state."""
-        sense, exchange, record = self._groups("sense"), self._exchange_groups(), self._groups("record")
+        sense, record = self._groups("sense"), self._groups("record")
+        ticks, answers = self._exchange_groups()
         plant, clock = self._plant, self._clock
         self._look_at_progress()
         number = 0
@@ -76,13 +78,17 @@ class Loop:
             clock.step_ns = plant.state.time_ns
             steps = self._steps(number)
             self._call(sense, steps)
-            exchanges = number % self._every_exchange == 0
-            if exchanges:
-                self._call(exchange, steps)
+            if number % self._every_exchange:
+                self._call(record, steps)
+            else:
+                self._call(ticks, steps)
+                if not self._alone:
+                    self._call(record, steps)
+                self._call(answers, steps)
                 self._look_at_progress()
                 self._recorder.flush_if_due()
-            self._call(record, steps)
-            if exchanges:
+                if self._alone:
+                    self._call(record, steps)
                 if self._awaited and all(control.progress.finished for control in self._awaited):
                     return Ending.FINISHED
                 if self._interrupted():
@@ -113,19 +119,26 @@ class Loop:
         world = self._world
         return self._grouped(method, [world.ahead], [vessel.nodes for vessel in self._vessels], [world.behind])
 
-    def _exchange_groups(self) -> list[Group]:
+    def _exchange_groups(self) -> tuple[list[Group], list[Group]]:
+        """What comes before the controlling nodes, and from them on."""
         world, vessels = self._world, self._vessels
         ahead, behind = [vessel.ahead for vessel in vessels], [vessel.behind for vessel in vessels]
-        return self._grouped("exchange", [world.ahead], ahead, behind, [world.behind])
+        return self._grouped("exchange", [world.ahead], ahead, []), self._grouped(
+            "exchange", [], behind, [world.behind]
+        )
 
-    def _grouped(self, method: str, *parts: Sequence[Sequence[RunNode]]) -> list[Group]:
-        """parts: one list of nodes of the world, or one of each vessel."""
+    def _grouped(
+        self,
+        method: str,
+        first: Sequence[Sequence[RunNode]],
+        vessels: Sequence[Sequence[RunNode]],
+        last: Sequence[Sequence[RunNode]],
+    ) -> list[Group]:
+        """first, last: lists of nodes of the world. vessels: one of each vessel."""
         if self._alone:
-            return [(0, overriding([node for part in parts for nodes in part for node in nodes], method))]
-        groups: list[Group] = []
-        for part in parts:
-            first = 1 if part is not parts[0] and part is not parts[-1] else 0
-            groups += [(number, overriding(nodes, method)) for number, nodes in enumerate(part, start=first)]
+            return [(0, overriding([node for nodes in (*first, *vessels, *last) for node in nodes], method))]
+        numbered = [*((0, nodes) for nodes in first), *enumerate(vessels, start=1), *((0, nodes) for nodes in last)]
+        groups = [(number, overriding(nodes, method)) for number, nodes in numbered]
         return [group for group in groups if group[1]]
 
     def _calls(self, method: str) -> list[Callable[..., Any]]:

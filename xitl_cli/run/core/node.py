@@ -6,7 +6,7 @@ session.py makes them from the profile (compose.py) and calls, for each in the o
     begin(context)             the run starts
     sense(step)                after every physics step
     exchange(step)             at the exchange rate
-    record(step)               after every physics step, once all have exchanged
+    record(step)               after every physics step; of an exchange last, in a fleet before answers are taken in
     receive(seconds)           while there is time until the next step
     end                        the run is over: final counts
     close                      give back processes, sockets and files; may come at any time
