@@ -124,6 +124,7 @@ def test_a_follower_keeps_its_place_and_ends_with_its_leader(tmp_path: Path) -> 
 @pytest.mark.ardupilot
 def test_ardupilots_own_decoder_tells_a_ground_station_of_the_barge(xitl: Xitl, tmp_path: Path) -> None:
     """Position by message 1, name and size by both sentences of message 5."""
+    firmware = find_ardurover("sitl")
     (tmp_path / "mix.yaml").write_text(
         f"extends: sitl-ardupilot\nvessels: {{rover: {{}}, barge: {{traffic: {BARGE}}}}}\n"
     )
@@ -145,7 +146,7 @@ def test_ardupilots_own_decoder_tells_a_ground_station_of_the_barge(xitl: Xitl, 
     stations = "vessels.rover.autopilot.ground_stations=[tcp://127.0.0.1:5997]"
     ran = xitl(
         "sim", "--profile", "mix.yaml", "--set", stations, "--set",
-        f"autopilot.firmware={find_ardurover('sitl')}", "--duration", "60", "--out", "run", timeout_s=300.0,
+        f"autopilot.firmware={firmware}", "--duration", "60", "--out", "run", timeout_s=300.0,
     )  # fmt: skip
     over.set()
     listener.join(10.0)
