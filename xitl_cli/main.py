@@ -204,7 +204,10 @@ _GROUPS: Mapping[str, tuple[str, Callable[[typer.Typer], None]]] = {
     "firmware": ("Download the firmware of other autopilots.", _firmware),
     "logs": ("Look into the logs of vehicles and runs.", _logs),
     "world": ("Put things into the world of a run.", _world),
-    "campaign": ("Run a plan of many runs: `xitl campaign PLAN.yaml`; compare two.", _campaign),
+    "campaign": (
+        "Run a plan of many runs: `xitl campaign PLAN.yaml` (options: `xitl campaign run -h`); compare two.",
+        _campaign,
+    ),
     "paper": ("Repeat the experiments of the paper.", _paper),
 }
 

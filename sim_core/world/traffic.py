@@ -53,7 +53,7 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class ScriptedTrack:
     """Pieces one after the other, the first at start_s, at rest before and after.
 
     lap_s: from the first piece's begin to where a way round joins it that is gone again and again, None for none.
@@ -64,7 +64,7 @@ class Track:
     lap_s: float | None
 
     @classmethod
-    def at_rest(cls, place_ne_m: Point, heading_rad: float) -> Track:
+    def at_rest(cls, place_ne_m: Point, heading_rad: float) -> ScriptedTrack:
         """Of what lies still."""
         return cls((Piece(0.0, 0.0, place_ne_m, heading_rad, 0.0),), 0.0, None)
 
@@ -76,7 +76,7 @@ class Track:
         turn_radius_m: float,
         loop: bool = False,
         start_s: float = 0.0,
-    ) -> Track:
+    ) -> ScriptedTrack:
         """Through two places or more, each elsewhere than the one before; loop: from the last to the first, and on."""
         places = [*places_ne_m, *(places_ne_m[:1] if loop else ())]
         legs = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(places)]
@@ -141,7 +141,7 @@ class ScriptedVessel:
     """
 
     name: str
-    track: Track
+    track: ScriptedTrack
     mesh: Mesh
     plan_m: Array
     outline: Outline
@@ -152,9 +152,9 @@ class ScriptedVessel:
         """Rounds corners by an arc of its length."""
         length_m, beam_m = spec.length_m, spec.beam_m
         if spec.speed_mps is None:
-            track = Track.at_rest(spec.track_ned_m[0], math.radians(spec.heading_deg or 0.0))
+            track = ScriptedTrack.at_rest(spec.track_ned_m[0], math.radians(spec.heading_deg or 0.0))
         else:
-            track = Track.through(spec.track_ned_m, spec.speed_mps, length_m, spec.loop, spec.start_s)
+            track = ScriptedTrack.through(spec.track_ned_m, spec.speed_mps, length_m, spec.loop, spec.start_s)
         half, side, shoulder = 0.5 * length_m, 0.5 * beam_m, (0.5 - BOW_SHARE) * length_m
         bow = BOW_BEAM * side
         plan_m = np.array(

@@ -1,6 +1,6 @@
 """Many runs of a profile: a plan, its points, their runs on Dask, a table of what they say.
 
-plan.py        PlanSpec (the file) -> Plan
+plan.py        PlanSpec (the file) -> CampaignPlan
 axes.py        axes -> RunPoint
 expression.py  constraints and verdicts, read without eval
 figures.py     figures of a summary

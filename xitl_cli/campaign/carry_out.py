@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Protocol
 
 from xitl_cli.campaign.cluster import local_workers, workers_at
-from xitl_cli.campaign.engine import Campaign, Progress, try_first_run
-from xitl_cli.campaign.plan import Plan
+from xitl_cli.campaign.engine import Campaign, CampaignProgress, try_first_run
+from xitl_cli.campaign.plan import CampaignPlan
 from xitl_cli.campaign.results import CAMPAIGN, CampaignFolder, FullDiskError, ResultTable
 from xitl_cli.campaign.search import carry_out as carry_out_search
 from xitl_cli.errors import UserError
@@ -24,7 +24,7 @@ class CampaignWatch(Protocol):
     def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
         """So many runs at once, here or on a scheduler, with the address of Dask's dashboard where there is one."""
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: CampaignProgress) -> None:
         """Now and then."""
 
 
@@ -34,12 +34,12 @@ class NoWatch:
     def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
         """See CampaignWatch."""
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: CampaignProgress) -> None:
         """See CampaignWatch."""
 
 
 def carry_out(
-    plan: Plan,
+    plan: CampaignPlan,
     folder: CampaignFolder,
     on: str | None = None,
     workers: int | None = None,
@@ -72,7 +72,7 @@ def carry_out(
     return folder.table()
 
 
-def open_folder(plan: Plan, out: Path | None, resume: bool) -> CampaignFolder:
+def open_folder(plan: CampaignPlan, out: Path | None, resume: bool) -> CampaignFolder:
     """Where a campaign writes: a new folder, or the one that it goes on in. Raises UserError."""
     if not resume:
         return CampaignFolder.create(out or _default_path(plan), plan)
@@ -86,7 +86,7 @@ def open_folder(plan: Plan, out: Path | None, resume: bool) -> CampaignFolder:
     return CampaignFolder.resume(out, plan)
 
 
-def _default_path(plan: Plan) -> Path:
+def _default_path(plan: CampaignPlan) -> Path:
     """`runs/<plan>-<UTC time>`, with a number behind it when it is taken."""
     base = Path(RUNS_FOLDER) / f"{plan.name}-{datetime.now(UTC).strftime('%Y%m%dT%H%M%SZ')}"
     path, number = base, 1

@@ -46,7 +46,7 @@ class VerdictComparison:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class CampaignComparison:
     """pairs: runs with the same seed and axes on both sides. unpaired: runs of each side that have no partner.
 
     incomplete: pairs whose figures are not compared, as a run did not complete or broke.
@@ -63,7 +63,7 @@ class Comparison:
     verdicts: tuple[VerdictComparison, ...]
 
 
-def compare_tables(a: ResultTable, b: ResultTable, confidence: float = 0.95) -> Comparison:
+def compare_tables(a: ResultTable, b: ResultTable, confidence: float = 0.95) -> CampaignComparison:
     """Paired by seed and by every axis that takes several values. Raises UserError where nothing can be paired."""
     axes = []
     for key in dict.fromkeys([*a.axes, *b.axes]):
@@ -81,7 +81,7 @@ def compare_tables(a: ResultTable, b: ResultTable, confidence: float = 0.95) -> 
     return compare_sides(*sides, shared, _both(a.figures, b.figures), _both(a.verdicts, b.verdicts), confidence)
 
 
-def compare_by(table: ResultTable, axis: str, confidence: float = 0.95) -> list[Comparison]:
+def compare_by(table: ResultTable, axis: str, confidence: float = 0.95) -> list[CampaignComparison]:
     """One campaign split by an axis: its first value against each other one. Raises UserError."""
     if axis not in table.axes:
         raise UserError(f"--by {axis}: is no axis of {table.folder}; those are {', '.join(table.axes) or 'none'}")
@@ -99,7 +99,7 @@ def compare_by(table: ResultTable, axis: str, confidence: float = 0.95) -> list[
 
 def compare_sides(
     a: Side, b: Side, paired_by: Sequence[str], figures: Sequence[str], verdicts: Sequence[str], confidence: float
-) -> Comparison:
+) -> CampaignComparison:
     """Raises UserError where no run has a partner, or a seed is there twice."""
     keys = (*paired_by, "seed")
     ours, theirs = (_by_key(side, keys) for side in (a, b))
@@ -128,13 +128,13 @@ def compare_sides(
             judged.append(VerdictComparison(verdict, paired_rates(passed_a, passed_b, confidence), 1.0))
     alone = (len(ours) - len(both), len(theirs) - len(both))
     incomplete = len(pairs) - len(whole)
-    told = Comparison(
+    told = CampaignComparison(
         a.name, b.name, tuple(paired_by), len(pairs), alone, incomplete, confidence, tuple(compared), tuple(judged)
     )
     return _adjusted([told])[0]
 
 
-def _adjusted(found: list[Comparison]) -> list[Comparison]:
+def _adjusted(found: list[CampaignComparison]) -> list[CampaignComparison]:
     """With the p-values of all figures and verdicts of all comparisons adjusted together."""
     raw = [one.difference.p_value for told in found for one in told.figures]
     raw += [one.rates.p_value for told in found for one in told.verdicts]

@@ -27,7 +27,7 @@ from xitl_cli.campaign.execution import (
 )  # fmt: skip
 from xitl_cli.campaign.expression import ExpressionError
 from xitl_cli.campaign.figures import absent_figure, null_group
-from xitl_cli.campaign.plan import Plan
+from xitl_cli.campaign.plan import CampaignPlan
 from xitl_cli.campaign.results import RUNS, CampaignFolder, FullDiskError
 
 _PROBE_S = 0.1
@@ -54,7 +54,7 @@ class Workers(Protocol):
 
 
 @dataclass
-class Progress:
+class CampaignProgress:
     """How far a campaign is. total: None while a search does not know. statuses: of runs that ended, now or before."""
 
     total: int | None
@@ -98,14 +98,14 @@ class Campaign:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: CampaignPlan,
         folder: CampaignFolder,
         workers: Workers,
         total: int | None = None,
-        watch: Callable[[Progress], None] = lambda _: None,
+        watch: Callable[[CampaignProgress], None] = lambda _: None,
         name: str | None = None,
     ) -> None:
-        self.plan, self.folder, self.progress = plan, folder, Progress(total)
+        self.plan, self.folder, self.progress = plan, folder, CampaignProgress(total)
         self.name = name or uuid.uuid4().hex[:12]
         self._workers, self._watch = workers, watch
         self._checked = bool(folder.done)
@@ -254,7 +254,7 @@ class _UnderWay:
     attempts: int = 0
 
 
-def check_figures(plan: Plan, summary: Mapping[str, Any]) -> None:
+def check_figures(plan: CampaignPlan, summary: Mapping[str, Any]) -> None:
     """Raises PlanError when a summary of this plan does not have a figure of it."""
     needed = [name for verdict in plan.verdicts for name in verdict.names]
     for key, paths in (("verdicts", needed), ("keep", plan.spec.keep or ())):
@@ -269,7 +269,7 @@ def check_figures(plan: Plan, summary: Mapping[str, Any]) -> None:
             )
 
 
-def try_first_run(plan: Plan) -> None:
+def try_first_run(plan: CampaignPlan) -> None:
     """The beginning of the first run, here, before anything else: that it runs, and has the figures asked for.
 
     Only where it is a matter of a second: in lockstep, all in one process. Raises UserError.

@@ -10,7 +10,7 @@ import numpy as np
 
 from sim_core.keys import unit_of
 from xitl_cli.campaign.bisection import BoundaryFinding
-from xitl_cli.campaign.compare import Comparison
+from xitl_cli.campaign.compare import CampaignComparison
 from xitl_cli.campaign.search import SearchFinding
 from xitl_cli.campaign.search_spec import AxisRange, Search
 from xitl_cli.campaign.sensitivity import Sensitivity
@@ -269,7 +269,7 @@ def effects(told: Sensitivity) -> Plot:
     return _figure(f"effects.{told.figure}", f"{told.figure}: which axes matter", data, layout)
 
 
-def differences(told: Comparison) -> list[Plot]:
+def differences(told: CampaignComparison) -> list[Plot]:
     """Standardised mean differences of all figures with their intervals, in one picture."""
     known = [
         (one.figure, one.difference)

@@ -119,7 +119,7 @@ SAME_RUNS = ("description", "limits", "recordings")
 
 
 @dataclass(frozen=True)
-class Plan:
+class CampaignPlan:
     """A checked plan. keep: figures by path; what verdicts need is kept too. entry: the file, for where keys stand."""
 
     name: str
@@ -229,7 +229,7 @@ def find_plan(name: str) -> Path:
     raise UserError(f"{shown_path(path)} {what}; check the path{known}")
 
 
-def read_plan(path: Path) -> Plan:
+def read_plan(path: Path) -> CampaignPlan:
     """The plan in a file, with its base loaded and every axis tried on it. Raises PlanError with every problem."""
     try:
         return _read(path)
@@ -237,7 +237,7 @@ def read_plan(path: Path) -> Plan:
         raise PlanError(error.problems) from None
 
 
-def _read(path: Path) -> Plan:
+def _read(path: Path) -> CampaignPlan:
     entry = _with_seeds_at_top(read_yaml(path, shown_path(path)))
     spec = read_group(entry, PlanSpec, path.name)
     axes = read_axes(entry.child("axes"))
@@ -248,7 +248,7 @@ def _read(path: Path) -> Plan:
     verdicts = _expressions(entry, "verdicts", spec.verdicts or (figures.COMPLETED,), ())
     usual = figures.usual_figures(base.vessels)
     keep = tuple(dict.fromkeys([*(usual if spec.keep is None else spec.keep), *_names(verdicts)]))
-    plan = Plan(path.stem, path, spec, entry, base, axes, seeds, constraints, verdicts, keep)
+    plan = CampaignPlan(path.stem, path, spec, entry, base, axes, seeds, constraints, verdicts, keep)
     _check(plan)
     return plan
 
@@ -287,7 +287,7 @@ def _names(expressions: tuple[Expression, ...]) -> list[str]:
     return [name for expression in expressions for name in expression.names]
 
 
-def _check(plan: Plan) -> None:
+def _check(plan: CampaignPlan) -> None:
     """What keys of a plan must fulfil together. Raises PlanError."""
     spec, keys = plan.spec, plan.axis_keys
     draws = spec.combine == "latin_hypercube" or any(plan.entry.child(way) for way in ("search", "sensitivity"))
@@ -321,7 +321,7 @@ def _check(plan: Plan) -> None:
         raise plan.problem("axes", "axes: extends and extends.NAME; give each a name")
 
 
-def _check_way(plan: Plan) -> None:
+def _check_way(plan: CampaignPlan) -> None:
     """That a plan says in one way only which runs there are. Raises PlanError."""
     spec = plan.spec
     ways = [way for way in ("search", "sensitivity") if getattr(spec, way) is not None]

@@ -16,7 +16,7 @@ import numpy as np
 from sim_core.keys import unit_of
 from xitl_cli.campaign import pictures
 from xitl_cli.campaign.bisection import BoundaryFinding, Outcome
-from xitl_cli.campaign.compare import Comparison, counted_statuses
+from xitl_cli.campaign.compare import CampaignComparison, counted_statuses
 from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
 from xitl_cli.campaign.exploration import ExplorationFinding
 from xitl_cli.campaign.results import ResultTable
@@ -442,7 +442,7 @@ def _margin(row: Row, limit: Limit) -> float:
     return away if limit.upper else -away
 
 
-def comparison_section(told: Comparison, number: int = 1) -> Section:
+def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
     """Of two sides, B against A. Numbers are B - A."""
     sure = f"{100 * told.confidence:g} %"
     facts = [

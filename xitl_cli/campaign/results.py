@@ -22,7 +22,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from agent import __version__
 from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE, Row
-from xitl_cli.campaign.plan import SAME_RUNS, Plan
+from xitl_cli.campaign.plan import SAME_RUNS, CampaignPlan
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
@@ -179,13 +179,13 @@ class CampaignFolder:
     """Where a campaign writes. done: rows that are there, by key."""
 
     path: Path
-    plan: Plan
+    plan: CampaignPlan
     done: dict[str, Row] = field(default_factory=dict)
     _file: IO[bytes] | None = None
     _next_table_s: float = 0.0
 
     @classmethod
-    def create(cls, path: Path, plan: Plan, extra: Mapping[str, Any] | None = None) -> CampaignFolder:
+    def create(cls, path: Path, plan: CampaignPlan, extra: Mapping[str, Any] | None = None) -> CampaignFolder:
         """A new one. Raises UserError where `path` holds one already or cannot be used."""
         if (path / CAMPAIGN).exists():
             count = sum(1 for _ in _lines(path / LINES))
@@ -216,7 +216,7 @@ class CampaignFolder:
         return cls(path, plan)
 
     @classmethod
-    def resume(cls, path: Path, plan: Plan) -> CampaignFolder:
+    def resume(cls, path: Path, plan: CampaignPlan) -> CampaignFolder:
         """One that is there. Raises UserError when it is another plan's, or the plan has changed since."""
         about = read_about(path)
         if about["digest"] != plan.digest():
@@ -297,7 +297,7 @@ class CampaignFolder:
         return UserError(f"{self.path}: results cannot be written ({error.strerror}): {kept}")
 
 
-def _difference(before: Mapping[str, Any], plan: Plan) -> str:
+def _difference(before: Mapping[str, Any], plan: CampaignPlan) -> str:
     """What of the plan is not as it was."""
     now = plan.document()
     changed = [

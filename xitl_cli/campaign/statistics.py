@@ -230,7 +230,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class FigureSpread:
     """Of a figure over runs: quartiles and the 5th and 95th percentile, interpolated between runs."""
 
     runs: int
@@ -243,9 +243,9 @@ class Spread:
     most: float
 
 
-def spread(values: Floats) -> Spread:
+def spread(values: Floats) -> FigureSpread:
     """values: (N,), at least one."""
-    return Spread(len(values), *(float(value) for value in np.percentile(values, (0, 5, 25, 50, 75, 95, 100))))
+    return FigureSpread(len(values), *(float(value) for value in np.percentile(values, (0, 5, 25, 50, 75, 95, 100))))
 
 
 def mean_interval(values: Floats, confidence: float = 0.95) -> Interval | None:

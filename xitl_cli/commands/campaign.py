@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -18,13 +17,14 @@ import typer.core
 from xitl_cli.commands.options import Json
 from xitl_cli.commands.output import quiet_pipe, still_read
 from xitl_cli.commands.terminal import say, show_rows, terminal
+from xitl_cli.end_signals import end_signals_handled
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from xitl_cli.campaign.engine import Progress
-    from xitl_cli.campaign.plan import Plan
+    from xitl_cli.campaign.engine import CampaignProgress
+    from xitl_cli.campaign.plan import CampaignPlan
     from xitl_cli.campaign.results import ResultTable
 
 MANY = 10_000
@@ -118,7 +118,7 @@ def _fulfilled(table: ResultTable) -> bool:
 
 
 def _carried_out(
-    plan: Plan, on: str | None, workers: int | None, resume: bool, yes: bool, out: Path | None
+    plan: CampaignPlan, on: str | None, workers: int | None, resume: bool, yes: bool, out: Path | None
 ) -> tuple[ResultTable, bool]:
     """The table, and whether all runs are there."""
     from xitl_cli.campaign.cluster import check_installed
@@ -131,7 +131,7 @@ def _carried_out(
     console = terminal(stderr=True)
     many = f"up to {plan.most_runs()}" if plan.search is not None else total
     say(console, f"{many} runs of {plan.base.name}, in {folder.path}")
-    with _shown_progress(console) as watch, _ended_by_signals():
+    with _shown_progress(console) as watch, end_signals_handled(_interrupt):
         try:
             table = carry_out(plan, folder, on, workers, None if plan.search is not None else total, watch)
         except KeyboardInterrupt:
@@ -141,25 +141,11 @@ def _carried_out(
     return table, True
 
 
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM, as of a batch system, and a terminal that hangs up do what Ctrl-C does."""
-
-    def end(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    numbers = [signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    previous = {number: signal.signal(number, end) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
 
 
-def _count(plan: Plan, yes: bool) -> int:
+def _count(plan: CampaignPlan, yes: bool) -> int:
     """How many runs there are; many of them only after a yes. Raises UserError for none, and without a yes."""
     most = plan.most_runs()
     if most > MANY and not yes:
@@ -171,7 +157,7 @@ def _count(plan: Plan, yes: bool) -> int:
     return total
 
 
-def _ask(plan: Plan, most: int) -> None:
+def _ask(plan: CampaignPlan, most: int) -> None:
     at_most = "up to " if plan.constraints else ""
     factors = " × ".join([*(f"{len(axis.values) or axis.count} of {axis.key}" for axis in plan.axes)])
     what = f"{at_most}{most} runs ({factors}{' × ' if factors else ''}{len(plan.seeds)} seeds)"
@@ -193,14 +179,14 @@ class _Watch:
         at = f"{threads} at once {'here' if on is None else f'on {on}'}"
         self._tell(f"{at}, dashboard {dashboard}" if dashboard else at)
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: CampaignProgress) -> None:
         if time.monotonic() < self._next_s and progress.done != progress.total:
             return
         self._next_s = time.monotonic() + self._every_s
         self._show(progress_text(progress))
 
 
-def progress_text(progress: Progress) -> str:
+def progress_text(progress: CampaignProgress) -> str:
     """One line: how many of how many, rate, estimate of the end, failures so far by status."""
     words = [f"{progress.done} of {progress.total} runs" if progress.total is not None else f"{progress.done} runs"]
     if (rate_hz := progress.rate_hz) is not None:
@@ -241,7 +227,7 @@ def _report(table: ResultTable) -> Path:
     return write_report(table)
 
 
-def _show_points(plan: Plan, as_json: bool) -> None:
+def _show_points(plan: CampaignPlan, as_json: bool) -> None:
     """`--dry-run`."""
     keys = (*plan.axis_keys, "seed")
     points = plan.points()

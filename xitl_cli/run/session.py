@@ -15,6 +15,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from agent import __version__
+from xitl_cli.end_signals import end_signals_handled
 from xitl_cli.errors import UserError
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.profile import Profile, resolved_yaml
@@ -320,8 +321,7 @@ class Interruption:
     def noticed(self) -> Iterator[None]:
         """Each ends the run at the next exchange instead of anywhere; a second Ctrl-C acts as usual.
 
-        Python delivers signals to the main thread alone: a run in another thread is not interrupted by them. A SIGHUP
-        that is ignored already, as under `nohup`, stays so.
+        Python delivers signals to the main thread alone: a run in another thread is not interrupted by them.
         """
         if threading.current_thread() is not threading.main_thread():
             yield
@@ -332,12 +332,5 @@ class Interruption:
                 raise KeyboardInterrupt
             self._seen = True
 
-        numbers = [signal.SIGINT, signal.SIGTERM]
-        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-            numbers.append(signal.SIGHUP)
-        previous = {number: signal.signal(number, note) for number in numbers}
-        try:
+        with end_signals_handled(note, signal.SIGINT):
             yield
-        finally:
-            for number, handler in previous.items():
-                signal.signal(number, handler)

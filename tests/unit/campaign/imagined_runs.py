@@ -11,7 +11,7 @@ import yaml
 
 from xitl_cli.campaign.engine import Campaign
 from xitl_cli.campaign.execution import COMPLETED, Row, RunTask
-from xitl_cli.campaign.plan import Plan, read_plan
+from xitl_cli.campaign.plan import CampaignPlan, read_plan
 from xitl_cli.campaign.results import CampaignFolder, ResultTable
 from xitl_cli.campaign.search import SearchFinding, carry_out
 
@@ -50,7 +50,7 @@ class ImaginaryWorkers:
 
 
 def imagined(
-    plan: Path | Plan, out: Path, figures: Figures, capacity: int = 3, resume: bool = False
+    plan: Path | CampaignPlan, out: Path, figures: Figures, capacity: int = 3, resume: bool = False
 ) -> tuple[ResultTable, list[SearchFinding]]:
     """The table of a campaign, and what its search has found."""
     plan = read_plan(plan) if isinstance(plan, Path) else plan

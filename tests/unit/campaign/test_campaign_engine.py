@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from xitl_cli.campaign import results
-from xitl_cli.campaign.engine import Campaign, Progress
+from xitl_cli.campaign.engine import Campaign, CampaignProgress
 from xitl_cli.campaign.execution import CRASHED, FAILED, KILLED, TIMEOUT, Row, RunTask
-from xitl_cli.campaign.plan import Plan, PlanError, read_plan
+from xitl_cli.campaign.plan import CampaignPlan, PlanError, read_plan
 from xitl_cli.campaign.results import LINES, NOT_COMPARED, CampaignFolder, FullDiskError, ResultTable
 from xitl_cli.errors import UserError
 
@@ -28,7 +28,7 @@ recordings: none
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def plan(tmp_path_factory: pytest.TempPathFactory) -> CampaignPlan:
     path = tmp_path_factory.mktemp("plan") / "winds.yaml"
     path.write_text(TEXT, encoding="utf-8")
     return read_plan(path)
@@ -66,7 +66,7 @@ def ended(task: RunTask, status: str, code: int = 2, began: bool = True) -> Row:
     return {**row, "wall_s": 2.0, **dict.fromkeys(task.keep)}
 
 
-def carried_out(plan: Plan, path: Path, workers: ImaginedWorkers, **others: Any) -> list[Row]:
+def carried_out(plan: CampaignPlan, path: Path, workers: ImaginedWorkers, **others: Any) -> list[Row]:
     """All rows of a campaign that begins in `path`, or goes on there."""
     with (CampaignFolder.resume if path.exists() else CampaignFolder.create)(path, plan) as folder:
         rows = list(Campaign(plan, folder, workers, **others).run())
@@ -79,7 +79,7 @@ def compared(rows: Any) -> list[Row]:
     return [{key: value for key, value in row.items() if key not in NOT_COMPARED} for row in told]
 
 
-def test_every_run_is_kept_with_its_values_verdicts_and_command(plan: Plan, tmp_path: Path) -> None:
+def test_every_run_is_kept_with_its_values_verdicts_and_command(plan: CampaignPlan, tmp_path: Path) -> None:
     rows = carried_out(plan, tmp_path / "a", ImaginedWorkers(well))
     table = ResultTable.read(tmp_path / "a")
     assert len(rows) == len(table) == 12
@@ -100,7 +100,7 @@ def test_every_run_is_kept_with_its_values_verdicts_and_command(plan: Plan, tmp_
 
 
 @pytest.mark.parametrize("at_once", [1, 2, 4])
-def test_the_table_is_the_same_however_many_work(plan: Plan, at_once: int, tmp_path: Path) -> None:
+def test_the_table_is_the_same_however_many_work(plan: CampaignPlan, at_once: int, tmp_path: Path) -> None:
     def unsteady(task: RunTask, attempt: int) -> Row | None:
         return well(task) if attempt > task.number % 3 else None
 
@@ -122,7 +122,7 @@ def test_the_table_is_the_same_however_many_work(plan: Plan, at_once: int, tmp_p
     ],
 )
 def test_what_another_attempt_may_mend_is_tried_again_and_then_told(
-    plan: Plan, becomes: Any, status: str, attempts: int, tmp_path: Path
+    plan: CampaignPlan, becomes: Any, status: str, attempts: int, tmp_path: Path
 ) -> None:
     rows = carried_out(plan, tmp_path / "a", ImaginedWorkers(becomes))
     assert {row["status"] for row in rows} == {status}
@@ -131,7 +131,7 @@ def test_what_another_attempt_may_mend_is_tried_again_and_then_told(
     assert {row["mission.cross_track_rms_m < 6"] for row in rows} == {None}
 
 
-def test_one_that_was_cut_off_goes_on_with_what_is_missing(plan: Plan, tmp_path: Path) -> None:
+def test_one_that_was_cut_off_goes_on_with_what_is_missing(plan: CampaignPlan, tmp_path: Path) -> None:
     whole = carried_out(plan, tmp_path / "whole", ImaginedWorkers(well))
     with CampaignFolder.create(tmp_path / "cut", plan) as folder:
         coming = Campaign(plan, folder, ImaginedWorkers(well)).run()
@@ -139,7 +139,7 @@ def test_one_that_was_cut_off_goes_on_with_what_is_missing(plan: Plan, tmp_path:
     with (tmp_path / "cut" / LINES).open("ab") as file:  # a sixth line that the kill tore
         file.write(b'{"number": 12, "key": "')
     assert len(ResultTable.read(tmp_path / "cut")) == 5
-    workers, seen = ImaginedWorkers(well), list[Progress]()
+    workers, seen = ImaginedWorkers(well), list[CampaignProgress]()
     assert compared(carried_out(plan, tmp_path / "cut", workers, total=12, watch=seen.append)) == compared(whole)
     assert set(workers.attempts) == set(range(1, 13)) - set(before)
     assert seen[-1].done == 12
@@ -148,7 +148,7 @@ def test_one_that_was_cut_off_goes_on_with_what_is_missing(plan: Plan, tmp_path:
     assert compared(map(json.loads, lines)) == compared(whole)
 
 
-def test_a_folder_is_no_other_plans(plan: Plan, tmp_path: Path) -> None:
+def test_a_folder_is_no_other_plans(plan: CampaignPlan, tmp_path: Path) -> None:
     CampaignFolder.create(tmp_path / "a", plan)
     with pytest.raises(UserError, match="add --resume or choose another --out"):
         CampaignFolder.create(tmp_path / "a", plan)
@@ -179,7 +179,7 @@ class FullFile:
         return getattr(self._file, name)
 
 
-def test_a_full_disk_stops_it_and_loses_nothing(plan: Plan, tmp_path: Path) -> None:
+def test_a_full_disk_stops_it_and_loses_nothing(plan: CampaignPlan, tmp_path: Path) -> None:
     with CampaignFolder.create(tmp_path / "a", plan) as folder:
         folder._file = FullFile((tmp_path / "a" / LINES).open("ab", buffering=0), 2000)  # type: ignore[assignment]
         with pytest.raises(FullDiskError, match=r"No space left on device.*runs are kept; --resume"):
@@ -191,7 +191,7 @@ def test_a_full_disk_stops_it_and_loses_nothing(plan: Plan, tmp_path: Path) -> N
     assert len(ResultTable.read(tmp_path / "a")) == 12
 
 
-def test_a_run_that_found_no_room_is_not_told_as_a_failure_of_the_boat(plan: Plan, tmp_path: Path) -> None:
+def test_a_run_that_found_no_room_is_not_told_as_a_failure_of_the_boat(plan: CampaignPlan, tmp_path: Path) -> None:
     def full(task: RunTask, attempt: int) -> Row:
         return {**ended(task, FAILED, began=False), "error": "no room for a run (No space left on device)"}
 
@@ -210,7 +210,7 @@ def test_the_first_run_shows_a_figure_that_is_not_there(tmp_path: Path) -> None:
     assert sum(workers.attempts.values()) == 1
 
 
-def test_points_may_be_endless(plan: Plan, tmp_path: Path) -> None:
+def test_points_may_be_endless(plan: CampaignPlan, tmp_path: Path) -> None:
     """A search asks as workers get free."""
 
     def endless() -> Iterator[Any]:
@@ -226,7 +226,7 @@ def test_points_may_be_endless(plan: Plan, tmp_path: Path) -> None:
 def test_progress_estimates_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     from xitl_cli.commands.campaign import progress_text
 
-    progress = Progress(100, begun_s=0.0)
+    progress = CampaignProgress(100, begun_s=0.0)
     monkeypatch.setattr("time.monotonic", lambda: 50.0)
     for number in range(25):
         row = {"status": "timeout" if number == 0 else "completed", "passed": number > 4}

@@ -12,7 +12,7 @@ from imagined_runs import imagined
 
 from xitl_cli.campaign.bisection import BoundaryFinding, Outcome
 from xitl_cli.campaign.exploration import ExplorationFinding
-from xitl_cli.campaign.plan import Plan, PlanError, read_plan
+from xitl_cli.campaign.plan import CampaignPlan, PlanError, read_plan
 from xitl_cli.campaign.report import campaign_sections
 from xitl_cli.campaign.results import LINES, ResultTable
 
@@ -30,7 +30,7 @@ search: {{width: 2, runs_per_point: 8}}
 """
 
 
-def planned(tmp_path: Path, text: str) -> Plan:
+def planned(tmp_path: Path, text: str) -> CampaignPlan:
     path = tmp_path / "plan.yaml"
     path.write_text(text, encoding="utf-8")
     return read_plan(path)

@@ -9,14 +9,14 @@ import pytest
 
 from xitl_cli.campaign.axes import RunPoint
 from xitl_cli.campaign.engine import check_figures
-from xitl_cli.campaign.plan import Plan, PlanError, find_plan, read_plan, seeds_of
+from xitl_cli.campaign.plan import CampaignPlan, PlanError, find_plan, read_plan, seeds_of
 from xitl_cli.errors import UserError
 from xitl_cli.profile.load import load_with_origins
 
 BASE = "base: mitl\n"
 
 
-def plan(tmp_path: Path, text: str, name: str = "plan.yaml") -> Plan:
+def plan(tmp_path: Path, text: str, name: str = "plan.yaml") -> CampaignPlan:
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     return read_plan(path)

@@ -21,7 +21,7 @@ from sim_core.world.plan import OPEN_WATER, convex_hull, inset
 from sim_core.world.primitive_rays import PrimitiveCaster
 from sim_core.world.seen_hull import SeenHull
 from sim_core.world.spec import TrafficSpec
-from sim_core.world.traffic import ScriptedVessel, Track, scripted_motion
+from sim_core.world.traffic import ScriptedTrack, ScriptedVessel, scripted_motion
 
 SPEED_MPS, RADIUS_M = 2.0, 20.0
 
@@ -42,7 +42,7 @@ def barge(*places: tuple[float, float], name: str = "barge", level_m: float = 0.
     ],
 )
 def test_the_pose_is_continuous_and_the_heading_is_the_way_made_good(places, loop: bool) -> None:
-    track = Track.through(places, SPEED_MPS, RADIUS_M, loop, start_s=5.0)
+    track = ScriptedTrack.through(places, SPEED_MPS, RADIUS_M, loop, start_s=5.0)
     step_s = 0.05
     rows = [track.at(number * step_s) for number in range(12_000)]
     place = np.array([row[0] for row in rows])
@@ -68,7 +68,7 @@ def test_the_pose_is_continuous_and_the_heading_is_the_way_made_good(places, loo
 
 
 def test_a_right_angle_is_rounded_by_an_arc_of_the_radius() -> None:
-    track = Track.through([(0.0, 0.0), (100.0, 0.0), (100.0, 100.0)], SPEED_MPS, RADIUS_M)
+    track = ScriptedTrack.through([(0.0, 0.0), (100.0, 0.0), (100.0, 100.0)], SPEED_MPS, RADIUS_M)
     places = np.array(
         [track.at(40.0 + share * RADIUS_M * math.pi / 2 / SPEED_MPS)[0] for share in np.linspace(0, 1, 9)]
     )
