@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 from conftest import environment
 
-from xitl_cli.campaign.execution import MARK
 from xitl_cli.campaign.results import CAMPAIGN, LINES, NOT_COMPARED, ResultTable
+from xitl_cli.campaign.warden import MARK
 
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow

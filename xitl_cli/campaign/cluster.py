@@ -14,6 +14,7 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -66,9 +67,7 @@ class DaskWorkers:
     @property
     def dashboard(self) -> str | None:
         """Address of Dask's dashboard, where bokeh is there."""
-        try:
-            import bokeh  # noqa: F401
-        except ImportError:
+        if find_spec("bokeh") is None:
             return None
         link: str | None = self._client.dashboard_link
         return link

@@ -23,7 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
+from xitl_cli.campaign import warden
 from xitl_cli.campaign.figures import figures
+from xitl_cli.campaign.warden import MARK, TEMPORARY, end_marked
 
 Row: TypeAlias = dict[str, Any]
 
@@ -34,8 +36,6 @@ RETRIED = (CRASHED, TIMEOUT, MEMORY, KILLED)
 """Statuses that another attempt may mend."""
 
 SUMMARY, ERRORS, BASE_FILE = "summary.json", "stderr.txt", "base.yaml"
-MARK = "XITL_CAMPAIGN_RUN"
-TEMPORARY = "xitl-campaign-run-"
 _POLL_S = 0.2
 _EXIT_STATUS = {0: COMPLETED, 1: INCOMPLETE, 2: FAILED, 130: KILLED}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
@@ -173,34 +173,6 @@ def memory_of_tree_mb(pid: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def end_marked(mark: str) -> int:
-    """End every process whose environment carries this mark, or one that begins so; how many there were."""
-    wanted, ended = f"{MARK}={mark}".encode(), 0
-    for _ in range(3):  # what is being started meanwhile
-        found = [pid for pid in _own_processes() if _environment_has(pid, wanted)]
-        for pid in found:
-            with contextlib.suppress(OSError):
-                os.kill(pid, signal.SIGKILL)
-                ended += 1
-        if not found:
-            break
-    return ended
-
-
-def _own_processes() -> list[int]:
-    return [int(name) for name in os.listdir("/proc") if name.isdigit() and int(name) != os.getpid()]  # noqa: PTH208
-
-
-def _environment_has(pid: int, wanted: bytes) -> bool:
-    try:
-        if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
-            return False
-        environment = Path(f"/proc/{pid}/environ").read_bytes()
-    except OSError:
-        return False
-    return environment.startswith(wanted) or b"\0" + wanted in environment
-
-
 def _summary(folder: Path) -> dict[str, Any] | None:
     try:
         found = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
@@ -246,7 +218,7 @@ class _Warden:
         with self._lock:
             if self._owner != os.getpid():
                 process = subprocess.Popen(
-                    [sys.executable, "-S", "-E", "-s", "-c", _WARDEN, MARK, TEMPORARY],
+                    [sys.executable, "-I", "-S", warden.__file__],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
@@ -261,37 +233,6 @@ class _Warden:
                 self._pipe.flush()
 
 
-_WARDEN = """
-import os, shutil, signal, sys, time
-signal.signal(signal.SIGINT, signal.SIG_IGN)
-runs = {}
-for line in sys.stdin:
-    what, mark, folder = line.rstrip("\\n").split(" ", 2)
-    if what == "+":
-        runs[mark] = folder
-    else:
-        runs.pop(mark, None)
-for _ in range(5 if runs else 0):
-    found = 0
-    for pid in filter(str.isdigit, os.listdir("/proc")):
-        try:
-            with open(f"/proc/{pid}/environ", "rb") as file:
-                environment = file.read()
-        except OSError:
-            continue
-        if any(f"{sys.argv[1]}={mark}".encode() in environment for mark in runs):
-            found += 1
-            try:
-                os.kill(int(pid), signal.SIGKILL)
-            except OSError:
-                pass
-    if not found:
-        break
-    time.sleep(0.1)
-for folder in runs.values():
-    if os.path.basename(folder).startswith(sys.argv[2]):
-        shutil.rmtree(folder, ignore_errors=True)
-"""
 _warden = _Warden()
 _running: set[str] = set()
 
