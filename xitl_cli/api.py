@@ -59,7 +59,7 @@ def simulate(
     """
     from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
-    from xitl_cli.run.view import NoView
+    from xitl_cli.run.status_display import NoDisplay
 
     own = {"clock.seed": seed, "clock.duration_s": duration_s}
     given = {key: value for key, value in own.items() if value is not None}
@@ -71,7 +71,7 @@ def simulate(
         found = load_with_origins(fspath(profile), [*_texts(overrides), *_texts(given)])
         profile, warnings = found.profile, found.warnings
     directory = default_path(profile.name) if out is None else Path(out)
-    result = run(profile, directory, overwrite, NoView, timed=duration_s is not None, warnings=warnings)
+    result = run(profile, directory, overwrite, NoDisplay, timed=duration_s is not None, warnings=warnings)
     if result.summary["error"]:
         raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
     return result

@@ -13,7 +13,7 @@ from conftest import payloads, summary
 from xitl_cli.profile import load_profile
 from xitl_cli.run import session
 from xitl_cli.run.links.agent_workers import AgentWorkers
-from xitl_cli.run.view import NoView
+from xitl_cli.run.status_display import NoDisplay
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +30,7 @@ def fleet(folder: Path, seconds: float) -> Any:
 def test_a_run_is_the_same_in_one_process_and_in_three(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, workers in (("one", None), ("three", AgentWorkers(2))):
         monkeypatch.setattr(session, "fleet_workers", lambda profiles, workers=workers: workers)
-        session.run(fleet(tmp_path, 6.0), tmp_path / name, False, NoView, timed=True)
+        session.run(fleet(tmp_path, 6.0), tmp_path / name, False, NoDisplay, timed=True)
     assert payloads(tmp_path / "one/run.mcap") == payloads(tmp_path / "three/run.mcap")
     for boat in ("boat_1", "boat_2", "boat_3"):
         log = (tmp_path / "one" / boat / "autopilot.bin").read_bytes()
@@ -46,7 +46,7 @@ def test_a_process_that_is_killed_ends_the_run_with_its_vessels_named(
     workers = AgentWorkers(1)
     monkeypatch.setattr(session, "fleet_workers", lambda profiles: workers)
 
-    class Killing(NoView):
+    class Killing(NoDisplay):
         def due(self) -> bool:
             os.kill(workers._workers[0]._process.pid, signal.SIGKILL)
             return False

@@ -75,7 +75,7 @@ def sim(
     from xitl_cli.profile import load_with_origins
     from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
-    from xitl_cli.run.view import make_view
+    from xitl_cli.run.status_display import make_display
 
     if profile is not None and profile_option is not None:
         raise UserError(f"{profile} and --profile {profile_option}: are two profiles; give one of them")
@@ -88,7 +88,7 @@ def sim(
         loaded,
         out or default_path(loaded.name),
         overwrite,
-        lambda: make_view(console, loaded.name, as_json),
+        lambda: make_display(console, loaded.name, as_json),
         timed=duration is not None,
         warnings=found.warnings,
     )

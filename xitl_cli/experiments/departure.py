@@ -15,7 +15,7 @@ from typing import Any
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.session import INTERRUPTED, Result, run
-from xitl_cli.run.view import NoView
+from xitl_cli.run.status_display import NoDisplay
 
 ENVIRONMENTS = {
     "calm": "still water",
@@ -84,7 +84,7 @@ def measure_departures(
             profile = _write_profile(out / f"{name}.yaml", base, environment, overwrite)
             given = {"autopilot.firmware": firmware, "clock.seed": seed, "clock.duration_s": duration_s}
             overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-            result = make_run(load_profile(str(profile), overrides), out / name, overwrite, NoView)
+            result = make_run(load_profile(str(profile), overrides), out / name, overwrite, NoDisplay)
             if result.exit_code == INTERRUPTED:
                 raise InterruptedRunError
             departures.append(_departure(environment, sensors, str(profile), result))

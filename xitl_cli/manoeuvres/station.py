@@ -19,7 +19,7 @@ from xitl_cli.profile import Profile, load_profile
 from xitl_cli.profile.schema.agents import AutopilotSpec, DriverSpec, MissionSpec, ScriptStep
 from xitl_cli.profile.schema.profile import ClockSpec, RecordingSpec
 from xitl_cli.run.session import run
-from xitl_cli.run.view import NoView
+from xitl_cli.run.status_display import NoDisplay
 
 ARMED_S, SETTLED_S, ENDS_S = 5.0, 30.0, 80.0
 CURRENT_OF_SPEED, WIND_OF_THRUST, MOST_WIND_MPS = 0.1, 0.1, 8.0
@@ -79,7 +79,7 @@ def station_keeping(
     title = "Station keeping in wind and current"
     try:
         with TemporaryDirectory() as folder:
-            result = run(profile, Path(folder) / "run", False, NoView)
+            result = run(profile, Path(folder) / "run", False, NoDisplay)
             if result.summary["error"]:
                 raise UserError(str(result.summary["error"]))
             with result.open_log() as log:

@@ -40,9 +40,9 @@ from xitl_cli.run.nodes.scripted import ScriptedRecorder
 from xitl_cli.run.nodes.track import TrackNode
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
+from xitl_cli.run.status_display import DisplayNode, StatusDisplay, StatusSource
 from xitl_cli.run.traffic.receivers import AisReceiver
 from xitl_cli.run.traffic.self_report import SelfReport, VesselVoices, report_from_motion
-from xitl_cli.run.view import DisplayNode, StatusSource, View
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import local_frame
@@ -163,7 +163,7 @@ def compose_world(
     setups: Sequence[RunSetup],
     vessels: Sequence[VesselNodes],
     plant: Plant,
-    make_view: Callable[[], View],
+    make_display: Callable[[], StatusDisplay],
     warnings: Sequence[str],
     opened: ExitStack,
 ) -> WorldNodes:
@@ -176,7 +176,7 @@ def compose_world(
     river = river_from_profile(profile, Seeds(profile.clock.seed), plant, lambda: leading.control.progress)
     if river is not None:
         opened.callback(river.close)
-    display = DisplayNode(make_view, warnings, profile.clock, [vessel.status for vessel in vessels])
+    display = DisplayNode(make_display, warnings, profile.clock, [vessel.status for vessel in vessels])
     opened.callback(display.close)
     ahead: list[RunNode | None] = [display, river]
     fleet = plant.simulation if isinstance(plant.simulation, Fleet) else None

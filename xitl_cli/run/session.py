@@ -32,10 +32,10 @@ from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop, named
+from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 from xitl_cli.run.traffic.receivers import AisReceiver
 from xitl_cli.run.traffic.self_report import VesselVoices
-from xitl_cli.run.view import View
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
 from xitl_cli.run.world.scenery import Scenery
@@ -87,7 +87,7 @@ def run(
     profile: Profile,
     out: Path,
     overwrite: bool,
-    make_view: Callable[[], View],
+    make_display: Callable[[], StatusDisplay],
     timed: bool = False,
     warnings: Sequence[str] = (),
 ) -> Result:
@@ -112,7 +112,7 @@ def run(
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
     with ExitStack() as opened:
-        nodes = _composed(profiles, plant, scenery, out, make_view, interruption, opened)
+        nodes = _composed(profiles, plant, scenery, out, make_display, interruption, opened)
         for name, node in nodes.named():
             with _of(name):
                 node.prepare()
@@ -175,7 +175,7 @@ def _composed(
     plant: Plant,
     scenery: Scenery,
     out: Path,
-    make_view: Callable[[], View],
+    make_display: Callable[[], StatusDisplay],
     interrupted: Callable[[], bool],
     opened: ExitStack,
 ) -> RunNodes:
@@ -195,7 +195,7 @@ def _composed(
             setups.append(RunSetup(*made, workers=workers))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)
-    world = compose_world(setups, vessels, plant, make_view, [*scenery.warnings, *warnings], opened)
+    world = compose_world(setups, vessels, plant, make_display, [*scenery.warnings, *warnings], opened)
     return RunNodes(world, tuple(vessels), warnings)
 
 

@@ -26,7 +26,7 @@ TIMES = dict(zip(EVENTS, (12.0, 20.0, 20.5, 21.25), strict=True))
 def runs(seen: list[Any], **changed: Any) -> Callable[..., Result]:
     """In place of a run: notes the profile, and with our sensors all is 5 s sooner."""
 
-    def make_run(profile: Any, out: Path, overwrite: bool, make_view: Any) -> Result:
+    def make_run(profile: Any, out: Path, overwrite: bool, make_display: Any) -> Result:
         seen.append((profile.runnable(), out, overwrite))
         ours = profile.autopilot.bridge.sensors is not None
         times = {event: at_s - 5.0 * ours for event, at_s in TIMES.items()}

@@ -17,8 +17,8 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import Ending, LinkReport
 from xitl_cli.run.session import Result
+from xitl_cli.run.status_display import LiveDisplay, PlainDisplay, RunStatus
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
-from xitl_cli.run.view import LiveView, PlainView, RunStatus
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def status(number: int, **values: Any) -> RunStatus:
 
 def test_a_line_now_and_then_says_of_a_fleet_what_is_under_way_and_who_is_worst() -> None:
     stream = io.StringIO()
-    PlainView(Console(file=stream, width=200)).show(status(1), status(2, cross_track_m=-4.0), status(3, mode="HOLD"))
+    PlainDisplay(Console(file=stream, width=200)).show(status(1), status(2, cross_track_m=-4.0), status(3, mode="HOLD"))
     assert stream.getvalue() == (
         "t   12.3 s  2 AUTO armed, 1 HOLD armed  waypoints 3/18  cross-track up to 4.00 m (boat_2)  lost 0  missed 0\n"
     )
@@ -140,7 +140,7 @@ def test_a_line_now_and_then_says_of_a_fleet_what_is_under_way_and_who_is_worst(
 @pytest.mark.parametrize("count", [4, 40])
 def test_the_panel_has_a_row_a_vessel_and_of_a_long_fleet_those_that_fit(count: int) -> None:
     console = Console(width=80, height=24, file=io.StringIO(), force_terminal=True, color_system=None)
-    view = LiveView(console, "fleet")
+    view = LiveDisplay(console, "fleet")
     view.show(*(status(number) for number in range(1, count + 1)))
     view.close()
     text = console.file.getvalue()  # type: ignore[attr-defined]

@@ -19,7 +19,7 @@ from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
 from xitl_cli.run.nodes.drivers import NoDriver
-from xitl_cli.run.view import NoView
+from xitl_cli.run.status_display import NoDisplay
 
 
 def test_a_fault_of_our_own_is_seen_and_still_leaves_summary_and_recording(
@@ -34,7 +34,7 @@ def test_a_fault_of_our_own_is_seen_and_still_leaves_summary_and_recording(
 
     monkeypatch.setattr(IdealControl, "exchange", breaks)
     with pytest.raises(ZeroDivisionError, match="a fault"):
-        session.run(load_profile("mitl"), tmp_path / "run", False, NoView)
+        session.run(load_profile("mitl"), tmp_path / "run", False, NoDisplay)
     told = json.loads((tmp_path / "run/summary.json").read_text())
     assert told["ended"] == "failed"
     assert "ZeroDivisionError" in told["error"]
@@ -49,7 +49,7 @@ def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(
         raise UserError("run.mcap: the recording cannot be written (No space left on device); free space")
 
     monkeypatch.setattr(Recorder, "attach", full)
-    result = session.run(load_profile("sitl"), tmp_path / "run", False, NoView)
+    result = session.run(load_profile("sitl"), tmp_path / "run", False, NoDisplay)
     assert result.exit_code == session.USER_ERROR
     told = json.loads((tmp_path / "run/summary.json").read_text())
     assert "No space left on device" in told["error"]
@@ -63,7 +63,7 @@ def test_ctrl_c_is_heeded_while_an_autopilot_started_elsewhere_is_waited_for(
     urls = [f"autopilot.bridge.mavlink=tcp://127.0.0.1:{free_port()}"]
     urls += [f"autopilot.bridge.world=udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"]
     profile = load_profile("sitl-ardupilot", ["autopilot.firmware=external", *urls])
-    result = session.run(profile, tmp_path / "run", False, NoView)
+    result = session.run(profile, tmp_path / "run", False, NoDisplay)
     assert result.exit_code == session.INTERRUPTED
     assert (result.summary["ended"], result.summary["error"]) == ("interrupted", None)
 

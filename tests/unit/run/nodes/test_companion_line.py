@@ -15,7 +15,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.run.links.peer import ProcessAgent
 from xitl_cli.run.nodes import companion as line
 from xitl_cli.run.session import INCOMPLETE, run
-from xitl_cli.run.view import NoView, RunStatus
+from xitl_cli.run.status_display import NoDisplay, RunStatus
 
 PROFILE = """\
 extends: sitl
@@ -30,7 +30,7 @@ def profile(folder: Path, runs: str = "process", link: str = "tcp://127.0.0.1:0"
     return load_profile(str(file))
 
 
-class Killer(NoView):
+class Killer(NoDisplay):
     """Kills the companion's process when a second has gone by."""
 
     def __init__(self) -> None:
@@ -84,7 +84,7 @@ def test_an_autopilot_in_its_place_is_refused(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(line, "open_peer", autopilot)
     with pytest.raises(UserError, match="no companion, it runs LS,LC,LA; start it with --role companion"):
-        run(profile(tmp_path, runs="in-process"), tmp_path / "out", False, NoView)
+        run(profile(tmp_path, runs="in-process"), tmp_path / "out", False, NoDisplay)
     assert not (tmp_path / "out").exists()
 
 

@@ -18,7 +18,7 @@ from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.river import river_from_profile
 from xitl_cli.run.session import run
-from xitl_cli.run.view import NoView
+from xitl_cli.run.status_display import NoDisplay
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build_simulation
 
@@ -38,7 +38,7 @@ def said(path: Path, topic: str) -> list[Any]:
 def ended(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     out = tmp_path_factory.mktemp("river") / "run"
     profile = load_profile("mitl", ["world.contact=true", LAUNCHES, "clock.duration_s=12.0"])
-    return run(profile, out, False, NoView).summary, out / "run.mcap"
+    return run(profile, out, False, NoDisplay).summary, out / "run.mcap"
 
 
 def test_the_summary_tells_what_was_launched_and_hit(ended: tuple[dict[str, Any], Path]) -> None:

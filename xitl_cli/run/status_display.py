@@ -56,7 +56,7 @@ class RunStatus:
     vessel: str = ""
 
 
-class View(Protocol):
+class StatusDisplay(Protocol):
     """Shown now and then, one status a vessel; `due` is asked on every exchange and must be cheap.
 
     What is warned of stays to be read.
@@ -68,7 +68,7 @@ class View(Protocol):
     def close(self) -> None: ...
 
 
-class NoView:
+class NoDisplay:
     """Shows nothing."""
 
     def due(self) -> bool:
@@ -84,7 +84,7 @@ class NoView:
         pass
 
 
-class PlainView:
+class PlainDisplay:
     """One line now and then, for logs and pipes."""
 
     def __init__(self, console: Console, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -123,7 +123,7 @@ class PlainView:
         pass
 
 
-class LiveView:
+class LiveDisplay:
     """A panel that redraws itself a few times a second."""
 
     def __init__(self, console: Console, title: str, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -254,11 +254,11 @@ def _progress(reached: int, total: int, sim_s: float, factor: float) -> Table:
     return progress
 
 
-def make_view(console: Console, title: str, quiet: bool) -> View:
-    """The view that suits where the output goes."""
+def make_display(console: Console, title: str, quiet: bool) -> StatusDisplay:
+    """The display that suits where the output goes."""
     if quiet:
-        return NoView()
-    return LiveView(console, title) if console.is_terminal else PlainView(console)
+        return NoDisplay()
+    return LiveDisplay(console, title) if console.is_terminal else PlainDisplay(console)
 
 
 def _warn(console: Console, text: str) -> None:
@@ -336,15 +336,15 @@ class DisplayNode(RunNode):
 
     def __init__(
         self,
-        make_view: Callable[[], View],
+        make_display: Callable[[], StatusDisplay],
         warnings: Sequence[str],
         clock: ClockSpec,
         sources: Sequence[Callable[[], RunStatus]],
     ) -> None:
         self.showing = ExchangePart(self._show)
-        self._make_view = make_view
+        self._make_view = make_display
         self._warnings = warnings
-        self._view: View | None = None
+        self._view: StatusDisplay | None = None
         self._clock = clock
         self._sources = sources
 

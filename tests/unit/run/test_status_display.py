@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from xitl_cli.run.view import LiveView, PlainView, RunStatus
+from xitl_cli.run.status_display import LiveDisplay, PlainDisplay, RunStatus
 
 
 def status(**values: object) -> RunStatus:
@@ -22,7 +22,7 @@ def status(**values: object) -> RunStatus:
 @pytest.mark.parametrize("live", [False, True])
 def test_faults_in_force_are_named_as_they_are_written(live: bool) -> None:
     console = Console(width=80, file=io.StringIO(), force_terminal=live, color_system=None, record=True)
-    view = LiveView(console, "x") if live else PlainView(console)
+    view = LiveDisplay(console, "x") if live else PlainDisplay(console)
     view.show(status(faults=("link-cut", "[bold]odd")))
     view.close()
     assert "fault" in console.file.getvalue()  # type: ignore[attr-defined]
@@ -31,12 +31,12 @@ def test_faults_in_force_are_named_as_they_are_written(live: bool) -> None:
 
 def test_without_faults_there_is_nothing_about_them() -> None:
     console = Console(width=200, file=io.StringIO())
-    PlainView(console).show(status())
+    PlainDisplay(console).show(status())
     assert "fault" not in console.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_a_warning_stays_to_be_read_in_one_line() -> None:
-    for view_of in (PlainView, lambda console: LiveView(console, "sitl")):
+    for view_of in (PlainDisplay, lambda console: LiveDisplay(console, "sitl")):
         stream = io.StringIO()
         view = view_of(Console(file=stream, width=40))
         view.warn("the mesh [huge] is 4000 m across; if it is in millimetres, give it scale: 0.001")
