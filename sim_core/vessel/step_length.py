@@ -40,11 +40,16 @@ def small_motions(acceleration: Callable[[Array], Array]) -> Array:
 
     acceleration: (K, 6) for (K, 9) states a little off rest.
     """
-    about = np.concatenate([np.diag(_OFFSETS), -np.diag(_OFFSETS)])
-    given = acceleration(about)
     matrix = np.zeros((9, 9))
     matrix[(0, 1, 2), (5, 6, 7)] = 1.0
-    matrix[_POSE:] = (given[:9] - given[9:]).T / (2.0 * _OFFSETS)
+    matrix[_POSE:] = slopes(acceleration)
+    return matrix
+
+
+def slopes(rates: Callable[[Array], Array]) -> Array:
+    """(R, 9) derivatives of (K, R) rates by the 9 states of `small_motions`, by central differences."""
+    given = rates(np.concatenate([np.diag(_OFFSETS), -np.diag(_OFFSETS)]))
+    matrix: Array = (given[:9] - given[9:]).T / (2.0 * _OFFSETS)
     return matrix
 
 

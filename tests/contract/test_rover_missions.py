@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from agent.fcu.control.guidance import GuidanceGains
+from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
 from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mission import MissionItem, make_mission
@@ -95,12 +95,12 @@ def test_a_mission_goes_on_and_is_told_as_by_ardurover() -> None:
     gains, place, yaw_rad, speed_mps = GuidanceGains.from_parameters(Parameters()), (0.0, 0.0), 0.0, 0.0
     while len(stages) < len(current) and len(said) < 100:
         stages += [progress.current] if stages[-1:] != [progress.current] else []
-        output = progress.steer(gains, frame, place, yaw_rad, speed_mps, 0.1)
+        output = progress.steer(GuidanceInput(gains, frame, place, yaw_rad, speed_mps, 0.0, 0.1))
         assert output is not None
         yaw_rad, speed_mps = output.heading_rad, output.speed_mps
         step_m = 0.1 * speed_mps
         place = (place[0] + step_m * math.cos(yaw_rad), place[1] + step_m * math.sin(yaw_rad))
-    progress.steer(gains, frame, place, yaw_rad, speed_mps, 0.1)
+    progress.steer(GuidanceInput(gains, frame, place, yaw_rad, speed_mps, 0.0, 0.1))
     assert stages == current
     # Ours say besides what was left out, the new speed (theirs was refused it while it waited) and the circle's bounds.
     own = ("Skipping", "speed:", "Circle:")

@@ -15,11 +15,10 @@ from sim_core.environment.waves import StillHull
 from sim_core.frames import Array, euler_to_quat, matrix_to_euler, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation
+from sim_core.vessel.step_length import slopes
 from sim_core.vessel.vessel import Surroundings, VesselState, accelerate
 
 Plane = Literal["across", "upright"]
-STEPS = np.array([1e-4] * 3 + [1e-3] * 6)
-"""m, rad, m/s, rad/s: small beside any draft, large beside rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +89,7 @@ class SmallMotion:
 
 def small_motion(simulation: Simulation, state: VesselState, vessel: int = 0) -> SmallMotion:
     """About the motion of one vessel of a state, in still water, with its propellers held."""
-    base = _Base(simulation, state, vessel)
-    offsets = np.concatenate([np.diag(STEPS), -np.diag(STEPS)])
-    rates = base.rates(offsets)
-    matrix = (rates[:9] - rates[9:]).T / (2.0 * STEPS)
+    matrix = slopes(_Base(simulation, state, vessel).rates)
     hydrodynamics = simulation.vessel.hydrodynamics
     mass: Array = hydrodynamics.rigid_mass + hydrodynamics.added_mass
     return SmallMotion(matrix, mass)

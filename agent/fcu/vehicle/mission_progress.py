@@ -17,7 +17,6 @@ from typing import Callable, NamedTuple, Optional, Protocol
 
 from agent.fcu.control.guidance import (
     CircleTransit,
-    GuidanceGains,
     GuidanceInput,
     GuidanceLeg,
     GuidanceOutput,
@@ -301,24 +300,15 @@ class MissionProgress:
         """Whether the stage is sailed along a line or a circle, so that it can be sailed stern first."""
         return self.current > 0 and self.mission.items[self.current].command in PASSAGES
 
-    def steer(
-        self,
-        gains: GuidanceGains,
-        frame: LocalProjection,
-        pos_ne_m: tuple[float, float],
-        yaw_rad: float,
-        speed_mps: float,
-        dt_s: float,
-    ) -> GuidanceOutput | None:
-        """Guidance along the mission, None once the last stage is done."""
-        self._do_passed(dt_s)
+    def steer(self, now: GuidanceInput) -> GuidanceOutput | None:
+        """Guidance along the mission at a speed of its own, None once the last stage is done."""
+        self._do_passed(now.dt_s)
         if self.current == 0:
             self._finish()
             return None
         self.state = UNDER_WAY
         item = self.mission.items[self.current]
-        wanted_mps = self.default_speed_mps if self.speed_mps is None else self.speed_mps
-        now = GuidanceInput(gains, frame, pos_ne_m, yaw_rad, speed_mps, wanted_mps, dt_s)
+        now = now._replace(wanted_mps=self.default_speed_mps if self.speed_mps is None else self.speed_mps)
         if self._stage is None:
             self._say(INFO, f"Mission: {self.current} {item.name}")
             self._stage = STAGE_BEGINNINGS[item.command](self, item, now)

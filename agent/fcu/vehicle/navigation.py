@@ -218,7 +218,7 @@ class Navigator:
 
     def _sail(self, progress: MissionProgress, now: ModeInput) -> GuidanceOutput | None:
         astern = self.astern and progress.sails
-        output = progress.steer(self.gains, now.frame, now.pos_ne_m, *now.facing(astern), now.dt_s)
+        output = progress.steer(now.guidance(self.gains, progress.default_speed_mps, astern))
         return turned_about(output) if astern and output is not None else output
 
     # -- the way back

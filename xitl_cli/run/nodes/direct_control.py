@@ -6,7 +6,7 @@ import math
 
 from agent.fcu.control.allocation import ThrustAllocator
 from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load_controller
-from agent.fcu.control.guidance import GuidanceGains
+from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
 from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import make_mission, waypoint
@@ -49,8 +49,9 @@ class IdealControl(ControlNode):
         estimate = _truth(step.now_ns, step.motion)
         (north_m, east_m, _), (north_mps, east_mps, _) = estimate.pos_ned_m, estimate.vel_ned_mps
         speed_mps = ground_speed_mps(estimate.yaw_rad, north_mps, east_mps)
+        here, wanted_mps = (north_m, east_m), self._mission.default_speed_mps
         course = self._mission.steer(
-            self._gains, self._frame, (north_m, east_m), estimate.yaw_rad, speed_mps, self._dt_s
+            GuidanceInput(self._gains, self._frame, here, estimate.yaw_rad, speed_mps, wanted_mps, self._dt_s)
         )
         if course is None:
             return self._allocator.neutral

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.control.guidance import GuidanceGains
+from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
 from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.mission import (
     COMMANDS,
@@ -33,6 +33,10 @@ from agent.fcu.vehicle.mission_progress import COMPLETE, MissionProgress
 
 FRAME = LocalProjection(-8.8, -63.95, 50.0)
 GAINS = GuidanceGains.from_parameters(Parameters())
+
+
+def now(pos_ne_m: tuple[float, float], yaw_rad: float, speed_mps: float) -> GuidanceInput:
+    return GuidanceInput(GAINS, FRAME, pos_ne_m, yaw_rad, speed_mps, wanted_mps=0.0, dt_s=0.02)
 
 
 def at(north_m: float, east_m: float) -> MissionItem:
@@ -77,7 +81,7 @@ def test_speeds_count_from_their_place_on() -> None:
     pilot = MissionProgress(make_mission(items), 3.0)
     speeds, reached = [], []
     for north in range(31):
-        pilot.steer(GAINS, FRAME, (float(north), 0.0), 0.0, 1.0, 0.02)
+        pilot.steer(now((float(north), 0.0), 0.0, 1.0))
         speeds.append((pilot.current, pilot.speed_mps))
         reached += pilot.drain_reached()
     assert reached == [2, 3, 6]
@@ -88,19 +92,19 @@ def test_speeds_count_from_their_place_on() -> None:
 
 def test_legs_join_waypoints_and_the_first_starts_at_the_vessel() -> None:
     pilot = MissionProgress(make_mission([at(0, 0), at(50, 50), at(50, 150)]), 3.0)
-    output = pilot.steer(GAINS, FRAME, (50.0, 0.0), 0.0, 1.0, 0.02)
+    output = pilot.steer(now((50.0, 0.0), 0.0, 1.0))
     assert output is not None
     assert output.cross_track_m == 0.0
     assert output.bearing_rad == pytest.approx(math.pi / 2.0)
-    pilot.steer(GAINS, FRAME, (50.0, 49.0), 0.0, 1.0, 0.02)
-    output = pilot.steer(GAINS, FRAME, (45.0, 60.0), 0.0, 1.0, 0.02)
+    pilot.steer(now((50.0, 49.0), 0.0, 1.0))
+    output = pilot.steer(now((45.0, 60.0), 0.0, 1.0))
     assert output is not None
     assert output.cross_track_m == pytest.approx(5.0)  # right of a leg to the east is south
 
 
 def test_waypoints_on_top_of_each_other_are_ticked_off() -> None:
     pilot = MissionProgress(make_mission([at(0, 0), at(5, 5), at(5, 5), at(5, 5)]), 3.0)
-    outputs = [pilot.steer(GAINS, FRAME, (5.0, 5.0), 0.0, 0.0, 0.02) for _ in range(4)]
+    outputs = [pilot.steer(now((5.0, 5.0), 0.0, 0.0)) for _ in range(4)]
     assert outputs[-1] is None
     assert pilot.drain_reached() == [1, 2, 3]
 
@@ -112,7 +116,7 @@ def visited(items: list[MissionItem], most: int = 50) -> list[int]:
     while len(order) < most and pilot.current:
         order.append(pilot.current)
         item = items[pilot.current]
-        pilot.steer(GAINS, FRAME, FRAME.to_local(item.lat_deg, item.lon_deg), 0.0, 0.0, 0.02)
+        pilot.steer(now(FRAME.to_local(item.lat_deg, item.lon_deg), 0.0, 0.0))
     return order
 
 
@@ -134,7 +138,7 @@ def test_jumps_in_a_ring_end_the_mission() -> None:
 def test_looking_ahead_for_the_corner_makes_no_jump() -> None:
     pilot = MissionProgress(make_mission([at(0, 0), at(50, 0), at(50, 50), jump(1, 1)]), 3.0)
     for _ in range(10):
-        pilot.steer(GAINS, FRAME, (10.0, 0.0), 0.0, 1.0, 0.02)
+        pilot.steer(now((10.0, 0.0), 0.0, 1.0))
     assert pilot._jumps == {}
 
 
@@ -143,7 +147,7 @@ def test_holding_takes_its_time_and_counts_as_reached_then() -> None:
     pilot = MissionProgress(make_mission(items), 3.0)
     seconds = 0.0
     while pilot.current == 1:
-        output = pilot.steer(GAINS, FRAME, (10.0, 0.0), 0.3, 0.0, 0.02)
+        output = pilot.steer(now((10.0, 0.0), 0.3, 0.0))
         assert output is not None
         assert output.speed_mps >= 0.0
         seconds += 0.02
@@ -154,15 +158,15 @@ def test_holding_takes_its_time_and_counts_as_reached_then() -> None:
 def test_loitering_here_for_ever_and_going_home() -> None:
     pilot = MissionProgress(make_mission([at(0, 0), MissionItem(LOITER_UNLIMITED)]), 3.0)
     for _ in range(2000):
-        output = pilot.steer(GAINS, FRAME, (7.0, 7.0), 0.0, 0.0, 0.02)
+        output = pilot.steer(now((7.0, 7.0), 0.0, 0.0))
         assert output is not None
     assert output.distance_m < 1e-6
     assert pilot.current == 1
     pilot = MissionProgress(make_mission([at(0, 0), MissionItem(RETURN_HOME)]), 3.0)
-    assert pilot.steer(GAINS, FRAME, (30.0, 40.0), 0.0, 0.0, 0.02).distance_m == pytest.approx(50.0)
+    assert pilot.steer(now((30.0, 40.0), 0.0, 0.0)).distance_m == pytest.approx(50.0)
     pilot.start_leg()
     pilot.home = Home(*FRAME.to_geodetic(30.0, 0.0), 0.0)
-    assert pilot.steer(GAINS, FRAME, (30.0, 40.0), 0.0, 0.0, 0.02).distance_m == pytest.approx(40.0)
+    assert pilot.steer(now((30.0, 40.0), 0.0, 0.0)).distance_m == pytest.approx(40.0)
 
 
 @given(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.control.guidance import GuidanceGains
+from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
 from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import (
     CHANGE_SPEED,
@@ -68,7 +68,7 @@ class Vessel:
         """Whether the mission, or `until`, ended it."""
         for _ in range(round(seconds / DT_S)):
             here = (self.north_m, self.east_m)
-            output = self.progress.steer(GAINS, FRAME, here, self.yaw_rad, self.speed_mps, DT_S)
+            output = self.progress.steer(GuidanceInput(GAINS, FRAME, here, self.yaw_rad, self.speed_mps, 0.0, DT_S))
             if output is None or (until is not None and until()):
                 return True
             self.yaw_rad, self.speed_mps = output.heading_rad, output.speed_mps
