@@ -205,7 +205,7 @@ def test_any_mission_can_be_sailed_from_anywhere(items: list[MissionItem], start
     for start in (1, *starts):
         pilot.resume_from(start)
         for _ in range(30):
-            output = pilot.steer(GAINS, FRAME, (0.0, 0.0), 0.0, 1.0, 0.05)
+            output = pilot.steer(now((0.0, 0.0), 0.0, 1.0)._replace(dt_s=0.05))
             if output is None:
                 assert pilot.state == COMPLETE
                 break
