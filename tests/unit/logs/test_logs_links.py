@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -117,7 +118,8 @@ def test_what_was_injected_is_what_is_found(run: Path) -> None:
 
     for section, about_s in ((bases, 4.0), (own_bases, None)):
         (step,) = [finding for finding in section.findings if finding.key == "time_bases.step"]
-        assert "0.500 s ahead" in step.sentence
+        (ahead_s,) = re.findall(r"stepped ([\d.]+) s ahead", step.sentence)
+        assert float(ahead_s) == pytest.approx(0.5, abs=0.01)  # what delays a message on a busy machine is in it
         assert about_s is None or step.evidence[0].at_ns == pytest.approx(about_s * 1e9, abs=0.25e9)  # 10 Hz
     (by_step,) = [one for one in late.findings if "LC" in one.sentence]
     assert "clock leapt ahead" in by_step.sentence
