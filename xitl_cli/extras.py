@@ -32,4 +32,5 @@ REPORT = Extra("report", ("plotly",), "pages of logs with plots and a map")
 CAMPAIGN = Extra(
     "campaign", ("dask", "distributed", "optuna", "pyarrow", "SALib", "scipy"), "campaigns: many runs on Dask, searches"
 )
-EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN)
+VIEW = Extra("view", ("viser", "PIL"), "the 3D view of a run and of recordings")
+EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW)

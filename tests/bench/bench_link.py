@@ -23,10 +23,10 @@ from agent.wire.link import Link
 from agent.wire.transport import open_transport
 from sim_core.simulation import kinematics, step
 from xitl_cli.profile import load_profile
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.setup import embedded_parameters, mission_places, set_parameters, upload_mission
 from xitl_cli.run.sensors.sensing import SensorSuite
 from xitl_cli.run.world.world import build_simulation, local_frame
+from xitl_cli.seeds import Seeds
 
 RATE_HZ = 400
 BLOCK, BLOCKS = 200, 20  # trips and echoes take turns, half a second each: the machine is noisy

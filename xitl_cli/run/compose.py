@@ -15,7 +15,6 @@ from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.core.node import ControlNode, RunNode, VesselNodes, WorldNodes
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
@@ -46,6 +45,7 @@ from xitl_cli.run.traffic.self_report import SelfReport, VesselVoices, report_fr
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import local_frame
+from xitl_cli.seeds import Seeds
 
 Node = TypeVar("Node", bound=RunNode)
 

@@ -27,7 +27,6 @@ from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
 from xitl_cli.run.core.pace import Lockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
@@ -40,6 +39,7 @@ from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
+from xitl_cli.seeds import Seeds
 
 if TYPE_CHECKING:
     from xitl_cli.logs.model.log import Log

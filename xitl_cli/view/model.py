@@ -41,12 +41,16 @@ class SceneThruster:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneVessel:
-    """Hulls and what is on them, without the thrusters. mission_enu_m: (W, 3), its start first."""
+    """Hulls and what is on them, without the thrusters. mission_enu_m: (W, 3), its start first.
+
+    acceptance_radius_m: how near to a waypoint it counts as reached; 0 if that is not known.
+    """
 
     meshes: tuple[SceneMesh, ...]
     thrusters: tuple[SceneThruster, ...] = ()
     length_m: float = 2.0
     mission_enu_m: Array = field(default_factory=lambda: np.empty((0, 3)))
+    acceptance_radius_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,12 +72,16 @@ class SceneWaves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneWater:
-    """The surface: its still level, the middle and the size of the piece that is drawn, its waves if they are known."""
+    """The surface: its still level, the middle and the size of what is of interest, its waves if they are known.
+
+    bounded: by land, so that no water is drawn far outside of that piece.
+    """
 
     level_m: float = 0.0
     centre_en_m: tuple[float, float] = (0.0, 0.0)
     size_en_m: tuple[float, float] = (200.0, 200.0)
     waves: SceneWaves | None = None
+    bounded: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

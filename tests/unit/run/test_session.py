@@ -15,11 +15,11 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
 from xitl_cli.run.nodes.drivers import NoDriver
 from xitl_cli.run.status_display import NoDisplay
+from xitl_cli.seeds import Seeds
 
 
 def test_a_fault_of_our_own_is_seen_and_still_leaves_summary_and_recording(

@@ -19,8 +19,8 @@ from sim_core.world.waterway import STILL
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.core.node import RunStep
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.lidar import LidarInstrument, make_lidar
+from xitl_cli.seeds import Seeds
 
 STEP_NS = 2_500_000
 SIMULATION: Any = SimpleNamespace(environment=Environment(water=Water(level_m=-1.5)))

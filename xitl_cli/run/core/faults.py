@@ -24,7 +24,7 @@ from xitl_cli.profile.schema.faults import (
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import FaultEvent
 from xitl_cli.run.core.reports import FaultReport
-from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.seeds import Seeds
 
 _WAYS = {"both": "both ways", "sensors": "to the agent", "actuators": "from the agent"}
 _BIASES = {

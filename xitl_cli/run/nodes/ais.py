@@ -14,13 +14,13 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.world import AisRadioSpec
 from xitl_cli.run.core.node import RunNode, RunStep
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.autopilot_commands import Send
 from xitl_cli.run.traffic.ais import AisDimensions, AisStatic
 from xitl_cli.run.traffic.receivers import AisReceiver, SentenceReceiver, mavlink_receiver, px4_receiver
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.traffic.transponder import AisClass, AisTransmission, Transponder
 from xitl_cli.run.world.world import local_frame
+from xitl_cli.seeds import Seeds
 
 LOOKS_HZ = 10.0
 FIRST_S: Mapping[AisClass, float] = {"class-a": 10.0, "class-b": 30.0}

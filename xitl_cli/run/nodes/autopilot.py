@@ -18,7 +18,6 @@ from xitl_cli.record.topics import ActuatorAge, MotionEstimate
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunStep
 from xitl_cli.run.core.reports import ActuatorReport, Progress
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.connection import (
@@ -38,6 +37,7 @@ from xitl_cli.run.nodes.standby import Redundancy
 from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.traffic.self_report import SelfReport, report_from_estimate
 from xitl_cli.run.world.world import local_frame
+from xitl_cli.seeds import Seeds
 from xitl_cli.signing import read_key_file
 
 SYNC_RATE_HZ = 10.0

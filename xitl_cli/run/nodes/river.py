@@ -17,13 +17,13 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.launch_requests import LaunchPort
 from xitl_cli.run.world.collisions import Collisions
 from xitl_cli.run.world.encounters import DebrisEncounters, MissionLegs, draw_encounters
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_debris_scene
 from xitl_cli.run.world.world import has_waterway
+from xitl_cli.seeds import Seeds
 
 RECORD_RATE_HZ = 10.0
 MOST_BODIES = 500

@@ -22,8 +22,8 @@ from sim_core.world.rays import Bodies, RayCaster
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.seeds import Seeds
 
 
 class LidarInstrument:

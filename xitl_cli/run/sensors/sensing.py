@@ -23,12 +23,12 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.world import SiteSpec
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors import sensor_messages
 from xitl_cli.run.sensors.channel import Channel, SensorChannel, TruthChannel, VaneChannel
 from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
 from xitl_cli.run.world.world import local_frame, magnetic_field_ned_gauss
+from xitl_cli.seeds import Seeds
 
 BRIDGED = ("ardupilot", "px4")
 

@@ -23,7 +23,7 @@ from xitl_cli.profile.schema.faults import (
     SensorFault,
 )
 from xitl_cli.run.core.faults import span_ns
-from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.seeds import Seeds
 
 Bias = Callable[[Any], Any]
 

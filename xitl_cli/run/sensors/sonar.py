@@ -27,9 +27,9 @@ from sim_core.world.rays import Bodies
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.ping360 import Ping360Port
 from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.seeds import Seeds
 
 TICK_S = 25e-9
 TICKS = (80, 40_000)

@@ -63,7 +63,15 @@ _BODY_COLOURS = {
 def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.SceneUpdate:
     """One update with everything that does not move against its frame; profiles: of each vessel."""
     profile = profiles[0]
-    entities = [entity for each in profiles for entity in (_mission(each), _vessel(each.vehicle, each.vessel))]
+    entities = [
+        entity
+        for each in profiles
+        for entity in (
+            _mission(each),
+            _vessel(each.vehicle, each.vessel),
+            *([_propellers(each.vehicle, each.vessel)] if each.vehicle.propellers else []),
+        )
+    ]
     entities.append(_water(profiles))
     if scenery.boom is not None:
         entities.append(_log_boom(scenery.boom))
@@ -108,7 +116,6 @@ def _vessel(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
             cubes.append(drawn)
         else:
             triangles.append(drawn)
-    cylinders += [_propeller(propeller, vehicle.length_m) for propeller in vehicle.propellers]
     cubes += [_rudder(rudder) for rudder in vehicle.rudders]
     if len(vehicle.demi_hulls) > 1:
         cubes.append(_deck(vehicle))
@@ -119,6 +126,16 @@ def _vessel(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
         cylinders=cylinders,
         cubes=cubes,
         triangles=triangles,
+    )
+
+
+def _propellers(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
+    """In their order, so that a viewer can turn them."""
+    return messages.SceneEntity(
+        frame_id=vessel_name(VESSEL_FRAME, name),
+        id=vessel_name("propellers", name),
+        frame_locked=True,
+        cylinders=[_propeller(propeller, vehicle.length_m) for propeller in vehicle.propellers],
     )
 
 

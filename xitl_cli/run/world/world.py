@@ -27,9 +27,9 @@ from sim_core.world.waterway import OPEN_WATER, Waterway
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.world import LaunchSpec, SiteSpec
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.seeds import Seeds
 
 
 def build_plant(profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery) -> Plant:

@@ -13,7 +13,7 @@ from xitl_cli.profile.reader import read_group
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.record.topics import FaultEvent
 from xitl_cli.run.core.faults import FaultSchedule, FaultsInForce
-from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.seeds import Seeds
 
 S = 1_000_000_000
 

@@ -15,11 +15,11 @@ from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.core.node import ControlNode, RunStep, SimulationClock, VesselNodes
 from xitl_cli.run.core.pace import Lockstep
 from xitl_cli.run.core.reports import Ending, Progress
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.loop import Loop
 from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build_simulation
+from xitl_cli.seeds import Seeds
 
 HELD_S, FREE_S = 3.0, 1.0
 

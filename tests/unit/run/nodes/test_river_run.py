@@ -15,12 +15,12 @@ from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.entry import ProfileError
 from xitl_cli.run.core.reports import Progress
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.river import river_from_profile
 from xitl_cli.run.session import run
 from xitl_cli.run.status_display import NoDisplay
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build_simulation
+from xitl_cli.seeds import Seeds
 
 LAUNCHES = (
     "world.debris.launches=[{kind: trunk, pos_ned_m: [9.0, -14.5], heading_deg: 126.9, at_s: 1.0}, "

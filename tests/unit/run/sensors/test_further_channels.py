@@ -15,9 +15,9 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.world.world import local_frame
+from xitl_cli.seeds import Seeds
 
 STILL_AIR = np.zeros((1, 3))
 TRUTH_ID = dialect.MAVLINK_MSG_ID_XITL_TRUTH

@@ -16,9 +16,9 @@ from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.reader import read_group
 from xitl_cli.profile.schema.faults import FaultSpec
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.sensing import SensorSuite
 from xitl_cli.run.world.world import local_frame
+from xitl_cli.seeds import Seeds
 
 PHYSICS_HZ = 400
 STILL_AIR = np.zeros((1, 3))

@@ -18,10 +18,10 @@ from sim_core.world.primitive_rays import PrimitiveCaster
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
 from xitl_cli.run.core.node import RunStep
-from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.sonar import SonarInstrument, make_sonar, ping_settings
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_simulation
+from xitl_cli.seeds import Seeds
 
 STEP_NS = 2_500_000
 NOWHERE = cast(SimulationState, None)
