@@ -88,8 +88,9 @@ def dump(
 ) -> None:
     """Print rows of messages in the order of the file, their time in seconds first.
 
-    In a condition: names of fields and time_s, numbers, 'texts', comparisons, and, or, not, + - * / %, abs(), [0] for
-    an element of an array.
+    In a condition: names of fields and time_s, numbers, 'texts', comparisons, and, or, not, + - * / % **, [0] for an
+    element of an array, functions such as abs, hypot, wrap180, derivative and smooth. A signal of another message,
+    XKF1[0].VN, is taken at the time of the row.
     """
     from xitl_cli.commands.logs_dump import Asked, row_lines
     from xitl_cli.logs import open_log
@@ -105,6 +106,7 @@ def dump(
             typer.echo(f"{log.path}: has no row of {name}", err=True)
         if not tables:
             return
+        condition = condition.within(log) if condition is not None else None
         names = tuple(name.strip() for name in fields.split(",") if name.strip())
         span_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
         for name, lacked in (condition.lacked(tables) if condition is not None else {}).items():
@@ -112,6 +114,8 @@ def dump(
         for text in row_lines(log, tables, Asked(names, condition, span_ns, raw, limit, as_json, _width())):
             sys.stdout.write(text)
             written = True
+        for note in condition.notes if condition is not None else ():
+            typer.echo(printable(note), err=True)
         tell_damage(log)
     if not written:
         typer.echo(f"{file}: no row of {', '.join(table.name for table in tables)} matches", err=True)

@@ -82,7 +82,8 @@ def plot(
         list[str],
         typer.Argument(
             metavar="FILE... SIGNAL...",
-            help="Logs, then what to draw: ATT.Roll, 'IMU[1].AccX', RCOU, '/truth/state.position_ned_m[0]'.",
+            help="Logs, then what to draw: ATT.Roll, 'IMU[1].AccX', RCOU, '/truth/state.position_ned_m[0]', or "
+            "expressions of these: 'wrap180(ATT.DesYaw - ATT.Yaw)', 'hypot(XKF1.VN, XKF1.VE)'.",
         ),
     ],
     out: Annotated[
@@ -96,7 +97,7 @@ def plot(
     vessel: Vessel = None,
     open_it: Open = False,
 ) -> None:
-    """Plot signals of logs on one page: a plot for each unit, all on one time line.
+    """Plot signals of logs, and expressions of them, on one page: a plot for each unit, all on one time line.
 
     Exit code 2 when a file cannot be read (the others are drawn).
     """
@@ -113,6 +114,8 @@ def plot(
     page, refusals = signal_page(files, signals, from_s, until_s, raw=raw, vessel=vessel)
     html.write_page(page, path)
     typer.echo(str(path))
+    for notice in page.notices[len(refusals) :]:
+        typer.echo(printable(notice), err=True)
     for card in page.cards:
         if card.degraded:
             typer.echo(printable(f"{card.name}: degraded: {'; '.join(card.notes)}"), err=True)

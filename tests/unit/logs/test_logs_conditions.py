@@ -59,6 +59,9 @@ def holds(text: str) -> list[bool]:
         (f"I < {10**30}", [1, 1, 1, 1, 1]),
         ("2 > 1", [1, 1, 1, 1, 1]),
         ("I > -1 % 0", [0, 0, 0, 0, 0]),
+        ("Roll ** 2 > 30", [0, 1, 1, 0, 0]),
+        ("hypot(Roll, I) > 7", [0, 1, 0, 0, 1]),
+        ("ATT.Roll > 5 and att.V[1] > 4", [0, 0, 1, 0, 0]),
     ],
 )
 def test_conditions(text: str, truth: list[int]) -> None:
@@ -77,7 +80,7 @@ def test_conditions(text: str, truth: list[int]) -> None:
         ("Roll.__class__ == 1", ("no field 'Roll.__class__'",)),
         ("[x for x in Roll] == 1", ("not allowed",)),
         ("(lambda: 1)() == 1", ("not allowed",)),
-        ("Roll ** 9 > 1", ("not allowed",)),
+        ("Roll // 9 > 1", ("is no condition",)),
         ("I in (1, 2)", ("no `in`",)),
         ("f'{Roll}' == 'x'", ("not allowed",)),
         ("abs(Roll, 1) > 1", ("not allowed",)),

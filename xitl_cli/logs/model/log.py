@@ -6,10 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.model.text import resolve_name
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.model.named_signals import LogSignal
 
 Format = Literal["dataflash", "mcap", "tlog"]
 
@@ -161,6 +164,17 @@ class Log(ABC):
         return self.tables[
             resolve_name(name, self.tables, f"{self.path}: has no message", "`xitl logs info` lists them")
         ]
+
+    def signal(self, text: str, *, raw: bool = False) -> LogSignal:
+        """What a name or an expression stands for: `ATT.Roll`, `hypot(XKF1[0].VN, XKF1[0].VE)`.
+
+        Its `stamp_ns`, `time_s` and `values` are (N,), `unit` "" where it cannot be told. Names are as of `xitl logs
+        plot`; how signals of several messages are brought onto one time stands in model/named_signals.py, the functions
+        in expressions/functions.py. raw: of values as they are stored. Raises LogError.
+        """
+        from xitl_cli.logs.model.named_signals import find_signal
+
+        return find_signal(self, text, raw=raw)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.tables)

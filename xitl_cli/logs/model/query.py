@@ -1,51 +1,33 @@
 """What a user picks out of a log by words: messages, a span of time, a condition; and the rows that remain.
 
-A condition is on the rows of a message: `Roll > 5 and I == 0`, `abs(GyrX) >= 0.1`, `Name == 'ATC_RATE'`. It is in
-Python's own grammar, of which little is allowed: names of fields, numbers and texts, comparisons, and, or, not,
-+ - * / %, abs, and [k] for an element of an array. It is evaluated on whole columns; nothing of it is run.
+A condition is an expression on the rows of a message: `Roll > 5 and I == 0`, `abs(GyrX) >= 0.1`, `Name == 'ATC_RATE'`,
+`hypot(XKF1.VN, XKF1.VE) > 2`. It is evaluated on whole columns.
 """
 
 from __future__ import annotations
 
-import ast
 import math
-import operator
-import warnings
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.expressions.evaluation import LACKING, Evaluation, Quantity
+from xitl_cli.logs.expressions.functions import ARITIES, TIMED
+from xitl_cli.logs.expressions.syntax import ExpressionError, Language, functions_in, names_in, parse
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Rows, Table, column_named
+from xitl_cli.logs.model.table import Floats, Rows, Stamps, Table, column_named, seconds_since
 from xitl_cli.logs.model.text import resolve_name
 
 NS_PER_S = 1_000_000_000
 _FIRST, _MOST = 256, 16_384
 _SEQUENTIAL_BYTES = 64 << 20
-_LONGEST = 1000
-_DEEPEST = 50
-_ALLOWED = "names, numbers, 'texts', == != < <= > >=, and, or, not, + - * / %, abs() and [0]"
+_INDEXED = re.compile(r"\[(\d+)\]$")
 TIME = "time_s"
-
-_COMPARISONS: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-}
-_ARITHMETIC: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Mod: operator.mod,
-}
+CONDITIONS = Language("condition", "'Roll > 5 and I == 0'", ARITIES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,28 +63,33 @@ def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tup
 
 
 class Condition:
-    """A parsed condition. Raises LogError when `text` is none. names: of the fields in it."""
+    """A parsed condition. Raises LogError when `text` is none. names: of the fields in it, without [k].
 
-    def __init__(self, text: str) -> None:
-        self.text = text
-        if len(text) > _LONGEST:
-            raise LogError(f"the condition is {len(text)} characters long; {_LONGEST} are allowed")
+    log: where signals of other messages are found; they are taken at the time of the row. Without one there are none.
+    """
+
+    def __init__(self, text: str, log: Log | None = None) -> None:
+        self.text, self._log = text, log
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # Python's advice on programs
-                self._tree = ast.parse(text.strip(), mode="eval").body
-        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-            reason = error.msg if isinstance(error, SyntaxError) else "it cannot be read"
-            raise LogError(f"{text!r} is no condition ({reason}); write one such as 'Roll > 5 and I == 0'") from error
-        if _depth(self._tree) > _DEEPEST:
-            raise LogError(f"{text!r} is nested more than {_DEEPEST} deep; write it simpler")
-        self.names = tuple(dict.fromkeys(_names(self._tree)))
+            self._tree = parse(text, CONDITIONS, () if log is None else log.tables)
+        except ExpressionError as error:
+            raise LogError(f"{text!r} {error}") from None
+        self.names = tuple(dict.fromkeys(_INDEXED.sub("", path) for path in names_in(self._tree)))
+        self.notes: dict[str, None] = {}
+        self._timed = not functions_in(self._tree).isdisjoint(TIMED)
+        self._whole: dict[str, NDArray[np.bool_]] = {}
+        self._others: dict[str, Callable[[Stamps], Floats]] = {}
+        self._units: dict[str, str] = {}
+
+    def within(self, log: Log) -> Condition:
+        """The same, on rows of this log."""
+        return Condition(self.text, log)
 
     def lacked(self, tables: Sequence[Table]) -> dict[str, list[str]]:
         """By table, the fields that the condition names and it lacks. Raises LogError for one that none of them has."""
         lacked: dict[str, list[str]] = {}
         for name in self.names:
-            without = [table for table in tables if not _has(table, name)]
+            without = [table for table in tables if _own_field(table, name) is None and not self._elsewhere(name)]
             if len(without) == len(tables) > 1:
                 every = [column for table in tables for column in table.columns]
                 lacks = f"none of {', '.join(table.name for table in tables)} has a field"
@@ -116,159 +103,105 @@ class Condition:
     ) -> NDArray[np.bool_]:
         """(n,) whether the condition holds in each of these rows; a comparison with NaN does not, nor one with a field
         among those that the table `lacks`. Raises LogError."""
-        with np.errstate(all="ignore"):
-            result = _Evaluation(self.text, table, rows, zero_ns, raw, lacks).of(self._tree)
-        if not _is_truth(result):
+        if not self._timed:
+            return self._truth(table, rows, zero_ns, raw, lacks)
+        if table.name not in self._whole:  # what looks along time needs all rows, those of each instance for themselves
+            whole = np.zeros(len(table), dtype=np.bool_)
+            for own in _rows_by_instance(table):
+                whole[own] = self._truth(table, own, zero_ns, raw, lacks)
+            self._whole[table.name] = whole
+        return self._whole[table.name][rows]
+
+    def _truth(
+        self, table: Table, rows: Rows, zero_ns: int, raw: bool, lacks: Collection[str]
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        evaluation = Evaluation(
+            self.text,
+            lambda path: self._resolved(path, table, rows, zero_ns, raw, lacks),
+            lambda: seconds_since(zero_ns, table.stamp_ns[rows]),
+        )
+        try:
+            with np.errstate(all="ignore"):
+                result = evaluation.quantity(self._tree)
+        except ExpressionError as error:
+            raise LogError(f"{self.text!r} {error}") from None
+        self.notes.update(dict.fromkeys(evaluation.notes))
+        if not result.is_truth:
             raise LogError(f"{self.text!r} is a value and no condition; compare it with something, such as '… > 0'")
         count = len(table.stamp_ns[rows])
-        return np.broadcast_to(np.asarray(result, dtype=np.bool_), (count,))
+        return np.broadcast_to(np.asarray(result.values, dtype=np.bool_), (count,))
 
+    def _resolved(
+        self, path: str, table: Table, rows: Rows, zero_ns: int, raw: bool, lacks: Collection[str]
+    ) -> Quantity:  # fmt: skip
+        """A field of the row, else another message's signal at the row's time."""
+        base, element = _element_of(path)
+        if base in lacks:
+            return LACKING
+        if base == TIME and TIME not in table.columns:
+            return Quantity(seconds_since(zero_ns, table.stamp_ns[rows]), "s")
+        field = _own_field(table, base)
+        if field is None and self._elsewhere(base):
+            return self._other(path, table.stamp_ns[rows], raw)
+        if field is None and self._log is not None and "." in base and not any("." in name for name in table.columns):
+            from xitl_cli.logs.model.named_signals import no_message
 
-class _Lacking:
-    """What stands for a field that a message does not have."""
+            raise no_message(self._log, path)
+        return self._field(table, column_named(table, base if field is None else field), element, rows, raw)
 
+    def _elsewhere(self, name: str) -> bool:
+        """Whether the name is of a message of the log, where its field is looked for then."""
+        from xitl_cli.logs.model.named_signals import table_of
 
-_LACKING = _Lacking()
+        return self._log is not None and table_of(self._log, name) is not None
 
+    def _other(self, path: str, stamp_ns: Stamps, raw: bool) -> Quantity:
+        from xitl_cli.logs.model.named_signals import find_signal, interpolation
 
-class _Evaluation:
-    def __init__(self, text: str, table: Table, rows: Rows, zero_ns: int, raw: bool, lacks: Collection[str]) -> None:
-        self._text, self._table, self._rows, self._zero_ns, self._raw = text, table, rows, zero_ns, raw
-        self._lacks = lacks
+        assert self._log is not None
+        if path not in self._others:
+            signal = find_signal(self._log, path, raw=raw)
+            self._others[path], self._units[path] = interpolation(signal), signal.unit
+        return Quantity(self._others[path](stamp_ns), self._units[path])
 
-    def of(self, node: ast.expr) -> Any:
-        match node:
-            case ast.Constant(value=bool() | str() as value):
-                return value
-            case ast.Constant(value=int() | float() as value):
-                return value if abs(value) < 2**62 else float(value)
-            case ast.Name() | ast.Attribute():
-                return self._column(self._dotted(node))
-            case ast.Subscript(value=ast.Name() | ast.Attribute() as array, slice=ast.Constant(value=int() as element)):
-                return self._element(self._dotted(array), element)
-            case ast.UnaryOp(op=ast.Not()):
-                return np.logical_not(self._truth(node.operand))
-            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign):
-                value = self._number(node.operand)
-                return -value if isinstance(sign, ast.USub) and value is not _LACKING else value
-            case ast.BoolOp(op=joined, values=values):
-                joins = np.logical_and if isinstance(joined, ast.And) else np.logical_or
-                result = self._truth(values[0])
-                for value_node in values[1:]:
-                    result = joins(result, self._truth(value_node))
-                return result
-            case ast.BinOp(left=left, op=sign, right=right) if type(sign) in _ARITHMETIC:
-                return self._arithmetic(type(sign), self._number(left), self._number(right))
-            case ast.Call(func=ast.Name(id="abs"), args=[argument], keywords=[]):
-                value = self._number(argument)
-                return value if value is _LACKING else np.abs(value)
-            case ast.Compare(left=first, ops=signs, comparators=others):
-                return self._comparison(first, signs, others)
-        raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is not allowed in a condition; there are {_ALLOWED}")
-
-    def _comparison(self, first: ast.expr, signs: list[ast.cmpop], others: list[ast.expr]) -> Any:
-        left, result = self.of(first), None
-        for sign, node in zip(signs, others, strict=True):
-            compare = _COMPARISONS.get(type(sign))
-            if compare is None:
-                raise LogError(f"{self._text!r}: there is no `in` or `is` in a condition; there are {_ALLOWED}")
-            right = self.of(node)
-            if left is _LACKING or right is _LACKING:
-                result, left = np.False_, right
-                continue
-            if _is_text(left) != _is_text(right):
-                raise LogError(f"{self._text!r} compares a text with a number; put texts in quotes, numbers not")
-            truth = compare(left, right)
-            result = truth if result is None else np.logical_and(result, truth)
-            left = right
-        return result
-
-    def _arithmetic(self, sign: type[ast.operator], left: Any, right: Any) -> Any:
-        if left is _LACKING or right is _LACKING:
-            return _LACKING
-        if sign is ast.Mult or not (isinstance(left, np.ndarray) or isinstance(right, np.ndarray)):
-            left, right = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
-        return _ARITHMETIC[sign](left, right)
-
-    def _number(self, node: ast.expr) -> Any:
-        value = self.of(node)
-        if _is_text(value) or _is_truth(value):
-            raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is no number, nothing can be worked out with it")
-        return value
-
-    def _truth(self, node: ast.expr) -> Any:
-        value = self.of(node)
-        if not _is_truth(value):
-            raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is no condition; compare it, such as '… > 0'")
-        return value
-
-    def _dotted(self, node: ast.expr) -> str:
-        if isinstance(node, ast.Attribute):
-            return f"{self._dotted(node.value)}.{node.attr}"
-        if isinstance(node, ast.Name):
-            return node.id
-        raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is no name of a field; there are {_ALLOWED}")
-
-    def _column(self, name: str) -> Any:
-        if name in self._lacks:
-            return _LACKING
-        if name == TIME and TIME not in self._table.columns:
-            return (self._table.stamp_ns[self._rows] - self._zero_ns) * 1e-9
-        column = self._table.columns[column_named(self._table, name)]
-        if column.shape:
-            raise LogError(f"{self._text!r}: {column.name} of {self._table.name} is an array; write {column.name}[0]")
-        return self._values(column.name)
-
-    def _element(self, name: str, element: int) -> Any:
-        if name in self._lacks:
-            return _LACKING
-        column = self._table.columns[column_named(self._table, name)]
-        if len(column.shape) != 1:
-            raise LogError(f"{self._text!r}: {column.name} of {self._table.name} is no array; leave [{element}] out")
-        values = self._values(column.name)
-        if not 0 <= element < values.shape[1]:
-            raise LogError(
-                f"{self._text!r}: {column.name} of {self._table.name} has {values.shape[1]} elements, from 0"
-            )
-        return values[:, element]
-
-    def _values(self, column: str) -> NDArray[Any]:
-        values = self._table.values(column, self._rows, raw=self._raw)
-        if self._table.columns[column].kind == "bytes":
-            raise LogError(f"{self._text!r}: {column} of {self._table.name} is bytes, which are not compared")
+    def _field(self, table: Table, name: str, element: int | None, rows: Rows, raw: bool) -> Quantity:
+        column = table.columns[name]
+        if element is None and column.shape:
+            raise LogError(f"{self.text!r}: {name} of {table.name} is an array; write {name}[0]")
+        if element is not None and len(column.shape) != 1:
+            raise LogError(f"{self.text!r}: {name} of {table.name} is no array; leave [{element}] out")
+        if column.kind == "bytes":
+            raise LogError(f"{self.text!r}: {name} of {table.name} is bytes, which are not compared")
+        values = table.values(name, rows, raw=raw)
         if values.dtype.kind in "iu":  # small ones would wrap round
-            return values.astype(np.float64 if values.dtype == np.uint64 else np.int64)
-        return values
+            values = values.astype(np.float64 if values.dtype == np.uint64 else np.int64)
+        if element is not None:
+            if element >= values.shape[1]:
+                raise LogError(f"{self.text!r}: {name} of {table.name} has {values.shape[1]} elements, from 0")
+            values = values[:, element]
+        return Quantity(values, column.raw_unit if raw else column.unit)
 
 
-def _depth(tree: ast.AST) -> int:
-    deepest, level = 0, [tree]
-    while level:
-        deepest += 1
-        level = [child for node in level for child in ast.iter_child_nodes(node)]
-    return deepest
+def _element_of(path: str) -> tuple[str, int | None]:
+    """("V", 1) of V[1]."""
+    found = _INDEXED.search(path)
+    return (path, None) if found is None else (path[: found.start()], int(found[1]))
 
 
-def _names(tree: ast.AST) -> Iterator[str]:
-    """Of the fields, as they are written; of what is no condition at all some of them."""
-    if isinstance(tree, ast.Name | ast.Attribute):
-        yield ast.unparse(tree)
-        return
-    for child in ast.iter_child_nodes(tree):
-        if not (isinstance(tree, ast.Call) and child is tree.func):
-            yield from _names(child)
+def _own_field(table: Table, name: str) -> str | None:
+    """The field of the row that a name means, with its message before it or not; None where it has none such."""
+    columns = {column.casefold(): column for column in reversed(list(table.columns))}
+    folded = name.casefold()
+    if name in table.columns or folded == TIME:
+        return name
+    return columns.get(folded, columns.get(folded.removeprefix(f"{table.name}.".casefold())))
 
 
-def _has(table: Table, name: str) -> bool:
-    return name == TIME or name.casefold() in {column.casefold() for column in table.columns}
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str) or (isinstance(value, np.ndarray) and value.dtype.kind == "U")
-
-
-def _is_truth(value: Any) -> bool:
-    return isinstance(value, (bool, np.bool_)) or (isinstance(value, np.ndarray) and value.dtype.kind == "b")
+def _rows_by_instance(table: Table) -> list[NDArray[np.intp]]:
+    if table.instance is None:
+        return [np.arange(len(table), dtype=np.intp)]
+    numbers = table.values(table.instance, raw=True)
+    return [np.flatnonzero(numbers == number) for number in np.unique(numbers)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -160,6 +160,11 @@ def whole_ns(ns: Floats) -> Stamps:
     return np.clip(np.rint(np.nan_to_num(ns)), -_FARTHEST_NS, _FARTHEST_NS).astype(np.int64)
 
 
+def seconds_since(zero_ns: int, stamp_ns: Stamps) -> Floats:
+    """(N,) seconds since the stamp `zero_ns`."""
+    return np.multiply(stamp_ns - zero_ns, 1e-9, dtype=np.float64)
+
+
 def steps_back(stamp_ns: NDArray[np.int64]) -> int:
     """Number of stamps earlier than the one before."""
     return int(np.count_nonzero(stamp_ns[1:] < stamp_ns[:-1]))

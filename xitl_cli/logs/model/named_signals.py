@@ -1,0 +1,303 @@
+"""Signals of a log by the names and expressions that a user types: ATT.Roll, IMU[1].AccX, hypot(XKF1.VN, XKF1.VE).
+
+Signals of different messages are brought onto the times of the one with the most rows in the span that all of them
+cover: numbers between their rows on a straight line, angles the short way round, whole numbers without a unit (modes,
+counts, flags) as they were last. In a pause of ten intervals and a second nothing is known.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+
+from xitl_cli.logs.expressions.evaluation import Evaluation, Quantity
+from xitl_cli.logs.expressions.functions import ARITIES
+from xitl_cli.logs.expressions.syntax import ExpressionError, Language, Name, Tree, names_in, parse
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance, column_named, seconds_since
+
+TIME = "time_s"
+SIGNALS = Language("expression", "hypot(XKF1.VN, XKF1.VE)", ARITIES)
+
+TIME_FIELDS = frozenset(
+    ("TimeUS", "TimeMS", "time_boot_ms", "time_usec", "time_unix_usec", "stamp", "header.stamp", "timestamp")
+)
+"""When a row is of, in DataFlash logs, MAVLink, ROS 2 and Foxglove: a line that rises, and no signal."""
+
+_MOST_COMPONENTS = 32
+_LEAST_PAUSE_NS, _PAUSE_IN_INTERVALS = 1_000_000_000, 10
+_TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
+_REST = re.compile(r"(?:\[(?P<instance>\d+)\])?(?:\.(?P<column>.+))?")
+_INDEXED = re.compile(r"(?P<column>.+)\[(?P<index>\d+)\]")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogSignal:
+    """stamp_ns and values: (N,), a field as logged, an expression on the times of `base`, its stamps rising.
+
+    name: as it would be typed. unit: "" where it cannot be told. zero_ns: the stamp that seconds count from. held:
+    a state, which lasts until the next row. interpolated: messages that were brought onto the times of `base`. notes:
+    sentences on what may not be meant.
+    """
+
+    name: str
+    unit: str
+    stamp_ns: Stamps
+    values: Floats
+    base: str
+    zero_ns: int = 0
+    held: bool = False
+    interpolated: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def time_s(self) -> Floats:
+        """(N,) seconds since the log's own zero."""
+        return seconds_since(self.zero_ns, self.stamp_ns)
+
+    @property
+    def time_base(self) -> str:
+        """Sentence on whose times it is; "" of what is of one message."""
+        if not self.interpolated:
+            return ""
+        return f"{self.name}: at the times of {self.base}, with {', '.join(self.interpolated)} brought onto them"
+
+
+def find_signal(log: Log, text: str, *, raw: bool = False) -> LogSignal:
+    """The one signal of a name or an expression; of a message with instances the lowest. Raises LogError."""
+    tree = parsed_signal(text, [log])
+    if isinstance(tree, Name) or tree is None:
+        return _single(log, text.strip(), raw)
+    return expression_signal(log, text.strip(), tree, raw=raw)
+
+
+def signals_named(logs: Sequence[Log], wanted: str, *, raw: bool = False) -> list[list[LogSignal]]:
+    """For each log what it has of a name, or of an expression. Raises LogError when none has any.
+
+    A message stands for all its fields, one with instances for each of them; in an expression for the lowest.
+    """
+    tree = parsed_signal(wanted, logs)
+    found: list[list[LogSignal]] = []
+    why: list[LogError] = []
+    for log in logs:
+        try:
+            if isinstance(tree, Name) or tree is None:
+                found.append(named_signals(log, wanted.strip(), raw))
+            else:
+                found.append([expression_signal(log, wanted.strip(), tree, raw=raw)])
+        except LogError as error:
+            found.append([])
+            why.append(error)
+    if len(why) == len(logs):
+        raise why[0]
+    return found
+
+
+def parsed_signal(text: str, logs: Sequence[Log]) -> Tree | None:
+    """None where it is no expression, and the name of a signal all the same. Raises LogError."""
+    try:
+        return parse(text, SIGNALS, [name for log in logs for name in log.tables])
+    except ExpressionError as error:
+        for log in logs:
+            if table_of(log, text.strip()) is not None and not re.search(r"[\s()+*%<>=,]", text.strip()):
+                return None
+        raise LogError(f"{text!r} {error}") from None
+
+
+def expression_signal(log: Log, text: str, tree: Tree, *, raw: bool = False) -> LogSignal:
+    """Raises LogError."""
+    paths = [path for path in dict.fromkeys(names_in(tree)) if path.casefold() != TIME]
+    signals = {path: _single(log, path, raw) for path in paths}
+    if not signals:
+        raise LogError(f"{text!r} names no signal; write one such as ATT.Roll in it")
+    stamp_ns, base = _time_base(text, list(signals.values()))
+    values = {path: Quantity(_on_base(signal, base, stamp_ns), signal.unit) for path, signal in signals.items()}
+    seconds = seconds_since(log.zero_ns, stamp_ns)
+    evaluation = Evaluation(text, lambda path: values.get(path) or Quantity(seconds, "s"), lambda: seconds)
+    try:
+        with np.errstate(all="ignore"):
+            result = evaluation.quantity(tree)
+    except ExpressionError as error:
+        raise LogError(f"{text!r} {error}") from None
+    if result.is_text:
+        raise LogError(f"{text!r} is a text, which is no signal; compare it with something")
+    others = tuple(dict.fromkeys(signal.base for signal in signals.values() if signal.base != base))
+    numbers = np.broadcast_to(np.asarray(result.values, dtype=np.float64), stamp_ns.shape).copy()
+    notes = tuple(dict.fromkeys(evaluation.notes))
+    return LogSignal(
+        text, result.unit or "", stamp_ns, numbers, base, log.zero_ns, result.is_truth, others, notes
+    )  # fmt: skip
+
+
+def _time_base(text: str, signals: Sequence[LogSignal]) -> tuple[Stamps, str]:
+    """The rising stamps of the signal with the most rows where all are known, and its message."""
+    cleaned = {signal.base: rising(signal.stamp_ns) for signal in signals}
+    stamps = {signal.base: signal.stamp_ns[cleaned[signal.base]] for signal in signals}
+    begin = max(int(each[0]) for each in stamps.values())
+    moving = [stamps[signal.base] for signal in signals if not signal.held] or list(stamps.values())
+    end = min(int(each[-1]) for each in moving)
+    inside = {name: each[(each >= begin) & (each <= end)] for name, each in stamps.items()}
+    base = max(inside, key=lambda name: len(inside[name]))
+    if not len(inside[base]):
+        raise LogError(f"{text!r}: {' and '.join(stamps)} have no time in common")
+    return inside[base], base
+
+
+def _on_base(signal: LogSignal, base: str, stamp_ns: Stamps) -> Floats:
+    if signal.base != base:
+        return interpolation(signal)(stamp_ns)
+    kept = rising(signal.stamp_ns) & (signal.stamp_ns >= stamp_ns[0]) & (signal.stamp_ns <= stamp_ns[-1])
+    values: Floats = signal.values[kept]
+    return values
+
+
+def rising(stamp_ns: Stamps) -> Flags:
+    """(N,) rows later than all before them."""
+    if not len(stamp_ns):
+        return np.ones(0, dtype=np.bool_)
+    newest = np.maximum.accumulate(stamp_ns)
+    return np.concatenate(([True], stamp_ns[1:] > newest[:-1]))
+
+
+def interpolation(signal: LogSignal) -> Callable[[Stamps], Floats]:
+    """What the signal is at other stamps: see the head of this file; NaN before its first row, and after its last."""
+    kept = rising(signal.stamp_ns) & (np.isfinite(signal.values) | signal.held)
+    stamp_ns, values = signal.stamp_ns[kept], signal.values[kept]
+    if not len(values):
+        return lambda at_ns: np.full(len(at_ns), np.nan)
+    if signal.held:
+        return lambda at_ns: _held(stamp_ns, values, at_ns)
+    turn = _TURNS.get(signal.unit)
+    smooth = values if turn is None else np.unwrap(values, period=turn)
+    low = None if turn is None or np.array_equal(smooth, values) else 0.0 if values.min() >= 0.0 else -turn / 2.0
+    steps = np.diff(stamp_ns)
+    pause_ns = max(_LEAST_PAUSE_NS, _PAUSE_IN_INTERVALS * float(np.median(steps))) if len(steps) else 0.0
+
+    def at(at_ns: Stamps) -> Floats:
+        found: Floats = np.interp((at_ns - stamp_ns[0]) * 1.0, (stamp_ns - stamp_ns[0]) * 1.0, smooth, np.nan, np.nan)
+        after = np.clip(np.searchsorted(stamp_ns, at_ns, "left"), 1, max(len(stamp_ns) - 1, 1))
+        if len(steps):
+            exact = stamp_ns[np.clip(np.searchsorted(stamp_ns, at_ns, "left"), 0, len(stamp_ns) - 1)] == at_ns
+            found[(steps[after - 1] > pause_ns) & ~exact] = np.nan
+        if low is not None and turn is not None:
+            found = np.mod(found - low, turn) + low
+        return found
+
+    return at
+
+
+def _held(stamp_ns: Stamps, values: Floats, at_ns: Stamps) -> Floats:
+    last = np.searchsorted(stamp_ns, at_ns, "right") - 1
+    found: Floats = np.where(last >= 0, values[np.maximum(last, 0)], np.nan)
+    return found
+
+
+def table_of(log: Log, path: str) -> Table | None:
+    """The table that the path begins with the name of; the longest where several do."""
+    folded = path.casefold()
+    names = [
+        name
+        for name in log.tables
+        if folded == name.casefold() or folded.startswith((f"{name}.".casefold(), f"{name}[".casefold()))
+    ]
+    if names:
+        return log.tables[max(names, key=len)]
+    framed = re.match(r"(?P<topic>/[^.:]+):(?P<message>\w+)", path)  # of the MAVLink frames of a recording
+    name = f"{framed['topic']}:{framed['message'].upper()}" if framed else ""
+    return log.tables[name] if name and name in log.tables else None
+
+
+def _single(log: Log, path: str, raw: bool) -> LogSignal:
+    found = named_signals(log, path, raw, lowest=True)
+    if len(found) > 1:
+        names = ", ".join(signal.name for signal in found[:4])
+        raise LogError(f"{path} is {len(found)} signals; write one of them, such as {names}")
+    return found[0]
+
+
+def named_signals(log: Log, path: str, raw: bool = False, *, lowest: bool = False) -> list[LogSignal]:
+    """Fields of the message, of each of its instances where none is written, or only of the lowest. Raises LogError."""
+    table = table_of(log, path)
+    if table is None:
+        raise no_message(log, path)
+    rest = _REST.fullmatch(path[len(table.name) :])
+    if rest is None:
+        raise LogError(f"{path!r} names no signal; write {table.name}.FIELD, or {table.name}[1].FIELD for an instance")
+    parts = _instances(table, rest["instance"])
+    return [
+        signal
+        for label, part in (parts[:1] if lowest else parts)
+        for signal in _columns(part, label, rest["column"], raw, log.zero_ns)
+    ]
+
+
+def no_message(log: Log, path: str) -> LogError:
+    """Error of a name that begins with no message of the log."""
+    typed = re.split(r"[.\[]", path, maxsplit=1)[0]
+    if typed.casefold() in map(str.casefold, log.rowless):
+        return LogError(f"{log.path}: has no row of {typed}; `xitl logs info` lists what it has")
+    known = {name.casefold(): name for name in log.tables}
+    near = get_close_matches(typed.casefold(), known, n=1)
+    advice = f"did you mean {known[near[0]]}? " if near else ""
+    return LogError(f"{log.path}: has no message {typed!r}; {advice}`xitl logs info` lists them")
+
+
+def _instances(table: Table, wanted: str | None) -> list[tuple[str, Table]]:
+    if table.instance is None:
+        if int(wanted or 0):
+            raise LogError(f"{table.name} has no instances; write {table.name}.FIELD")
+        return [(table.name, table)]
+    split = by_instance(table)
+    if wanted is None:
+        return [(f"{table.name}[{number}]" if len(split) > 1 else table.name, part) for number, part in split.items()]
+    if int(wanted) not in split:
+        there = ", ".join(f"{table.name}[{number}]" for number in split)
+        raise LogError(f"{table.name} has no instance {wanted}; there is {there}")
+    return [(f"{table.name}[{wanted}]", split[int(wanted)])]
+
+
+def _columns(table: Table, label: str, wanted: str | None, raw: bool, zero_ns: int) -> list[LogSignal]:
+    """wanted: a field, a field with an index; None: every field that is a number, but time and the instance."""
+    if wanted is None:
+        columns = signal_columns(table)
+        if not columns:
+            raise LogError(f"{label} has no field that is a number; `xitl logs dump` shows what it has")
+        return [signal for name in columns for signal in _components(table, label, name, None, raw, zero_ns)]
+    indexed = None if wanted in table.columns else _INDEXED.fullmatch(wanted)
+    name = column_named(table, indexed["column"] if indexed else wanted)
+    return _components(table, label, name, int(indexed["index"]) if indexed else None, raw, zero_ns)
+
+
+def signal_columns(table: Table) -> list[str]:
+    """Every field that is a number, but time and the instance."""
+    numbers = [name for name, column in table.columns.items() if column.kind == "number" and name != table.instance]
+    return [name for name in numbers if name not in TIME_FIELDS] or numbers
+
+
+def _components(
+    table: Table, label: str, name: str, index: int | None, raw: bool, zero_ns: int
+) -> list[LogSignal]:  # fmt: skip
+    column = table.columns[name]
+    if column.kind != "number":
+        raise LogError(f"{table.name}.{name} is {column.kind}, which cannot be drawn; `xitl logs dump` shows it")
+    stored = np.asarray(table.values(name, raw=raw))
+    values = stored.astype(np.float64)
+    unit = column.raw_unit if raw else column.unit
+    held = stored.dtype.kind in "iub" and not unit
+    if values.ndim == 1:
+        if index is not None:
+            raise LogError(f"{table.name}.{name} is a single number; write it without [{index}]")
+        return [LogSignal(f"{label}.{name}", unit, table.stamp_ns, values, label, zero_ns, held)]
+    flat = values.reshape(len(values), -1)
+    if index is not None and index >= flat.shape[1]:
+        raise LogError(f"{table.name}.{name} has {flat.shape[1]} numbers a row; [{index}] is beyond them")
+    chosen = range(min(flat.shape[1], _MOST_COMPONENTS)) if index is None else (index,)
+    return [
+        LogSignal(f"{label}.{name}[{each}]", unit, table.stamp_ns, flat[:, each], label, zero_ns, held)
+        for each in chosen
+    ]
