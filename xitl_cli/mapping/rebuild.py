@@ -32,8 +32,7 @@ from xitl_cli.logs.export.files import make_directory, part_of
 from xitl_cli.logs.model.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
 from xitl_cli.mapping.clouds import SeenPoints, clouds, map_points, online, pings, read_autopilot_messages, truth
-from xitl_cli.profile.files.yaml_file import parse_yaml
-from xitl_cli.profile.load import unchecked_profile
+from xitl_cli.profile.load import recorded_profiles
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.directory import PROFILE
 
@@ -215,16 +214,7 @@ def trajectory_of(placed: list[RegisteredCloud]) -> Trajectory:
 
 def profile_of(log: Log) -> RunProfile | None:
     """The profile kept in the recording; None where there is none that this version understands."""
-    data = log.attachment(PROFILE)
-    if data is None:
-        return None
-    try:
-        entry = parse_yaml(data.decode(errors="replace"), PROFILE)
-        if entry is None:
-            return None
-        return next((one for one in unchecked_profile(entry, PROFILE).run_profiles() if one.vessel == log.vessel), None)
-    except UserError:
-        return None
+    return next((one for one in recorded_profiles(log.attachment(PROFILE)) if one.vessel == log.vessel), None)
 
 
 def _settings(profile: RunProfile | None) -> dict[str, float]:

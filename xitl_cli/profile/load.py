@@ -10,9 +10,10 @@ from pathlib import Path
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks import check, check_fleet, check_vessel
 from xitl_cli.profile.files import parameter_files
-from xitl_cli.profile.files.catalogue import SUFFIXES, find_profile
+from xitl_cli.profile.files.catalogue import PROFILE, SUFFIXES, find_profile
 from xitl_cli.profile.files.compose import at_speed_of_vessel, compose, lay_on, override
 from xitl_cli.profile.files.entry import Entry, Key, KeyPath, Origin, Problem, ProfileError
+from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.fleet import is_fleet, read_fleet, unfold, unfolded_entry
 from xitl_cli.profile.leftovers import leftovers
 from xitl_cli.profile.reader import read_profile
@@ -115,6 +116,17 @@ def unchecked_profile(entry: Entry, name: str) -> Profile:
         return read_profile(entry, name)
     shared, entries = read_fleet(entry, name)
     return replace(shared, vessels=unfold(entries, name))
+
+
+def recorded_profiles(data: bytes | None) -> tuple[RunProfile, ...]:
+    """Of each vessel, from the profile.yaml that a recording keeps; none where this version does not understand it."""
+    if data is None:
+        return ()
+    try:
+        entry = parse_yaml(data.decode(errors="replace"), PROFILE)
+        return () if entry is None else unchecked_profile(entry, PROFILE).run_profiles()
+    except UserError:
+        return ()
 
 
 def _checked_fleet(entry: Entry, name: str) -> tuple[Profile, Entry]:

@@ -153,6 +153,10 @@ class Log(ABC):
         """The first file of this name inside the log; None when there is none, or none that is all there."""
         return None
 
+    def payloads(self, topic: str) -> Iterator[bytes]:
+        """Messages of a topic as they are stored; none of a format without topics."""
+        return iter(())
+
     @abstractmethod
     def close(self) -> None: ...
 

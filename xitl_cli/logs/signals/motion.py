@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from weakref import WeakKeyDictionary
@@ -11,7 +12,7 @@ import numpy as np
 from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
 from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table
 from xitl_cli.logs.signals.lanes import rows_in_use
 from xitl_cli.logs.signals.series import (
     Series,
@@ -113,7 +114,6 @@ def follows_simulator(told: Series, simulated: Series) -> bool:
     return float(np.median(np.hypot(apart[:, 0], apart[:, 1]))) < _NEAR_SHARE * extent_m
 
 
-_QUATERNION = tuple(f"pose.pose.orientation.{axis}" for axis in "wxyz")
 _LINEAR = tuple(f"twist.twist.linear.{axis}" for axis in "xyz")
 _ANGLES = {"roll": 0, "pitch": 1, "yaw": 2}
 _DEG = 180.0 / np.pi
@@ -189,7 +189,9 @@ def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
         lambda log: column_series(log, "GPS", "Spd", "m/s"),
         lambda log: _odometry_speed(log, "/estimate/odometry"),
         lambda log: _telemetry(log, "VFR_HUD", "groundspeed", "m/s"),
-        lambda log: next((found for name in odometries(log) if (found := _odometry_speed(log, name))), None),
+        lambda log: next(
+            (found for each in foreign_poses(log) if (found := _odometry_speed(log, each.table.name))), None
+        ),
     )
 
 
@@ -199,14 +201,15 @@ def _angle(log: Log, name: str, logged: str, of: SignalSource) -> Series | None:
         return first_series(
             log,
             lambda log: unless_stray(log, column_series(log, "SIM", logged, "deg", turns=turns)),
-            lambda log: _odometry_angle(log, "/truth/odometry", name),
+            lambda log: _own_angle(log, "/truth/odometry", name),
         )
     return first_series(
         log,
         lambda log: column_series(log, "ATT", logged, "deg", turns=turns),
-        lambda log: _odometry_angle(log, "/estimate/odometry", name),
+        lambda log: _own_angle(log, "/estimate/odometry", name),
         lambda log: _turned(_telemetry(log, "ATTITUDE", name, "deg", factor=_DEG, turns=turns)),
-        lambda log: next((found for each in odometries(log) if (found := _odometry_angle(log, each, name))), None),
+        lambda log: next((found for each in foreign_poses(log) if (found := each.angle(name))), None),
+        lambda log: _any_imu_angle(log, name),
     )
 
 
@@ -215,6 +218,11 @@ def _turned(found: Series | None) -> Series | None:
     if found is None or not found.turns:
         return found
     return Series(found.stamp_ns, np.mod(found.values, 360.0), "deg", found.source, True, found.dropped)
+
+
+def _own_angle(log: Log, topic: str, name: str) -> Series | None:
+    table = first_instance(log, topic)
+    return None if table is None else PoseTopic(table, *_ODOMETRY).angle(name)
 
 
 def _telemetry(
@@ -228,26 +236,84 @@ def _telemetry(
     )
 
 
-def odometries(log: Log) -> list[str]:
-    """Topics that carry nav_msgs/Odometry and are not ours."""
-    if log.format != "mcap":
-        return []
-    ours = {"/truth/odometry", "/estimate/odometry"}
-    return [name for name, table in log.tables.items() if name not in ours and _QUATERNION[0] in table.columns]
+@dataclass(frozen=True, slots=True)
+class PoseTopic:
+    """Poses that a topic carries, in ENU with a FLU body (REP 103). place, turn: what its columns begin with."""
+
+    table: Table
+    place: str
+    turn: str
+
+    def places(self) -> Series | None:
+        """North, east, down (m) about the origin of its frame."""
+        enu = stacked_columns(self.table, tuple(f"{self.place}.{axis}" for axis in "xyz"))
+        if enu is None:
+            return None
+        ned = np.stack([enu[:, 1], enu[:, 0], -enu[:, 2]], axis=1)
+        return make_series(self.table.stamp_ns, ned, "m", f"{self.table.name}.{self.place}")
+
+    def angle(self, name: str) -> Series | None:
+        """Roll, pitch or yaw (deg)."""
+        quaternion = stacked_columns(self.table, tuple(f"{self.turn}.{axis}" for axis in "wxyz"))
+        if quaternion is None:
+            return None
+        # The same product of quaternions leads from ENU and FLU back to NED and FRD.
+        with np.errstate(invalid="ignore", divide="ignore"):
+            euler = quat_to_euler(quat_ned_frd_to_enu_flu(quaternion))
+        angle = euler[:, _ANGLES[name]] * _DEG
+        turns = name == "yaw"
+        source = f"{self.table.name}.{self.turn}"
+        return make_series(self.table.stamp_ns, np.mod(angle, 360.0) if turns else angle, "deg", source, turns=turns)
 
 
-def _odometry_angle(log: Log, topic: str, name: str) -> Series | None:
-    table = first_instance(log, topic)
-    if table is None or (quaternion := stacked_columns(table, _QUATERNION)) is None:
+_ODOMETRY = ("pose.pose.position", "pose.pose.orientation")
+_POSES = (
+    _ODOMETRY,  # nav_msgs/Odometry, geometry_msgs/PoseWithCovarianceStamped
+    ("pose.position", "pose.orientation"),  # geometry_msgs/PoseStamped, foxglove.PoseInFrame
+    ("position", "orientation"),  # geometry_msgs/Pose
+    ("transform.translation", "transform.rotation"),  # geometry_msgs/TransformStamped
+    ("translation", "rotation"),  # foxglove.FrameTransform
+    ("transforms[0].transform.translation", "transforms[0].transform.rotation"),  # tf2_msgs/TFMessage
+    ("transforms[0].translation", "transforms[0].rotation"),  # foxglove.FrameTransforms
+)
+"""What holds a pose, the likeliest to be the vessel's first."""
+
+
+def foreign_poses(log: Log) -> Iterator[PoseTopic]:
+    """Topics that carry poses, the likeliest to be the vessel's first; of a recording of ours none, they are known."""
+    if log.format != "mcap" or log.base == "simulation":
+        return
+    for fields in _POSES:
+        for table in log.tables.values():
+            if (found := _pose_topic(table, *fields)) is not None:
+                yield found
+
+
+def _pose_topic(table: Table, place: str, turn: str) -> PoseTopic | None:
+    columns = table.columns
+    if f"{place}.x" not in columns or f"{turn}.w" not in columns:
         return None
-    # The same product of quaternions leads from ENU and FLU back to NED and FRD.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        euler = quat_to_euler(quat_ned_frd_to_enu_flu(quaternion))
-    angle = euler[:, _ANGLES[name]] * _DEG
-    turns = name == "yaw"
-    return make_series(
-        table.stamp_ns, np.mod(angle, 360.0) if turns else angle, "deg", f"{topic}.pose.pose.orientation", turns=turns
-    )
+    frame = next((name for name in _child_frame_columns(place) if name in columns), None)
+    return PoseTopic(table if frame is None else _farthest_travelled(table, frame, place), place, turn)
+
+
+def _child_frame_columns(place: str) -> tuple[str, ...]:
+    """Of transforms: those of several frames may be in one topic."""
+    if not place.endswith("translation"):
+        return ()
+    above = place.removesuffix("translation").removesuffix("transform.")
+    return (f"{above}child_frame_id",)
+
+
+def _farthest_travelled(table: Table, column: str, place: str) -> Table:
+    """The rows of the frame that moves most: sensors stand still on a vessel, an odometry's frame hardly drifts."""
+    names = np.asarray(table.values(column)).astype(str)
+    ways = {}
+    for name in dict.fromkeys(names.tolist()):
+        rows = Selection(table, np.flatnonzero(names == name))
+        way = stacked_columns(rows, tuple(f"{place}.{axis}" for axis in "xyz"))
+        ways[name] = float(np.nansum(np.linalg.norm(np.diff(way, axis=0), axis=1))) if way is not None else 0.0
+    return Selection(table, np.flatnonzero(names == max(ways, key=lambda name: ways[name]))) if ways else table
 
 
 def _odometry_speed(log: Log, topic: str) -> Series | None:
@@ -255,6 +321,10 @@ def _odometry_speed(log: Log, topic: str) -> Series | None:
     if table is None or (linear := stacked_columns(table, _LINEAR)) is None:
         return None
     return make_series(table.stamp_ns, np.hypot(linear[:, 0], linear[:, 1]), "m/s", f"{topic}.twist.twist.linear")
+
+
+def _foreign_speed(log: Log) -> Series | None:
+    return next((found for each in foreign_poses(log) if (found := _odometry_speed(log, each.table.name))), None)
 
 
 def _odometry_yaw_rate(log: Log, topic: str) -> Series | None:
@@ -273,6 +343,16 @@ def _any_imu_yaw_rate(log: Log) -> Series | None:
         return None
     name = next((name for name, table in log.tables.items() if "angular_velocity.z" in table.columns), None)
     return None if name is None else column_series(log, name, "angular_velocity.z", "deg/s", factor=-_DEG)
+
+
+def _any_imu_angle(log: Log, name: str) -> Series | None:
+    """Of a sensor_msgs/Imu topic that tells an attitude: its own covariance of -1 says that it does not."""
+    for table in log.tables.values() if log.format == "mcap" and log.base != "simulation" else ():
+        if {"orientation.w", "angular_velocity.z"} <= set(table.columns):
+            covariance = stacked_columns(table, ("orientation_covariance",)) if len(table) else None
+            if covariance is None or covariance.ravel()[0] >= 0.0:
+                return PoseTopic(table, "", "orientation").angle(name)
+    return None
 
 
 def _true_yaw_rate(log: Log) -> Series | None:
@@ -296,9 +376,6 @@ def _hypot(log: Log, name: str, north: str, east: str) -> Series | None:
     if table is None or (parts := stacked_columns(table, (north, east))) is None:
         return None
     return make_series(table.stamp_ns, np.hypot(parts[:, 0], parts[:, 1]), "m/s", f"{name}.{north}, {east}")
-
-
-_POSITION_FIELDS = tuple(f"pose.pose.position.{axis}" for axis in "xyz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,7 +415,7 @@ def position_ned(
     """About `origin`; without one about the origin of the log's own local frame, or its first position."""
     local = _local_odometry(log, "/truth/odometry" if of == "truth" else "/estimate/odometry")
     if local is None and of == "estimate":
-        local = next((found for name in odometries(log) if (found := _local_odometry(log, name))), None)
+        local = next((found for each in foreign_poses(log) if (found := each.places())), None)
     own = _run_origin(log)
     if local is not None and (origin is None or own is not None):
         if origin is None or origin == own:
@@ -383,10 +460,7 @@ def _metres(log: Log, geodetic: Series, of: SignalSource, about: tuple[float, fl
 
 def _local_odometry(log: Log, topic: str) -> Series | None:
     table = first_instance(log, topic)
-    if table is None or (enu := stacked_columns(table, _POSITION_FIELDS)) is None:
-        return None
-    ned = np.stack([enu[:, 1], enu[:, 0], -enu[:, 2]], axis=1)
-    return make_series(table.stamp_ns, ned, "m", f"{topic}.pose.pose.position")
+    return None if table is None else PoseTopic(table, *_ODOMETRY).places()
 
 
 def _telemetry_geodetic(log: Log, message: str) -> Series | None:

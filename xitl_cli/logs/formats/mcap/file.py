@@ -194,6 +194,10 @@ class McapLog(Log):
     def close(self) -> None:
         self._source.close()
 
+    def payloads(self, topic: str) -> Iterator[bytes]:
+        table = self._tables.topics.get(topic)
+        return iter(()) if table is None else table.payloads()
+
     def _decoded_frames(self, topic: str) -> dict[str, Table]:
         from xitl_cli.logs.formats.tlog.frames import frame_tables
 

@@ -355,6 +355,12 @@ class TopicTable(Table):
         values = seen.shapes.values(described, self._parts(seen, column, wanted))
         return values if order is None else values[order]
 
+    def payloads(self) -> Iterator[bytes]:
+        """Every message as it is stored, those that cannot be decoded too."""
+        for batch in self._batches():
+            for row in range(len(batch)):
+                yield batch.payload(row)
+
     def _plain(self, seen: TopicSurvey, column: str) -> NDArray[Any] | None:
         """A column of one number a row, of messages that are not kept: all such columns are read at once, and kept."""
         if seen.kept is not None:
