@@ -30,7 +30,7 @@ from xitl_cli.view.model import (
     ViewScene,
 )
 from xitl_cli.view.scene import view_vessels
-from xitl_cli.view.water import WaterGrid, heading_wxyz
+from xitl_cli.view.water import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
 
 if TYPE_CHECKING:
     import viser
@@ -78,7 +78,7 @@ NIGHT = Atmosphere((13, 20, 34), (46, 60, 78), (16, 50, 68), (255, 214, 170), 1.
 class SceneDrawing:
     """Draws what does not move at once, and everything else at each instant.
 
-    tracks: draw where vessels have been. waves: move the water. dark: by night.
+    tracks: draw where vessels have been. waves: move the water, in cells of the size that `water` says. dark: by night.
     """
 
     def __init__(
@@ -89,6 +89,7 @@ class SceneDrawing:
         dark: bool = False,
         tracks: bool = True,
         waves: bool = True,
+        water: WaterResolution = SCREEN_WATER,
     ) -> None:
         self.scene = scene
         self._server = server
@@ -102,7 +103,7 @@ class SceneDrawing:
         api.world_axes.visible = False
         for number, mesh in enumerate(scene.meshes):
             _add_mesh(api, f"/surroundings/{number} {mesh.name}", mesh)
-        self._water = _WaterDrawing(api, scene.water, waves)
+        self._water = _WaterDrawing(api, scene.water, waves, water)
         self.dark = dark
         for name, vessel in scene.vessels.items():
             self._vessels[name] = _VesselDrawing(api, name, vessel, scene.water.level_m)
@@ -183,9 +184,9 @@ def show_atmosphere(api: Any, atmosphere: Atmosphere) -> None:
 
 
 class _WaterDrawing:
-    def __init__(self, api: Any, water: SceneWater, moving: bool) -> None:
+    def __init__(self, api: Any, water: SceneWater, moving: bool, resolution: WaterResolution) -> None:
         self._level_m = water.level_m
-        self._grid = WaterGrid(water.waves if moving else None)
+        self._grid = WaterGrid(water.waves if moving else None, resolution=resolution)
         self._middle = self._grid.middle(np.asarray(water.centre_en_m, dtype=np.float64))
         self._node = api.add_mesh_simple(
             "/water",

@@ -7,16 +7,30 @@ size fades there, so that the far surface does not flicker.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.view.model import Array, Faces, Points, SceneWaves
 
-NEAR_CELL_M = 0.75
-NEAR_CELLS = 26
-"""To each side of the middle, before they begin to grow."""
-GROWTH_CELLS = 13
+
+@dataclass(frozen=True, slots=True)
+class WaterResolution:
+    """near_cells: of near_cell_m to each side of the middle, growth_cells: beyond them, as far as the haze.
+
+    height_step_m: what heights are rounded to; 0 leaves them.
+    """
+
+    near_cell_m: float
+    near_cells: int
+    growth_cells: int
+    height_step_m: float = 0.0
+
+
+SCREEN_WATER = WaterResolution(0.75, 26, 13)
+PAGE_WATER = WaterResolution(1.5, 8, 5, 0.02)
+"""Of a page, which holds the height of every corner at every instant: some 10 kB a second."""
 REACH_M = 1800.0
 
 
@@ -26,9 +40,12 @@ class WaterGrid:
     reach_m: half its side. waves: None of still water, whose grid is a square of two triangles.
     """
 
-    def __init__(self, waves: SceneWaves | None, reach_m: float = REACH_M) -> None:
+    def __init__(
+        self, waves: SceneWaves | None, reach_m: float = REACH_M, resolution: WaterResolution = SCREEN_WATER
+    ) -> None:
         self.waves = waves
-        axis = np.array([-reach_m, reach_m]) if waves is None else _axis(reach_m)
+        self._cell_m, self._step_m = resolution.near_cell_m, resolution.height_step_m
+        axis = np.array([-reach_m, reach_m]) if waves is None else _axis(reach_m, resolution)
         east, north = (part.ravel() for part in np.meshgrid(axis, axis, indexing="xy"))
         self.vertices_m: Points = np.column_stack([east, north, np.zeros(len(east))]).astype(np.float32)
         self.faces = _faces(len(axis))
@@ -45,7 +62,7 @@ class WaterGrid:
         """Where to put the grid's middle for a subject there: on whole cells, so that it does not swim."""
         if self.waves is None:
             return float(place_en_m[0]), float(place_en_m[1])
-        east, north = (np.round(place_en_m / NEAR_CELL_M) * NEAR_CELL_M).tolist()
+        east, north = (np.round(place_en_m / self._cell_m) * self._cell_m).tolist()
         return east, north
 
     def move(self, time_s: float, middle_en_m: tuple[float, float]) -> Points:
@@ -58,18 +75,20 @@ class WaterGrid:
                 + waves.phase_rad
             )
             cosine, sine = np.cos(phase).astype(np.float32), np.sin(phase).astype(np.float32)
-            self.vertices_m[:, 2] = self._of_cosine @ cosine - self._of_sine @ sine
+            up_m = self._of_cosine @ cosine - self._of_sine @ sine
+            self.vertices_m[:, 2] = np.round(up_m / self._step_m) * self._step_m if self._step_m else up_m
         return self.vertices_m
 
 
-def _axis(reach_m: float) -> Array:
+def _axis(reach_m: float, resolution: WaterResolution) -> Array:
     """Places of the grid's lines."""
-    near_m = NEAR_CELL_M * NEAR_CELLS
+    cell_m, growing = resolution.near_cell_m, np.arange(1, resolution.growth_cells + 1)
+    near_m = cell_m * resolution.near_cells
     ratio = 1.0
     for _ in range(60):  # the ratio of neighbouring cells for which they add up
-        total = NEAR_CELL_M * sum(ratio**number for number in range(1, GROWTH_CELLS + 1))
-        ratio *= (max(reach_m - near_m, NEAR_CELL_M) / total) ** (1.0 / GROWTH_CELLS)
-    cells = np.concatenate([np.full(NEAR_CELLS, NEAR_CELL_M), NEAR_CELL_M * ratio ** np.arange(1, GROWTH_CELLS + 1)])
+        total = cell_m * float(np.sum(ratio**growing))
+        ratio *= (max(reach_m - near_m, cell_m) / total) ** (1.0 / len(growing))
+    cells = np.concatenate([np.full(resolution.near_cells, cell_m), cell_m * ratio**growing])
     half = np.cumsum(cells)
     return np.concatenate([-half[::-1], [0.0], half])
 

@@ -16,7 +16,7 @@ from xitl_cli.run.world.world import build_plant
 from xitl_cli.seeds import Seeds
 from xitl_cli.view import shapes
 from xitl_cli.view.scene import make_view_scene, read_bodies, read_scene_update, waves_of
-from xitl_cli.view.water import NEAR_CELL_M, WaterGrid
+from xitl_cli.view.water import SCREEN_WATER, WaterGrid
 
 
 def volume_m3(vertices: np.ndarray, faces: np.ndarray) -> float:
@@ -101,7 +101,7 @@ def test_the_water_is_that_of_the_run() -> None:
     # What is shorter than some cells fades; all that carries energy is there.
     assert np.sqrt(np.mean(off_m**2)) < 0.25 * height_m
     assert np.ptp(vertices[:, 0]) > 3000.0
-    assert np.min(np.diff(np.unique(vertices[:, 0]))) == pytest.approx(NEAR_CELL_M)
+    assert np.min(np.diff(np.unique(vertices[:, 0]))) == pytest.approx(SCREEN_WATER.near_cell_m)
 
 
 def test_still_water_is_a_square() -> None:
