@@ -288,9 +288,9 @@ def _lack(log: Log) -> str:
     """What is missing to draw it, as a clause; empty where nothing is."""
     if log.span_ns is None:
         return "holds nothing with a time, so there is nothing to draw; give another log"
-    sources = ("truth", "estimate")
-    place = any(signals.position_ned(log, of) is not None for of in sources)  # type: ignore[arg-type]
-    turn = any(signals.yaw(log, of) is not None for of in sources)  # type: ignore[arg-type]
+    sources: tuple[signals.SignalSource, ...] = ("truth", "estimate")
+    place = any(signals.position_ned(log, of) is not None for of in sources)
+    turn = any(signals.yaw(log, of) is not None for of in sources)
     if place and turn:
         return ""
     what = "position" if turn else "attitude" if place else "position and no attitude"
@@ -326,11 +326,7 @@ def _map_place(log: Log, lead: PlacedLog | None, seconds: Seconds, name: str, no
     about = lead.place.origin
     if about is not None and (own is not None or signals.position_ned(log, "estimate", about) is not None):
         found = next(
-            (
-                path
-                for of in ("truth", "estimate")
-                if (path := signals.position_ned(log, of, about)) is not None  # type: ignore[arg-type]
-            ),
+            (path for of in ("truth", "estimate") if (path := signals.position_ned(log, of, about)) is not None),
             None,
         )
         if found is not None and found.origin == about and np.hypot(*found.path.values[0, :2]) < FARTHEST_M:
@@ -351,7 +347,7 @@ def _map_place(log: Log, lead: PlacedLog | None, seconds: Seconds, name: str, no
 def _origin(log: Log) -> tuple[float, float, float] | None:
     """Of its own map."""
     for of in ("truth", "estimate"):
-        if (found := signals.position_ned(log, of)) is not None:  # type: ignore[arg-type]
+        if (found := signals.position_ned(log, of)) is not None:
             return found.origin
     return None
 
@@ -414,7 +410,9 @@ def _moved(one: PlacedLog, lead: PlacedLog) -> Array:
     if own is None or one.place.origin is None or own == one.place.origin:
         return np.asarray(one.place.shift_enu_m)
     ned = LocalFrame(*one.place.origin).ned(*(np.array([value]) for value in own))[0]
-    return ned_to_enu(ned) + np.asarray(one.place.shift_enu_m)
+    enu: Array = ned_to_enu(ned)
+    moved: Array = enu + np.asarray(one.place.shift_enu_m)
+    return moved
 
 
 def _plain_water(poses: Sequence[PoseTrack]) -> SceneWater:

@@ -77,7 +77,9 @@ class _WayDrawing:
             return
         path = f"/ways/{name or 'vessel'}"
         segments = np.stack([points[:-1], points[1:]], axis=1)
-        api.add_line_segments(f"{path}/whole", segments - np.float32([0.0, 0.0, 0.03]), colors=AHEAD, thickness=1.5)
+        under = segments.copy()
+        under[:, :, 2] -= 0.03
+        api.add_line_segments(f"{path}/whole", under, colors=AHEAD, thickness=1.5)
         many = max(LEAST_PIECE, -(-len(segments) // MOST_PIECES))
         firsts = range(0, len(segments), many)
         for number, first in enumerate(firsts):

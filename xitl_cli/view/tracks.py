@@ -93,10 +93,11 @@ class CloudTrack:
         """(P, 3) in the map; the same array until there is something new. None without any."""
         last = int(np.searchsorted(self.seconds, time_s, side="right"))
         first = int(np.searchsorted(self.seconds, time_s - self._lasting_s, side="left"))
-        return self._joined(first, last) if last > first else None
+        joined: Points | None = self._joined(first, last) if last > first else None
+        return joined
 
     def _join(self, first: int, last: int) -> Points:
-        parts = [self._in_map(row) for row in range(first, last)]
+        parts: list[Points] = [self._in_map(row) for row in range(first, last)]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def _placed(self, row: int) -> Points:
@@ -104,7 +105,8 @@ class CloudTrack:
         flu = np.column_stack([packed["x"], packed["y"], packed["z"]]).astype(np.float64)
         later = packed["t"].astype(np.float64) if "t" in (packed.dtype.names or ()) else np.zeros(len(packed))
         place, turn = self._pose.at(self.seconds[row] + later)
-        return (np.einsum("nij,nj->ni", quat_to_matrix(turn), flu) + place).astype(np.float32)
+        placed: Points = (np.einsum("nij,nj->ni", quat_to_matrix(turn), flu) + place).astype(np.float32)
+        return placed
 
 
 class MapTrack:
@@ -204,7 +206,7 @@ class VesselTrack:
         if estimate is not None:
             numbers["estimate off (m)"] = float(np.linalg.norm((estimate[0] - place)[:2]))
         motors = None if self.motors is None else self.motors.at(time_s)
-        clouds = {name: found for name, cloud in self.clouds.items() if (found := cloud.at(time_s)) is not None}
+        clouds = {name: seen for name, cloud in self.clouds.items() if (seen := cloud.at(time_s)) is not None}
         obstacles, radius = (np.empty((0, 3)), np.empty(0)) if self.obstacles is None else self.obstacles.at(time_s)
         mode, armed = state_at(self.modes, time_s), state_at(self.armed, time_s) is not None
         target = self.mission_enu_m[reached + 1] if armed and reached + 1 < len(self.mission_enu_m) else None
@@ -298,7 +300,7 @@ def continuous(attitude_wxyz: Array) -> Array:
 
 def read_vessel(log: Log, seconds: Seconds, place: MapPlace) -> VesselTrack | None:
     """None of a log without both places and attitudes."""
-    truth, estimate = (pose_track(log, of, seconds, place) for of in ("truth", "estimate"))  # type: ignore[arg-type]
+    truth, estimate = (pose_track(log, of, seconds, place) for of in ("truth", "estimate"))
     pose = truth or estimate
     if pose is None:
         return None
@@ -355,7 +357,7 @@ FARTHEST_M = 50e3
 
 
 def _reached(log: Log, seconds: Seconds) -> Array:
-    stamps = {}
+    stamps: dict[int, int] = {}
     for text in signals.texts(log):
         if match := _REACHED.search(text.text):
             stamps.setdefault(int(match[1]), text.at_ns)
