@@ -33,4 +33,5 @@ CAMPAIGN = Extra(
     "campaign", ("dask", "distributed", "optuna", "pyarrow", "SALib", "scipy"), "campaigns: many runs on Dask, searches"
 )
 VIEW = Extra("view", ("viser", "PIL"), "the 3D view of a run and of recordings")
-EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW)
+FIGURES = Extra("figures", ("matplotlib",), "figures of the paper's experiments as PNG and SVG")
+EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW, FIGURES)

@@ -192,8 +192,9 @@ def _campaign(group: typer.Typer) -> None:
 def _paper(group: typer.Typer) -> None:
     from xitl_cli.commands import paper
 
-    group.callback()(_several)
     group.command("4.2")(paper.section_4_2)
+    group.command("wdri")(paper.wdri)
+    group.command("all")(paper.all_sections)
 
 
 _GROUPS: Mapping[str, tuple[str, Callable[[typer.Typer], None]]] = {

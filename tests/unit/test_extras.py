@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OPTIONAL = (
     "plotly", "scipy", "pandas", "pyarrow", "kiss_icp", "embreex", "trimesh", "dask", "distributed", "optuna", "SALib",
+    "matplotlib",
 )  # fmt: skip
 
 
@@ -36,6 +37,7 @@ def base_install(directory: Path, *arguments: str) -> subprocess.CompletedProces
         ("parquet", ("logs", "export", str(CALM), "ATT", "--format", "parquet", "--out", "folder")),
         ("perception", ("map", "run.mcap")),
         ("campaign", ("campaign", "environments")),
+        ("figures", ("paper", "wdri", "--report")),
         ("perception", ("sim", "sitl-perception", "--duration", "1")),
     ],
 )

@@ -1,0 +1,23 @@
+"""The paper's experiments by the number of their section."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import cast
+
+from xitl_cli.experiments.report import ExperimentReport
+from xitl_cli.experiments.setup import ExperimentSetup
+
+EXPERIMENTS: Mapping[str, str] = {
+    "4.2": "xitl_cli.experiments.departure:departure_report",
+    "wdri": "xitl_cli.experiments.realism:realism_report",
+}
+"""Each a function that carries it out."""
+
+
+def carry_out(section: str, setup: ExperimentSetup) -> ExperimentReport:
+    """Its runs, and what they say. Raises UserError where it cannot be done here, and InterruptedRunError."""
+    module, _, name = EXPERIMENTS[section].partition(":")
+    experiment = cast(Callable[[ExperimentSetup], ExperimentReport], getattr(import_module(module), name))
+    return experiment(setup)

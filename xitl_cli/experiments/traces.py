@@ -1,0 +1,64 @@
+"""Quantities of a log over time, as experiments compare and draw them: plain arrays that outlive the log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs import open_log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Table
+from xitl_cli.logs.signals import Series
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """time_s: (N,) rising, on the log's own clock. values: (N,)."""
+
+    time_s: Floats
+    values: Floats
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def between(self, from_s: float, until_s: float) -> Trace:
+        """What lies there, ends included."""
+        inside = (self.time_s >= from_s) & (self.time_s <= until_s)
+        return Trace(self.time_s[inside], self.values[inside])
+
+    def since(self, from_s: float | None) -> Trace:
+        """From there on; all of it from None."""
+        return self if from_s is None else self.between(from_s, float("inf"))
+
+    def at(self, time_s: Floats) -> Floats:
+        """(M,) on straight lines between its values; NaN outside."""
+        found: Floats = np.interp(time_s, self.time_s, self.values, left=np.nan, right=np.nan)
+        return found
+
+
+def log_of(path: Path) -> Log:
+    """Opened; close it, or use it in a `with`."""
+    return open_log(path)
+
+
+def trace(series: Series | None, column: int | None = None) -> Trace | None:
+    """A series, or one of its columns, in seconds of the log's clock."""
+    if series is None:
+        return None
+    values = series.values if column is None else series.values[:, column]
+    return Trace((series.stamp_ns * 1e-9).astype(np.float64), np.array(values, dtype=np.float64))
+
+
+def first_s(log: Log, name: str, holds: Callable[[Table], NDArray[np.bool_]]) -> float | None:
+    """When a row of this table first is so, in seconds of the log's clock; None where that never is."""
+    table = log.tables.get(name)
+    if table is None or not len(table):
+        return None
+    rows = np.flatnonzero(holds(table))
+    return float(table.stamp_ns[rows[0]]) * 1e-9 if len(rows) else None
