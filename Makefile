@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run package test test-fast lint format types dialect check-dialect pages bench figures soak wheel lock clean
+.PHONY: run package test test-fast lint format types dialect check-dialect pages docs pictures bench figures soak wheel lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -58,6 +58,13 @@ pages: $(VENV)/.dev  ## renew the generated parts of docs/ after an edit of a to
 	$(BIN)/python tools/generate_topics.py
 	$(BIN)/python tools/generate_profile_reference.py
 	$(BIN)/python tools/generate_api.py
+
+docs: $(VENV)/.dev  ## the site of docs/ in build/site, every link and anchor checked
+	$(BIN)/zensical build --strict
+	$(BIN)/python tools/check_site.py build/site
+
+pictures: $(VENV)/.dev  ## make the pictures of README and docs/ anew, from runs; some minutes, needs Chromium
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.pictures
 
 bench: $(VENV)/.dev  ## measure; asserts nothing
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench

@@ -1,18 +1,12 @@
-"""The picture of a search in docs/campaigns.md: runs that pass by chance, the boundary known. Needs Chromium.
-
-python tools/draw_boundary.py
-"""
+"""The picture of a search: runs that pass by chance, the boundary known."""
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from tools.pictures.browser import photograph
 from xitl_cli.campaign import pictures
 from xitl_cli.campaign.bisection import BoundaryFinding, bisect
 from xitl_cli.campaign.report import write_sections
@@ -21,10 +15,8 @@ from xitl_cli.campaign.search_spec import AxisRange, Search, SearchSpec
 from xitl_cli.campaign.statistics import monotone_rates
 from xitl_cli.logs.model.sections import Section
 
-PICTURE = Path(__file__).parents[1] / "docs/img/boundary.png"
 BOUNDARY_MPS, SCALE_MPS = 11.0, 0.8
 SEARCH = Search(SearchSpec(width=1.5), (AxisRange("environment.wind.mean_mps", 2.0, 20.0),), ({},), (), 1, 1)
-WIDTH, HEIGHT = 1180, 660
 
 
 def searched() -> BoundaryFinding:
@@ -40,21 +32,10 @@ def searched() -> BoundaryFinding:
             return found
 
 
-def main() -> None:
-    browser = next((one for name in ("chromium", "google-chrome", "chrome") if (one := shutil.which(name))), None)
-    if browser is None:
-        sys.exit("draw_boundary: needs Chromium on the PATH")
+def draw(folder: Path, path: Path) -> None:
+    """folder: where its page may go."""
     found = searched()
     plot = pictures.boundary("boundary", SEARCH, found, monotone_rates(found.counts, found.rising), "")
-    with tempfile.TemporaryDirectory() as folder:
-        page = Path(folder) / "page.html"
-        write_sections(page, "Where it begins to fail", "", [Section("boundary", "A search", plots=(plot,))])
-        options = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
-        size = [f"--window-size={WIDTH},{HEIGHT}", "--virtual-time-budget=8000", f"--user-data-dir={folder}/browser"]
-        PICTURE.parent.mkdir(exist_ok=True)
-        subprocess.run([browser, *options, *size, f"--screenshot={PICTURE}", page.as_uri()], check=True, stderr=-3)
-    print(f"{PICTURE}: {found.outcome}, {found.estimate}")
-
-
-if __name__ == "__main__":
-    main()
+    page = folder / "boundary.html"
+    write_sections(page, "Where it begins to fail", "", [Section("boundary", "A search", plots=(plot,))])
+    photograph(page, path, 1180, 660)

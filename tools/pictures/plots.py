@@ -1,0 +1,221 @@
+"""Plots of runs and models, on white, so that they are legible on any page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import xitl
+from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.waves import WaveField, jonswap, realise_waves
+from sim_core.vessel.sections import hull_shape
+from tools.pictures.browser import fewer_colours
+from tools.pictures.workplace import Workplace
+
+INK, BLUE, AMBER, GREEN, RED, GREY = "#1c2733", "#2f6fc4", "#b97a10", "#23834a", "#c23b33", "#8a97a5"
+VESSELS = ("wamv16", "asv-full", "otter", "heron", "cybership2", "blueboat", "asv-third")
+CONVOY = "xitl sim fleet-convoy --duration 150 --out runs/convoy"
+CUT = "xitl sim cut.yaml --out runs/cut"
+RIVER = "xitl sim sitl-perception --duration 130 --out runs/river"
+
+
+def figure(path: Path, draw: Callable[[Any], None], width: float = 9.2, height: float = 4.2, panels: int = 1) -> None:
+    """draw: of one Axes, or of an array of panels beside each other."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context({"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+                         "grid.color": "#e3e8ed", "axes.edgecolor": GREY, "text.color": INK}):  # fmt: skip
+        drawn, axes = plt.subplots(1, panels, figsize=(width, height), layout="constrained")
+        draw(axes)
+        drawn.savefig(path, dpi=110, facecolor="white")
+        plt.close(drawn)
+    fewer_colours(path)
+
+
+def vehicles(workplace: Workplace, path: Path) -> None:
+    """The shipped hulls from above, to one scale."""
+    from matplotlib.collections import PolyCollection
+
+    def draw(axes: Any) -> None:
+        east = 0.0
+        for name in VESSELS:
+            page = workplace.file(f"{name}.yaml", f"extends: [sitl, vehicles/{name}, environments/calm]\n")
+            vehicle = xitl.load_profile(page).vehicle
+            shapes = [hull_shape(hull) for hull in vehicle.demi_hulls]
+            corners = np.concatenate([shape.vertices_m for shape in shapes])
+            half_width = np.abs(corners[:, 1]).max()
+            east += half_width
+            for shape in shapes:
+                plan = shape.vertices_m[shape.faces][..., [1, 0]] + [east, 0.0]
+                axes.add_collection(PolyCollection(list(plan), facecolor="#9db8d6", edgecolor="#9db8d6", linewidth=0.4))
+            for propeller in vehicle.propellers:
+                forward, right, _ = propeller.position_frd_m
+                axes.plot([east + right - 0.12, east + right + 0.12], [forward, forward], color=RED, linewidth=2.5)
+            axes.text(east, corners[:, 0].min() - 0.35, name, ha="center", va="top")
+            east += half_width + 1.1
+        axes.set(xlim=(-0.6, east - 0.6), ylim=(-3.7, 2.6), aspect="equal", ylabel="forward of the body's origin (m)")
+        axes.set_xticks([])
+
+    figure(path, draw, height=4.6)
+
+
+def seas(workplace: Workplace, path: Path) -> None:
+    """A JONSWAP sea and its spectrum."""
+    spec = WaveSpec(spectrum="jonswap", significant_height_m=0.3, peak_period_s=3.0, direction_deg=60.0)
+    water = Water(depth_m=12.0)
+    field = realise_waves(spec, water, np.random.default_rng(1))
+    assert isinstance(field, WaveField)
+    side_m = np.linspace(0.0, 80.0, 240)
+    places = np.stack(np.meshgrid(side_m, side_m, indexing="ij"), axis=-1).reshape(-1, 2)
+    elevation_m = np.concatenate([field.elevation_m(0.0, some) for some in np.array_split(places, 40)])
+
+    def draw(axes: Any) -> None:
+        chart, spectrum = axes
+        drawn = chart.imshow(
+            elevation_m.reshape(len(side_m), -1), origin="lower", extent=(0, 80, 0, 80), cmap="Blues_r"
+        )
+        chart.figure.colorbar(drawn, ax=chart, label="elevation (m)")
+        chart.set(xlabel="east (m)", ylabel="north (m)", title="The surface at one instant")
+        chart.grid(False)
+        omega_radps = np.linspace(1.0, 6.0, 300)
+        spectrum.plot(omega_radps, jonswap(omega_radps, 0.3, 3.0), color=BLUE, label="JONSWAP")
+        spectrum.vlines(
+            field.omega_radps,
+            0,
+            jonswap(field.omega_radps, 0.3, 3.0),
+            color=AMBER,
+            alpha=0.6,
+            linewidth=0.9,
+            label="its components",
+        )
+        spectrum.set(
+            xlabel="angular frequency (rad/s)", ylabel="m² s/rad", title="Its spectrum, Hs 0.3 m, Tp 3 s", xlim=(1, 6)
+        )
+        spectrum.legend()
+
+    figure(path, draw, panels=2)
+
+
+def position_error(recording: Path) -> tuple[Any, Any]:
+    """Time in s and how far the estimate is from the truth, level, in m."""
+    with xitl.open_log(recording) as log:
+        truth, estimate = log["/truth/odometry"], log["/estimate/odometry"]
+        time_s = estimate.stamp_ns * 1e-9
+        off_m = [
+            estimate[place] - np.interp(time_s, truth.stamp_ns * 1e-9, truth[place])
+            for place in ("pose.pose.position.x", "pose.pose.position.y")
+        ]
+    return time_s, np.hypot(*off_m)
+
+
+def faults(workplace: Workplace, path: Path) -> None:
+    """The estimate in a run whose link is cut for five seconds, beside the same run without."""
+    workplace.file("cut.yaml", "extends: [sitl, faults/link-cut]\n")
+    workplace.typed("xitl sim sitl --out runs/first")
+    workplace.typed(CUT)
+    runs = {name: position_error(workplace.folder / f"runs/{name}/run.mcap") for name in ("first", "cut")}
+
+    def draw(axes: Any) -> None:
+        axes.axvspan(40, 45, color="#fbdedd", label="no frame on the link")
+        axes.plot(*runs["first"], color=GREY, label="sitl")
+        axes.plot(*runs["cut"], color=RED, label="sitl with faults/link-cut")
+        axes.set(xlim=(20, 90), ylim=(0, None), xlabel="simulation time (s)", ylabel="estimate off by (m)")
+        axes.legend()
+
+    figure(path, draw, height=3.4)
+
+
+def fleet(workplace: Workplace, path: Path) -> None:
+    """The convoy from above."""
+    workplace.typed(CONVOY)
+    with xitl.open_log(workplace.folder / "runs/convoy/run.mcap") as log:
+        names = sorted(name.split("/")[1] for name in log.tables if name.endswith("/truth/state"))
+        tracks = {name: log[f"/{name}/truth/state"]["position_ned_m"] for name in names}
+
+    def draw(axes: Any) -> None:
+        for name, colour in zip(names, (GREEN, AMBER, RED, BLUE), strict=False):
+            track = tracks[name]
+            axes.plot(track[:, 1], track[:, 0], color=colour, linewidth=1.2, label=name)
+            axes.plot(
+                track[:: max(1, len(track) // 6), 1],
+                track[:: max(1, len(track) // 6), 0],
+                "o",
+                color=colour,
+                markersize=4,
+            )
+        axes.set(xlabel="east (m)", ylabel="north (m)", aspect="equal", title="fleet-convoy: places at seven instants")
+        axes.legend()
+
+    figure(path, draw, height=5.0)
+
+
+def perception(workplace: Workplace, path: Path) -> None:
+    """The map that the companion has made, from above."""
+    import trimesh
+
+    workplace.typed(RIVER)
+    workplace.typed("xitl map runs/river/run.mcap --out runs/river")
+    points_m = np.asarray(trimesh.load(workplace.folder / "runs/river/map.ply").vertices)
+    track_m = np.loadtxt(workplace.folder / "runs/river/trajectory.tum")[:, 1:4]
+
+    def draw(axes: Any) -> None:
+        drawn = axes.scatter(points_m[:, 0], points_m[:, 1], c=points_m[:, 2], s=0.4, cmap="viridis", vmin=-4, vmax=6)
+        axes.plot(track_m[:, 0], track_m[:, 1], color=RED, linewidth=1.2, label="way of the vessel, by its odometry")
+        axes.set(
+            xlabel="m", ylabel="m", aspect="equal", title="Map of xitl map, from lidar and sonar of sitl-perception"
+        )
+        axes.figure.colorbar(drawn, ax=axes, label="height (m)")
+        axes.legend()
+
+    figure(path, draw, height=5.0)
+
+
+def documented(page: str, name: str) -> str:
+    """The text of a file that a page of docs/ shows."""
+    text = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8")
+    found = re.search(rf"^```yaml\n(# {re.escape(name)}\n.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    if found is None:
+        raise LookupError(f"docs/{page} shows no {name}")
+    return found[1]
+
+
+def own_site(workplace: Workplace, path: Path) -> None:
+    """The chart of the reach that docs/own-site.md makes."""
+    from matplotlib.collections import PolyCollection
+
+    from xitl_cli.run.world.scenery import Scenery
+
+    profile = xitl.load_profile(workplace.file("reach.yaml", documented("own-site.md", "reach.yaml")))
+    scenery = Scenery(profile)
+    north_m, east_m = np.linspace(-75, 75, 151), np.linspace(-80, 160, 241)
+    places = np.stack(np.meshgrid(north_m, east_m, indexing="ij"), axis=-1).reshape(-1, 2)
+    down_m = scenery.bed.bed_down_m(places).reshape(len(north_m), -1)
+    colours = {"wood": "#8a6a43", "leaves": "#5f8f4e", "rock": "#6f7780", "wall": "#b9a48a", "plastic": RED}
+
+    def draw(axes: Any) -> None:
+        chart = axes.contourf(east_m, north_m, down_m, levels=[0, 1, 2, 3, 4, 5, 6], cmap="Blues", extend="max")
+        axes.set_facecolor("#d8d2b4")
+        axes.figure.colorbar(chart, ax=axes, label="depth (m)")
+        for part in scenery.scene.parts:
+            plan = part.mesh.vertices_m[part.mesh.faces][..., [1, 0]]
+            colour = colours.get(part.mesh.material.name)
+            if colour and part.name != "ground":
+                axes.add_collection(PolyCollection(list(plan), facecolor=colour, edgecolor=colour, linewidth=0.3))
+        start = profile.mission.start
+        way = np.array([(start.north_m, start.east_m), *profile.mission.waypoints_ned_m])
+        axes.plot(way[:, 1], way[:, 0], "o--", color=INK, markersize=4, linewidth=1.2, label="mission")
+        for launch in profile.world.debris.launches:
+            north, east = launch.pos_ned_m
+            axes.plot(east, north, "x", color=RED, markersize=8, label=f"{launch.kind} at {launch.at_s:g} s")
+        axes.set(xlim=(-80, 160), ylim=(-75, 75), xlabel="east (m)", ylabel="north (m)", aspect="equal")
+        axes.grid(False)
+        axes.legend(loc="lower right")
+
+    figure(path, draw, height=5.2)
