@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 sys.path.append(str(Path(__file__).parents[1] / "unit" / "logs"))
+from expression_cases import made_signals
 from report_samples import SECONDS, sample_report
 
+from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.report import html
+from xitl_cli.logs.report.signal_data import held_log
 
 SCREEN = {"width": 1280, "height": 2600}
 CHROMIUM = Path("/usr/bin/chromium")
@@ -201,3 +204,40 @@ def test_nothing_is_wider_than_a_telephone(opened: Opened) -> None:
     opened.page.set_viewport_size({"width": 360, "height": 2600})
     opened.draw_all()
     assert opened.page.evaluate("document.documentElement.scrollWidth") == 360
+
+
+EXPRESSION = "hypot(XKF1[1].VN, XKF1[0].VE) - GPS.Spd"
+
+
+def test_the_picker_draws_what_the_log_says(browser: Any, tmp_path: Path) -> None:
+    """Typed expressions against `Log.signal` on the same rows; what is wrong is said, what is chosen can go again."""
+    log, path = made_signals(), tmp_path / "picker.html"
+    html.write(replace(sample_report(), signals=(held_log(log, TimeLine(), ""),)), path)
+    page = browser.new_page(viewport=SCREEN, color_scheme="dark")
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda message: complaints.append(message.text))
+    page.goto(path.as_uri())
+    page.locator("#pick").scroll_into_view_if_needed()
+    page.wait_for_function("() => document.querySelector('#messages').options.length === 7")
+    assert "hypot(XKF1.VN, XKF1.VE)" in page.locator("#suggested").inner_text()
+    for text in (EXPRESSION, "ATT.Yew", "GPS.Spd"):
+        page.locator("#picking").fill(text)
+        page.keyboard.press("Enter")
+        assert ("did you mean Yaw?" in page.locator("#refused").inner_text()) == (text == "ATT.Yew")
+    assert page.locator("#picking").input_value() == ""
+    page.locator("#messages").select_option("ATT")
+    page.locator("#columns button", has_text="DesYaw").click()
+    assert page.locator("#picked figure").count() == 2  # m/s, and degrees
+    page.locator("#picked figure .main-svg").first.wait_for()
+    drawn = page.evaluate(
+        "() => { const [one] = document.querySelector('#picked .canvas').data; return [[...one.x], [...one.y]]; }"
+    )
+    there = log.signal(EXPRESSION)
+    assert drawn[0] == pytest.approx(there.time_s.tolist(), abs=1e-6)
+    assert drawn[1] == pytest.approx(there.values.tolist(), abs=1e-5)  # float32 in the page
+    assert "GPS brought onto them" in page.locator("#said").inner_text()
+    page.locator("#chosen button", has_text="DesYaw").click()
+    assert page.locator("#picked figure").count() == 1
+    assert complaints == []
+    page.close()

@@ -57,7 +57,7 @@ def analyze(
     if page is not None:
         html.refuse_other(page)
     with progress("opening") as told:
-        found = build(files, wanted, told, vessel or "")
+        found = build(files, wanted, told, vessel or "", signals_held=page is not None)
         if page is not None and found.files:
             told("page")
             html.write(found, page)

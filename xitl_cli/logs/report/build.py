@@ -23,6 +23,7 @@ from xitl_cli.logs.model.table import Floats, Stamps, whole_ns
 from xitl_cli.logs.model.text import resolve_name
 from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
 from xitl_cli.logs.report.plots import thin
+from xitl_cli.logs.report.signal_data import MOST_BYTES, HeldLog, held_log
 from xitl_cli.logs.report.wording import vehicle_line
 from xitl_cli.logs.signals import Series, StateSpan
 
@@ -206,12 +207,18 @@ Progress = Callable[[str], None]
 
 
 def build_report(
-    paths: Sequence[Path], only: Collection[str] = (), told: Progress = lambda _: None, vessel: str = ""
+    paths: Sequence[Path],
+    only: Collection[str] = (),
+    told: Progress = lambda _: None,
+    vessel: str = "",
+    *,
+    signals_held: bool = False,
 ) -> Report:
     """Of every file that can be opened; the others become refusals.
 
     vessel: of recordings of several, as of `open_all`. only: names of SECTIONS; none means all. told: hears what is
-    being done. Raises LogError for a section that does not exist.
+    being done. signals_held: whether the report holds signals for the picker of a page. Raises LogError for a section
+    that does not exist.
     """
     wanted = sections_named(only)
     with ExitStack() as opened:
@@ -223,9 +230,13 @@ def build_report(
         if OVERVIEW in wanted and files:
             told(OVERVIEW)
             files, overview = _with_overview(files, laid)
+        held: tuple[HeldLog, ...] = ()
+        if signals_held and files:
+            told("signals")
+            files, held = _with_signals(files, laid)
         # Damage inside of a recording is found when its topics are read.
         files = [replace(file, health=log.health) for file, log in zip(files, laid, strict=True)]
-        return Report(tuple(files), tuple(refusals), overview)
+        return Report(tuple(files), tuple(refusals), overview, held)
 
 
 def open_all(paths: Sequence[Path], opened: ExitStack, vessel: str | None = "") -> tuple[list[Log], list[RefusedFile]]:
@@ -341,6 +352,19 @@ def _with_overview(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[F
     except Exception as error:  # noqa: BLE001  as above
         failed = replace(files[0], failures=(*files[0].failures, analysis_failure(OVERVIEW, error)))
         return [failed, *files[1:]], Overview()
+
+
+def _with_signals(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[FileReport], tuple[HeldLog, ...]]:
+    """Within one limit for all of them."""
+    several = len(files) > 1
+    try:
+        return files, tuple(
+            held_log(log, file.time_line, file.name if several else "", MOST_BYTES // len(files))
+            for log, file in zip(logs, files, strict=True)
+        )
+    except Exception as error:  # noqa: BLE001  as above
+        failed = replace(files[0], failures=(*files[0].failures, analysis_failure("signals", error)))
+        return [failed, *files[1:]], ()
 
 
 def _thinned(section: Section) -> Section:

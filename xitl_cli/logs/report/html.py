@@ -20,7 +20,7 @@ from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import Overview, Report
 from xitl_cli.logs.report.page import FileCard, Page, PageFinding, PageGroup, PagePart, report_page
-from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plot_payload, thinned_note
+from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plot_payload, signals_payload, thinned_note
 
 _MOST_ROWS = 2000
 _MOST_EVIDENCE = 12
@@ -196,7 +196,8 @@ _OVERVIEW_ID = "overview"
 _DOCTYPE = "<!doctype html>"
 _BANDS = (("mode", "modes"), ("armed", "arming"), ("finding", "findings"))
 _TOGGLES = (("mode", "Modes", "true"), ("armed", "Armed", "false"), ("finding", "Findings", "true"))
-_SCRIPTS = ("data.js", "plots.js", "time.js", "page.js")
+_PICKER_ID = "signals"
+_SCRIPTS = ("data.js", "plots.js", "time.js", "expressions.js", "picker.js", "page.js")
 
 
 def write(report: Report, path: Path) -> None:
@@ -261,7 +262,11 @@ def html(page: Page) -> str:
         return f"p{next(numbers)}"
 
     track = _track(page, next_plot)
-    body = [_overview(page, next_plot), *(_part(part, section_id, next_plot) for part, section_id in identified)]
+    body = [
+        _overview(page, next_plot),
+        _picker(page),
+        *(_part(part, section_id, next_plot) for part, section_id in identified),
+    ]
     plotly, script, style = _plotly(), _script(), _asset("page.css")
     policy = (
         f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}; style-src 'unsafe-inline'; "
@@ -305,6 +310,8 @@ def _navigation(page: Page, identified: list[tuple[PagePart, str]], findings: bo
     links = ['<a href="#findings">Findings</a>'] if findings else []
     if overview:
         links.append(f'<a href="#{_OVERVIEW_ID}">Overview</a>')
+    if page.signals:
+        links.append(f'<a href="#{_PICKER_ID}">Signals</a>')
     label = ""
     for part, section_id in identified:
         if part.label != label:
@@ -366,6 +373,30 @@ def _overview(page: Page, next_plot: Callable[[], str]) -> str:
         parts += [_plot(plot, TimeLine(), next_plot) for plot in overview.plots]
         parts.append(lacks_markup(overview.lacks))
     return f'<section id="{_OVERVIEW_ID}"><h2>Overview</h2>{"".join(parts)}</section>' if any(parts) else ""
+
+
+def _picker(page: Page) -> str:
+    """Where the reader names signals and expressions to be drawn; their data stand in the page."""
+    if not any(held.tables for held in page.signals):
+        return ""
+    held = "".join(
+        f"<p>The page holds {escape((f'of {held.label} ' if held.label else '') + held.sentence)}.</p>"
+        for held in page.signals
+    )
+    data = "".join(
+        f'<script type="application/json" class="held">{json_text(signals_payload(held))}</script>'
+        for held in page.signals
+    )
+    return (
+        f'<section id="{_PICKER_ID}"><h2>Signals</h2>'
+        '<form id="pick" autocomplete="off"><input type="text" id="picking" list="fields" spellcheck="false" '
+        'aria-label="Signal or expression" placeholder="ATT.Roll, or wrap180(ATT.DesYaw - ATT.Yaw)">'
+        '<datalist id="fields"></datalist><button type="submit">Draw</button>'
+        '<select id="messages" aria-label="Message"></select></form>'
+        '<div id="columns" class="choices"></div><div id="suggested" class="choices"></div>'
+        '<p id="refused" role="alert"></p><div id="chosen" class="choices"></div><ul id="said" class="lacks"></ul>'
+        f'<div id="picked"></div><div class="note held-note">{held}</div>{data}</section>'
+    )
 
 
 def _map_controls(overview: Overview) -> str:

@@ -12,6 +12,7 @@ from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.log import Base, Format, LogHealth
 from xitl_cli.logs.model.sections import Finding, Mark, Plot, Section, Severity
 from xitl_cli.logs.model.table import Floats
+from xitl_cli.logs.report.signal_data import HeldLog
 from xitl_cli.logs.report.wording import damage_sentences
 
 
@@ -111,12 +112,14 @@ class Overview:
 class Report:
     """All analyses of some logs.
 
-    files: those that could be opened, in the order they were given. refusals: the others, with the reason.
+    files: those that could be opened, in the order they were given. refusals: the others, with the reason. signals:
+    of each of them, for the picker of a page.
     """
 
     files: tuple[FileReport, ...]
     refusals: tuple[RefusedFile, ...] = ()
     overview: Overview = Overview()
+    signals: tuple[HeldLog, ...] = ()
 
     @property
     def findings(self) -> list[FileFinding]:

@@ -10,6 +10,7 @@ from xitl_cli.logs.model.sections import Finding, Section, Severity
 from xitl_cli.logs.model.text import duration_text
 from xitl_cli.logs.report.causes import group_findings
 from xitl_cli.logs.report.model import FileFinding, FileReport, Overview, Report
+from xitl_cli.logs.report.signal_data import HeldLog
 from xitl_cli.logs.report.wording import FORMAT_NAMES
 
 
@@ -67,7 +68,8 @@ class PageMark:
 class Page:
     """notices: sentences about the page as a whole, such as a file that could not be opened.
 
-    groups: the findings of its head by cause; None where each stands for itself, the worst first.
+    groups: the findings of its head by cause; None where each stands for itself, the worst first. signals: what the
+    picker draws from.
     """
 
     title: str
@@ -78,6 +80,7 @@ class Page:
     marks: tuple[PageMark, ...] = ()
     overview: Overview | None = None
     groups: tuple[PageGroup, ...] | None = None
+    signals: tuple[HeldLog, ...] = ()
 
     @property
     def grouped(self) -> tuple[PageGroup, ...]:
@@ -114,6 +117,7 @@ def report_page(report: Report) -> Page:
         (*page_marks(overview), *_finding_marks(report)),
         overview if shown else None,
         _groups(report),
+        report.signals,
     )
 
 

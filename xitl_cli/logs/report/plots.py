@@ -15,6 +15,7 @@ from xitl_cli.logs.model.sections import Plot, Trace
 from xitl_cli.logs.model.table import Floats
 from xitl_cli.logs.report.model import MapTrack, Overview
 from xitl_cli.logs.report.page import Page, PageMark
+from xitl_cli.logs.report.signal_data import HeldColumn, HeldLog
 
 MOST_POINTS = 4000
 Numbers = NDArray[Any]  # of int64 or float64
@@ -156,6 +157,22 @@ def page_payload(page: Page) -> dict[str, Any]:
     return {"range": _range(page), "marks": [_mark(mark) for mark in page.marks]}
 
 
+def signals_payload(held: HeldLog) -> dict[str, Any]:
+    """Of the picker: what report/assets/expressions.js calls a source, its arrays packed."""
+    return {
+        "label": held.label,
+        "tables": [
+            {
+                "name": table.name,
+                "instance": table.instance,
+                "t": _instants(table.at_s),
+                "columns": {column.name: _held_column(column) for column in table.columns},
+            }
+            for table in held.tables
+        ],
+    }
+
+
 def json_text(content: Any) -> str:
     """Safe inside a script element: no markup can begin in it."""
     text = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=True)
@@ -222,6 +239,14 @@ def _numbers(values: Floats) -> dict[str, Any]:
     if largest < 1e38 and (height == 0.0 or largest * _FLOAT32 <= height * _ENOUGH):
         return {"type": "f4", "data": _text(kept.astype("<f4"))}
     return {"type": "f8", "data": _text(kept.astype("<f8"))}
+
+
+def _held_column(column: HeldColumn) -> dict[str, Any]:
+    values = column.values
+    packed = _numbers(values)
+    if len(values) and np.isfinite(values[0]) and (values == values[0]).all():
+        packed = {"type": "constant", "value": float(values[0]), "many": len(values)}
+    return {"unit": column.unit, "held": column.held, "values": packed}
 
 
 def _text(values: NDArray[Any]) -> str:

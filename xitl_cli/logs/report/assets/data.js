@@ -52,6 +52,7 @@ const shortNumber = (value) =>
 // Data
 
 const decode = (array) => {
+  if (array.type === "constant") return new Float64Array(array.many).fill(array.value);
   const bytes = Uint8Array.from(atob(array.data), (letter) => letter.charCodeAt(0)).buffer;
   if (array.type === "f4") return new Float32Array(bytes);
   if (array.type === "f8") return new Float64Array(bytes);

@@ -29,9 +29,18 @@ const printing = (on) => {
   for (const plot of plots) { plot.width = on ? 660 : undefined; if (on || plot.drawn) render(plot); }
 };
 
-for (const figure of all("figure.plot")) {
+const seen = new IntersectionObserver((entries) => {
+  for (const entry of entries) {
+    const plot = plots.find((each) => each.figure === entry.target);
+    if (!plot) continue;
+    plot.visible = entry.isIntersecting;
+    if (plot.visible && (!plot.drawn || plot.dirty)) render(plot);
+  }
+}, { rootMargin: "300px" });
+const adopt = (figure, data) => {
   const plot = { figure, canvas: find(".canvas", figure), kind: [...figure.classList].find((name) => name in draws), title: find("h3", figure).textContent };
   plot.names = () => { load(plot); return (plot.data.traces ?? []).map((trace) => trace.name).join(" "); };
+  if (data) { plot.data = data; legend(plot); }
   plots.push(plot);
   plot.canvas.addEventListener("mousemove", (event) => {
     if (!plot.drawn) return;
@@ -41,14 +50,15 @@ for (const figure of all("figure.plot")) {
   plot.canvas.addEventListener("mouseleave", () => setCursor(null));
   if (overTime(plot)) figure.addEventListener("keydown", key);
   find("select", figure)?.addEventListener("change", () => render(plot));
-}
-const seen = new IntersectionObserver((entries) => {
-  for (const entry of entries) {
-    const plot = plots.find((each) => each.figure === entry.target);
-    plot.visible = entry.isIntersecting;
-    if (plot.visible && (!plot.drawn || plot.dirty)) render(plot);
-  }
-}, { rootMargin: "300px" });
+  seen.observe(figure);
+};
+const drop = (figure) => {
+  const index = plots.findIndex((plot) => plot.figure === figure);
+  seen.unobserve(figure);
+  if (plots[index].drawn) Plotly.purge(plots[index].canvas);
+  plots.splice(index, 1);
+  figure.remove();
+};
 const reading = new IntersectionObserver((entries) => {
   for (const entry of entries) find(`nav a[href="#${entry.target.id}"]`)?.classList.toggle("here", entry.isIntersecting);
 }, { rootMargin: "-20% 0px -70% 0px" });
@@ -76,5 +86,6 @@ addEventListener("beforeprint", () => printing(true));
 addEventListener("afterprint", () => printing(false));
 let resized;
 addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => renew(), 120); });
-for (const plot of plots) seen.observe(plot.figure);
+for (const figure of all("figure.plot")) adopt(figure);
+picker();
 for (const section of all("main > section")) reading.observe(section);

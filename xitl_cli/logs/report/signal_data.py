@@ -1,0 +1,139 @@
+"""The signals that a page of a report holds, for its picker: of every message some rows, all within a limit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.named_signals import signal_columns
+from xitl_cli.logs.model.table import Floats, Table, by_instance
+
+MOST_BYTES = 3_000_000
+"""Of the numbers as they stand in the page, before base64 adds a third."""
+
+_ROWS = (8000, 4000, 2000, 1000, 500, 250)
+_MOST_COLUMNS = 48  # of one message
+_MOST_ELEMENTS = 16  # of one field: a covariance is no signal
+_ABOUT_THE_LOG = frozenset(("FMT", "FMTU", "UNIT", "MULT", "PARM", "FILE", "ISBH", "ISBD"))
+
+
+@dataclass(frozen=True, slots=True)
+class HeldColumn:
+    """values: (n,) float64. held: a state, which lasts until the next row."""
+
+    name: str
+    unit: str
+    held: bool
+    values: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class HeldTable:
+    """A message, or one instance of it. at_s: (n,) on the page's time line; `of` rows there were."""
+
+    name: str
+    instance: int | None
+    at_s: Floats
+    of: int
+    columns: tuple[HeldColumn, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class HeldLog:
+    """label: of the file where there are several. rows: the most of a message. left_out: fields that it has not."""
+
+    label: str
+    tables: tuple[HeldTable, ...]
+    rows: int
+    left_out: int = 0
+
+    @property
+    def sentence(self) -> str:
+        """How much of the log it is."""
+        thinned = [table for table in self.tables if table.of > len(table.at_s)]
+        said = "every row of every message"
+        if thinned:
+            most = max(thinned, key=lambda table: table.of / len(table.at_s))
+            said = f"at most {self.rows} rows of a message, evenly chosen ({most.name}: {len(most.at_s)} of {most.of})"
+        without = f"; without {self.left_out} fields of arrays and long messages" if self.left_out else ""
+        return said + without + ("; `xitl logs plot` draws from every row" if thinned or self.left_out else "")
+
+
+def held_log(log: Log, time_line: TimeLine, label: str, most_bytes: int = MOST_BYTES) -> HeldLog:
+    """Of all its messages; as many rows of each as fit."""
+    parts = [
+        (table.name, number if table.instance is not None else None, part)
+        for table in _tables(log)
+        for number, part in by_instance(table).items()
+    ]
+    widths = [_width(part) for _, _, part in parts]
+    rows = next((rows for rows in _ROWS if _size(parts, widths, rows) <= most_bytes), _ROWS[-1])
+    tables, left_out, left = [], 0, most_bytes
+    for name, instance, part in parts:
+        table, without = _held(name, instance, part, time_line, rows)
+        size = 4 * (2 + len(table.columns)) * len(table.at_s)
+        if size > left:
+            left_out += len(table.columns) + without
+            continue
+        left, left_out = left - size, left_out + without
+        if table.columns:
+            tables.append(table)
+    return HeldLog(label, tuple(tables), rows, left_out)
+
+
+def _tables(log: Log) -> Iterator[Table]:
+    for name, table in log.tables.items():
+        if name in _ABOUT_THE_LOG:
+            continue
+        try:
+            yield from log.frame_tables(name).values()
+        except KeyError:
+            yield table
+
+
+def _width(part: Table) -> int:
+    return min(sum(1 for _ in _numbers(part)), _MOST_COLUMNS)
+
+
+def _size(parts: Sequence[tuple[str, int | None, Table]], widths: Sequence[int], rows: int) -> int:
+    return sum(4 * (2 + width) * min(len(part), rows) for (_, _, part), width in zip(parts, widths, strict=True))
+
+
+def _numbers(part: Table) -> Iterator[tuple[str, int | None]]:
+    """Fields of one number a row, and the elements of short arrays."""
+    for name in signal_columns(part):
+        shape = part.columns[name].shape
+        if name.startswith("_"):
+            continue
+        if not shape:
+            yield name, None
+        elif len(shape) == 1 and 0 < shape[0] <= _MOST_ELEMENTS:
+            yield from ((name, element) for element in range(shape[0]))
+
+
+def _held(
+    name: str, instance: int | None, part: Table, time_line: TimeLine, most: int
+) -> tuple[HeldTable, int]:  # fmt: skip
+    """And how many fields are left out."""
+    many = len(part)
+    kept = np.unique(np.linspace(0, many - 1, min(many, most)).astype(np.intp))
+    fields = list(_numbers(part))
+    columns = []
+    for field, element in fields[:_MOST_COLUMNS]:
+        column = part.columns[field]
+        try:
+            stored = np.asarray(part.values(field, kept))
+        except LogError:  # damaged beyond reading, which the report tells elsewhere
+            continue
+        values = stored if element is None else stored[:, element]
+        held = stored.dtype.kind in "iub" and not column.unit
+        label = field if element is None else f"{field}[{element}]"
+        columns.append(HeldColumn(label, column.unit, held, values.astype(np.float64)))
+    arrays = sum(1 for each in signal_columns(part) if part.columns[each].shape and (each, 0) not in fields)
+    at_s = time_line.seconds(part.stamp_ns[kept])
+    return HeldTable(name, instance, at_s, many, tuple(columns)), len(fields) - len(columns) + arrays
