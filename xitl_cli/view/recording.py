@@ -139,9 +139,9 @@ class LogScene:
         """What is known of one vessel over time."""
         return next(one.track for one in self._placed if one.name == name)
 
-    def instant(self, time_s: float, since_s: float | None = None) -> ViewInstant:
-        """The world at time_s, with what was said after since_s."""
-        vessels = {one.name: one.track.at(time_s, self._totals[one.name]) for one in self._placed}
+    def instant(self, time_s: float, since_s: float | None = None, seen: bool = True) -> ViewInstant:
+        """The world at time_s, with what was said after since_s. seen: with the clouds of sensors."""
+        vessels = {one.name: one.track.at(time_s, self._totals[one.name], seen) for one in self._placed}
         vessels |= {name: VesselInstant(*pose.at(time_s)) for name, pose in self._others.items()}
         return ViewInstant(
             time_s,

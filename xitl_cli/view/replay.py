@@ -79,13 +79,15 @@ class _WayDrawing:
         segments = np.stack([points[:-1], points[1:]], axis=1)
         under = segments.copy()
         under[:, :, 2] -= 0.03
-        api.add_line_segments(f"{path}/whole", under, colors=AHEAD, thickness=1.5)
+        api.add_line_segments(f"{path}/whole", under, colors=AHEAD, thickness=1.5, thickness_units="screen")
         many = max(LEAST_PIECE, -(-len(segments) // MOST_PIECES))
         firsts = range(0, len(segments), many)
         for number, first in enumerate(firsts):
             piece = segments[first : first + many]
             self._pieces.append(
-                api.add_line_segments(f"{path}/{number}", piece, colors=colour, thickness=3.0, visible=False)
+                api.add_line_segments(
+                    f"{path}/{number}", piece, colors=colour, thickness=3.0, thickness_units="screen", visible=False
+                )
             )
         self._until_s = np.array([seconds[min(first + many, len(seconds) - 1)] for first in firsts])
 

@@ -194,8 +194,8 @@ class VesselTrack:
     clouds: Mapping[str, CloudTrack | MapTrack]
     obstacles: ObstacleTrack | None
 
-    def at(self, time_s: float, waypoints_total: int) -> VesselInstant:
-        """As it was then."""
+    def at(self, time_s: float, waypoints_total: int, seen: bool = True) -> VesselInstant:
+        """As it was then. seen: with what its sensors saw."""
         place, turn = self.pose.at(time_s)
         estimate = None if self.estimate is None else self.estimate.at(time_s)
         if self.estimate is not None and time_s < self.estimate.span_s[0]:
@@ -206,7 +206,8 @@ class VesselTrack:
         if estimate is not None:
             numbers["estimate off (m)"] = float(np.linalg.norm((estimate[0] - place)[:2]))
         motors = None if self.motors is None else self.motors.at(time_s)
-        clouds = {name: seen for name, cloud in self.clouds.items() if (seen := cloud.at(time_s)) is not None}
+        tracks = self.clouds.items() if seen else ()
+        clouds = {name: points for name, cloud in tracks if (points := cloud.at(time_s)) is not None}
         obstacles, radius = (np.empty((0, 3)), np.empty(0)) if self.obstacles is None else self.obstacles.at(time_s)
         mode, armed = state_at(self.modes, time_s), state_at(self.armed, time_s) is not None
         target = self.mission_enu_m[reached + 1] if armed and reached + 1 < len(self.mission_enu_m) else None

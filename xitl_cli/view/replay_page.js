@@ -1,0 +1,208 @@
+/* What a replay page has around viser's own player: marks over its time line, numbers, events, findings and the camera.
+ *
+ * The player keeps the time: it is read from its number field, and set there. Scene time is the player's plus `begin_s`.
+ */
+"use strict";
+(() => {
+  const replay = JSON.parse(document.getElementById("replay-data").textContent);
+  const made = (kind, parent, name, text) => {
+    const node = document.createElement(kind);
+    if (name) node.className = name;
+    if (text !== undefined) node.textContent = text;
+    parent.append(node);
+    return node;
+  };
+  const clock = (seconds) => {
+    const tenths = Math.round(Math.abs(seconds) * 10);
+    const minutes = Math.floor(tenths / 600);
+    return `${seconds < 0 && tenths ? "-" : ""}${minutes}:${((tenths % 600) / 10).toFixed(1).padStart(4, "0")}`;
+  };
+
+  const field = () => document.querySelector(".mantine-NumberInput-input");
+  const shownTime = () => parseFloat((field() || {}).value) || 0;
+  const jump = (sceneTime) => {
+    const input = field();
+    if (!input) return;
+    const value = Math.min(Math.max(sceneTime - replay.begin_s, 0), replay.duration_s);
+    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(input, value.toFixed(2));
+    input.dispatchEvent(new Event("input", { bubbles: true }));
+  };
+
+  /* Panel */
+  document.title = replay.title;
+  const panel = made("details", document.body, "replay-panel");
+  panel.open = window.innerWidth > 700;
+  const head = made("summary", panel);
+  made("b", head, "", replay.title);
+  const now = made("span", head, "replay-now");
+  const cameras = made("div", panel, "replay-cameras");
+  const subject = made("select", cameras);
+  subject.title = "vessel";
+  for (const vessel of replay.vessels) made("option", subject, "", vessel.name || "vessel");
+  subject.hidden = replay.vessels.length < 2;
+  const numbers = made("table", panel, "replay-numbers");
+  const lists = (title, rows, row) => {
+    if (!rows.length) return null;
+    const list = made("details", panel);
+    made("summary", list, "", `${title} (${rows.length})`);
+    const body = made("div", list, "replay-list");
+    rows.forEach((each) => row(body, each));
+    return list;
+  };
+  const entry = (body, time, text, name, more) => {
+    const line = made("button", body, `replay-entry ${name}`);
+    made("span", line, "replay-time", time === null ? "–" : clock(time));
+    made("span", line, "", text);
+    if (more) line.title = more;
+    if (time === null) line.disabled = true;
+    else line.onclick = () => jump(time);
+    return line;
+  };
+  const findings = lists("Findings", replay.findings, (body, each) =>
+    entry(body, each.time_s, each.sentence, `replay-${each.severity}`, each.next_step));
+  if (findings) findings.open = true;
+  const marks = lists("Events", replay.marks, (body, each) => entry(body, each.time_s, each.text, "replay-event"));
+  if (marks && !findings) marks.open = true;
+  lists("Notes", replay.notes, (body, each) => made("p", body, "replay-note", each));
+
+  /* Marks over the time line */
+  const strip = made("div", document.body, "replay-strip");
+  const tick = (time, name, text) => {
+    if (time === null) return;
+    const node = made("i", strip, `replay-tick ${name}`);
+    node.style.left = `${(100 * (time - replay.begin_s)) / replay.duration_s}%`;
+    node.title = `${clock(time)} ${text}`;
+    node.onclick = () => jump(time);
+  };
+  replay.marks.forEach((each) => tick(each.time_s, "replay-event", each.text));
+  replay.findings.forEach((each) => tick(each.time_s, `replay-${each.severity}`, each.sentence));
+  const layStrip = () => {
+    const slider = document.querySelector(".mantine-Slider-root");
+    strip.hidden = !slider;
+    if (!slider) return;
+    const track = (slider.querySelector(".mantine-Slider-track") || slider).getBoundingClientRect();
+    strip.style.left = `${track.left}px`;
+    strip.style.width = `${track.width}px`;
+    strip.style.top = `${track.top - 9}px`;
+  };
+
+  /* Numbers */
+  const lastBefore = (times, time) => {
+    let low = 0;
+    let high = times.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (times[middle] <= time) low = middle + 1;
+      else high = middle;
+    }
+    return low - 1;
+  };
+  const cells = new Map();
+  const show = (label, text) => {
+    if (!cells.has(label)) {
+      const row = made("tr", numbers);
+      made("td", row, "", label);
+      cells.set(label, made("td", row));
+    }
+    const cell = cells.get(label);
+    if (cell.textContent !== text) cell.textContent = text;
+  };
+  let shown = NaN;
+  const tell = () => {
+    const time = shownTime() + replay.begin_s;
+    if (time === shown) return;
+    shown = time;
+    now.textContent = clock(time);
+    const vessel = replay.vessels[subject.selectedIndex];
+    const mode = vessel.modes.filter((each) => each[0] <= time).pop();
+    const armed = vessel.armed.some((each) => each[0] <= time && time <= each[1]);
+    show("mode", `${mode ? mode[1] : "–"}${armed ? ", armed" : ""}`);
+    if (vessel.waypoints) {
+      show("waypoint", `${vessel.reached_s.filter((each) => each <= time).length} of ${vessel.waypoints}`);
+    }
+    const row = lastBefore(vessel.seconds, time);
+    for (const [label, values] of Object.entries(vessel.numbers)) {
+      const value = row < 0 ? null : values[row];
+      show(label, value === null ? "–" : String(value));
+    }
+  };
+
+  /* Camera */
+  const turned = ([w, x, y, z], [a, b, c]) => {
+    const tx = 2 * (y * c - z * b);
+    const ty = 2 * (z * a - x * c);
+    const tz = 2 * (x * b - y * a);
+    return [a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx];
+  };
+  const viewer = () => window.__viserMutable;
+  const pose = (vessel) => viewer().nodePoseData[vessel.path];
+  const inPage = (place) => turned(viewer().nodePoseData[""].wxyz, place);
+  let followed = true;
+  const look = (from, at, smooth) => {
+    viewer().cameraControl.setLookAt(...inPage(from), ...inPage(at), smooth);
+    viewer().requestRender();
+  };
+  const views = {
+    behind: (vessel, { position, wxyz }) => {
+      const [east, north] = turned(wxyz, [1, 0, 0]);
+      const far = vessel.distance_m;
+      look([position[0] - far * east, position[1] - far * north, position[2] + 0.45 * far], position, false);
+    },
+    beside: (vessel, { position, wxyz }) => {
+      const [east, north] = turned(wxyz, [0, -1, 0]);
+      const far = vessel.distance_m;
+      look([position[0] + far * east, position[1] + far * north, position[2] + 0.2 * far], position, false);
+    },
+    above: (vessel, { position }) => {
+      look([position[0], position[1] - 0.01, position[2] + 6 * vessel.distance_m], position, false);
+    },
+    all: () => {
+      const [east, north] = replay.middle_en_m;
+      look([east, north - 0.55 * replay.extent_m, 0.85 * replay.extent_m], [east, north, 0], false);
+    },
+  };
+  const takeView = (name) => {
+    const vessel = replay.vessels[subject.selectedIndex];
+    if (!viewer() || !viewer().cameraControl || !pose(vessel)) return;
+    followed = name !== "all";
+    views[name](vessel, pose(vessel));
+  };
+  for (const name of Object.keys(views)) made("button", cameras, "", name).onclick = () => takeView(name);
+  subject.onchange = () => {
+    cells.clear();
+    numbers.replaceChildren();
+    shown = NaN;
+    takeView("behind");
+  };
+  let last = "";
+  let ready = false;
+  const follow = () => {
+    const here = viewer();
+    if (!here || !here.cameraControl || !field()) return;
+    const at = pose(replay.vessels[subject.selectedIndex]);
+    if (!at) return;
+    if (!ready) {
+      ready = true;
+      takeView(replay.view);
+    }
+    const key = at.position.join();
+    if (!followed || key === last) return;
+    last = key;
+    here.cameraControl.moveTo(...inPage(at.position), false);
+    here.requestRender();
+  };
+  const frame = () => {
+    layStrip();
+    tell();
+    follow();
+    window.requestAnimationFrame(frame);
+  };
+  if (replay.at_s !== null) {
+    const begin = window.setInterval(() => {
+      if (!field()) return;
+      window.clearInterval(begin);
+      jump(replay.at_s);
+    }, 100);
+  }
+  frame();
+})();
