@@ -115,6 +115,10 @@ class Fleet:
             ),
         )
 
+    def in_environment(self, environment: Environment) -> Fleet:
+        """The same vessels in another environment of the same water."""
+        return replace(self, batches=tuple(simulation.in_environment(environment) for simulation in self.batches))
+
     @property
     def environment(self) -> Environment:
         """Of all vessels."""

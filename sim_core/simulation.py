@@ -13,7 +13,7 @@ from numpy.random import Generator
 
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
-from sim_core.environment.waves import HullSurface, HullWaves, StillHull
+from sim_core.environment.waves import FlatWater, HullSurface, HullWaves, StillHull, WaveField
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.vessel import vessel as vessel_motion
@@ -52,13 +52,27 @@ class Simulation:
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
         vessel = Vessel.from_spec(model, environment.water, dt_s, environment.waves)
-        hulls = vessel.buoyancy
-        hull_waves = environment.waves.at_hull(hulls.points_frd_m, hulls.point_share)
+        hull_waves, wave_drift = _waves_at(vessel, environment.waves)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
-        wave_drift = environment.waves.shear_drift_ne_mps(vessel.rest.draft_m)
         return cls(
             vessel, environment, hull_waves, wave_drift, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway
         )
+
+    def in_environment(self, environment: Environment) -> Simulation:
+        """The same vessel in another environment of the same water."""
+        if environment.waves is self.environment.waves:
+            return replace(self, environment=environment)
+        vessel = self.vessel.in_waves(environment.waves, environment.water)
+        hull_waves, wave_drift = _waves_at(vessel, environment.waves)
+        return replace(
+            self, vessel=vessel, environment=environment, hull_waves=hull_waves, wave_drift_ne_mps=wave_drift
+        )
+
+
+def _waves_at(vessel: Vessel, waves: WaveField | FlatWater) -> tuple[HullWaves | StillHull, Array]:
+    """What the hull meets of a sea, and how this carries the water, (2,) over the draft."""
+    hulls = vessel.buoyancy
+    return waves.at_hull(hulls.points_frd_m, hulls.point_share), waves.shear_drift_ne_mps(vessel.rest.draft_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -195,6 +195,14 @@ class Link:
             self._waiting = WaitingMessages(transport, self._hand_on_prepared)
             self._take = self._take_and_flush
 
+    def go_through(self, transport: Transport) -> None:
+        """Send and receive by another transport that carries on to the one so far."""
+        self.transport = transport
+        if self._waiting is None:
+            self._take = transport.receive
+        else:
+            self._waiting.transport = transport
+
     @property
     def system_id(self) -> int:
         """System that this end sends as."""

@@ -39,7 +39,7 @@ class WaitingMessages:
 
     def __init__(self, transport: Transport, hand_on: Callable[[Prepared], bool]) -> None:
         self.given_up = 0
-        self._transport = transport
+        self.transport = transport
         self._hand_on = hand_on
         self._waiting: deque[Prepared] = deque()
         self._urgent: deque[Prepared] = deque()
@@ -84,7 +84,7 @@ class WaitingMessages:
 
     def flush(self) -> None:
         """Send what the line has room for."""
-        waiting, transport = self._waiting, self._transport
+        waiting, transport = self._waiting, self.transport
         self._refused = not self._pass_on(self._urgent)
         while waiting and not self._refused and (self._in_order or transport.backlog_s() < FULL_S):
             self._refused = not self._hand_on(waiting[0])
@@ -100,4 +100,4 @@ class WaitingMessages:
         """Seconds until `flush` is worth a call, None when nothing waits."""
         if not (self._waiting or self._urgent):
             return None
-        return RETRY_S if self._refused else max(self._transport.backlog_s() - FULL_S, 0.0) + 1e-4
+        return RETRY_S if self._refused else max(self.transport.backlog_s() - FULL_S, 0.0) + 1e-4

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy import float32, float64
@@ -53,7 +53,8 @@ FLAT_WATER = FlatWater()
 class WaveField:
     """A realised sea of W components, the same for every vessel; each array (W,), wave vectors (W, 2) north, east.
 
-    omega_radps: the frequency that the water feels. The pattern goes with a current_ne_mps (2,) of the water.
+    omega_radps: the frequency that the water feels. The pattern goes with a current_ne_mps of the water, (2,), or
+    (W, 2) where each component has its own.
     """
 
     amplitude_m: Array
@@ -65,8 +66,16 @@ class WaveField:
     @property
     def apparent_omega_radps(self) -> Array:
         """(W,) frequency at a fixed place, omega + k . U: negative where the current carries crests back."""
-        apparent: Array = self.omega_radps + self.wave_vector_radpm @ self.current_ne_mps
+        current = self.current_ne_mps
+        carried = self.wave_vector_radpm @ current if current.ndim == 1 else np.vecdot(self.wave_vector_radpm, current)
+        apparent: Array = self.omega_radps + carried
         return apparent
+
+    def carried_on(self, current_ne_mps: Array, time_s: float) -> WaveField:
+        """The same pattern at time_s, from then on carried by another current (2,)."""
+        moved_m = (self.current_ne_mps - current_ne_mps) * time_s
+        phase_rad = self.phase_rad - np.vecdot(self.wave_vector_radpm, moved_m)
+        return replace(self, phase_rad=phase_rad, current_ne_mps=current_ne_mps)
 
     def phase_at(self, time_s: float, pos_ne_m: Array) -> Array:
         """(..., W) theta in rad at (..., 2) positions."""

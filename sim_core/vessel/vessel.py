@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,28 +83,32 @@ class Vessel:
         buoyancy = make_buoyancy(model, water)
         rest = floating_pose(model, water, buoyancy)
         hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, rest.draft_m)
-        propulsion = make_propulsion(model, water, dt_s)
-        windage = WindDrag.from_spec(model, -rest.depth_m)
-        weight = model.mass_kg * GRAVITY_MPS2 * hydrodynamics.weight_per_n
-        wave_forces: WaveForces | NoWaveForces = FLAT
-        if isinstance(waves, WaveField):
-            wave_forces = WaveForces.from_parts(model, hydrodynamics, buoyancy, waves, water, rest.depth_m)
-        per_term = [hydrodynamics.wrench, buoyancy.wrench, propulsion.wrench, windage.wrench, weight]
-        per_term += [wave_forces.wrench]
         vessel = cls(
             model=model,
             dt_s=dt_s,
             hydrodynamics=hydrodynamics,
             buoyancy=buoyancy,
-            propulsion=propulsion,
-            windage=windage,
-            wave_forces=wave_forces,
-            acceleration_per_term=np.concatenate(per_term) @ hydrodynamics.inverse_mass,
+            propulsion=make_propulsion(model, water, dt_s),
+            windage=WindDrag.from_spec(model, -rest.depth_m),
+            wave_forces=FLAT,
+            acceleration_per_term=np.zeros((0, 6)),
             rest=rest,
             level_m=water.level_m,
-        )
+        ).in_waves(waves, water)
         check_step_length(lambda states: _acceleration_off_rest(vessel, states), dt_s)
         return vessel
+
+    def in_waves(self, waves: WaveField | FlatWater, water: Water) -> Vessel:
+        """The same vessel in another sea of the same water."""
+        hydrodynamics = self.hydrodynamics
+        wave_forces: WaveForces | NoWaveForces = FLAT
+        if isinstance(waves, WaveField):
+            depth_m = self.rest.depth_m
+            wave_forces = WaveForces.from_parts(self.model, hydrodynamics, self.buoyancy, waves, water, depth_m)
+        per_term = [hydrodynamics.wrench, self.buoyancy.wrench, self.propulsion.wrench, self.windage.wrench]
+        per_term += [self.model.mass_kg * GRAVITY_MPS2 * hydrodynamics.weight_per_n, wave_forces.wrench]
+        acceleration_per_term = np.concatenate(per_term) @ hydrodynamics.inverse_mass
+        return replace(self, wave_forces=wave_forces, acceleration_per_term=acceleration_per_term)
 
 
 def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:

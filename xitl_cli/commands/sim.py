@@ -61,6 +61,18 @@ def sim(
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")] = None,
+    replay_events: Annotated[
+        Path | None,
+        typer.Option(
+            "--replay-events",
+            metavar="RUN",
+            help="Do again, when it was done, what a person did in an earlier run: its directory, a .mcap or .jsonl.",
+        ),
+    ] = None,
+    pace: Annotated[
+        float | None,
+        typer.Option("--pace", metavar="X", help="Times real time, in lockstep (default: as fast as it can)."),
+    ] = None,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Also print the tables of links, tasks, clocks and faults.")
     ] = False,
@@ -74,6 +86,7 @@ def sim(
     from xitl_cli.commands.sim_report import show_result
     from xitl_cli.profile import load_with_origins
     from xitl_cli.run.core.directory import default_path
+    from xitl_cli.run.operator.operation import operation_of
     from xitl_cli.run.session import run
     from xitl_cli.run.status_display import make_display
 
@@ -83,6 +96,7 @@ def sim(
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
     found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given], parts or ())
     loaded = found.profile
+    operation = operation_of(loaded, replay_events, pace)
     console = terminal(stderr=as_json)
     result = run(
         loaded,
@@ -91,6 +105,7 @@ def sim(
         lambda: make_display(console, loaded.name, as_json),
         timed=duration is not None,
         warnings=found.warnings,
+        operation=operation,
     )
     with still_read():
         if as_json:

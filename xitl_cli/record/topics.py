@@ -228,6 +228,14 @@ class FaultEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class OperatorAction:
+    """What a person did to the run."""
+
+    action: Annotated[String, "a JSON object, see [view.md](view.md)"]
+    source: Annotated[String, "where it was asked for: `view`, `foxglove`, or a file's own word"]
+
+
+@dataclass(frozen=True, slots=True)
 class EncounterState:
     """How two vessels stand to each other that came up with one another so as to involve risk of collision."""
 
@@ -459,6 +467,9 @@ _TABLE = (
           "a standby agent takes over from a silent one", TakeoverEvent),
     Topic("/faults", "xitl_msgs/msg/Fault", "each",
           "an injected fault begins (`active` 1) or ends (0); [faults.md](faults.md)", FaultEvent),
+    Topic("/operator/action", "xitl_msgs/msg/OperatorAction", "each",
+          "what a person did to the run as it went on, as `--replay-events` gives it again", OperatorAction,
+          per_vessel=False, from_start=False),
     Topic("/link/{link}/tx", "xitl_msgs/msg/MavlinkFrame", "every frame",
           "raw MAVLink 2 frames from host to agent; `{link}` is `agent`, `standby` with a second agent, `companion` "
           "with a companion (without the chunks of clouds and pings)", MavlinkFrameMessage),

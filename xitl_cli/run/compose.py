@@ -37,6 +37,10 @@ from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, TruthRecord
 from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
 from xitl_cli.run.nodes.scripted import ScriptedRecorder
 from xitl_cli.run.nodes.track import TrackNode
+from xitl_cli.run.operator.node import OperatorNode
+from xitl_cli.run.operator.operation import UNATTENDED, Operation
+from xitl_cli.run.operator.orders import VesselOrders
+from xitl_cli.run.operator.surroundings import Surroundings
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
 from xitl_cli.run.status_display import DisplayNode, StatusDisplay, StatusSource
@@ -44,7 +48,7 @@ from xitl_cli.run.traffic.receivers import AisReceiver
 from xitl_cli.run.traffic.self_report import SelfReport, VesselVoices, report_from_motion
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scenery import Scenery
-from xitl_cli.run.world.world import local_frame
+from xitl_cli.run.world.world import has_waterway, local_frame
 from xitl_cli.seeds import Seeds
 
 Node = TypeVar("Node", bound=RunNode)
@@ -56,7 +60,8 @@ class RunSetup:
 
     interrupted: whether somebody wants to end the run. stations: where ground stations meet all autopilots. voices:
     what the vessels of the run say of themselves. receivers: who of them hears AIS.
-    workers: have the autopilots that would be in this process, where that pays.
+    workers: have the autopilots that would be in this process, where that pays. operated: somebody may act as the run
+    goes on. orders: what an operator asks of the vessels' autopilots by.
     """
 
     profile: RunProfile
@@ -69,6 +74,8 @@ class RunSetup:
     voices: VesselVoices = field(default_factory=VesselVoices)
     receivers: dict[str, AisReceiver] = field(default_factory=dict)
     workers: AgentWorkers | None = None
+    operated: bool = False
+    orders: dict[str, VesselOrders] = field(default_factory=dict)
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -116,7 +123,8 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
             setup.receivers[profile.vessel] = receiver
 
     # What is around it, what looks at it, what scores it.
-    collisions = None if simulation.waterway is OPEN_WATER else CollisionNode(simulation, bool(profile.vessel))
+    open_water = simulation.waterway is OPEN_WATER and not setup.operated
+    collisions = None if open_water else CollisionNode(plant, bool(profile.vessel))
     perception = _perception(setup, companion)
     if perception is not None:
         made(perception)
@@ -130,9 +138,14 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     # Injected faults and recorders.
     faults = links = None
     if autopilot is not None:
-        if profile.faults:
+        if profile.faults or setup.operated:
             schedule = FaultSchedule(profile.faults, setup.seeds)
-            faults = FaultInjection(schedule, agents, autopilots, autopilot.sample_faults, profile.clock)
+            faults = FaultInjection(
+                schedule, agents, autopilots, autopilot.sample_faults, profile.clock, autopilot.set_sample_fault
+            )
+        if setup.operated and faults is not None:
+            frame = local_frame(profile.site)
+            setup.orders[profile.vessel] = VesselOrders(profile, autopilot.new_commands(), frame, faults)
         # In lockstep how much has come from a companion depends on the wall clock.
         age = autopilot.actuator_age if realtime else None
         links = LinkRecorder(profile.clock, agents if realtime else autopilots, age)
@@ -151,7 +164,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         bridge,
         companion,
         links,
-        TruthRecorder(profile, control, simulation),
+        TruthRecorder(profile, control, plant),
         ModelRange(simulation),
         mission,
         TrackNode(control) if profile.vessel else None,
@@ -166,19 +179,28 @@ def compose_world(
     make_display: Callable[[], StatusDisplay],
     warnings: Sequence[str],
     opened: ExitStack,
+    operation: Operation = UNATTENDED,
 ) -> WorldNodes:
-    """The nodes of what all vessels are in, and of who watches; `opened` closes them.
+    """The nodes of what all vessels are in, and of who watches and acts; `opened` closes them.
 
     warnings: known at the start. Raises UserError for a port that cannot be had.
     """
     first, leading = setups[0], vessels[0]
     profile = first.profile
-    river = river_from_profile(profile, Seeds(profile.clock.seed), plant, lambda: leading.control.progress)
-    if river is not None:
+    seeds = Seeds(profile.clock.seed)
+    river = operator = None
+    if has_waterway(profile) or first.operated:
+        river = river_from_profile(profile, seeds, plant, lambda: leading.control.progress)
         opened.callback(river.close)
+        if first.operated:
+            surroundings = Surroundings(plant, profile.environment, seeds)
+            names = [setup.profile.vessel for setup in setups]
+            operator = OperatorNode(surroundings, river, names, first.orders, operation.events)
+            for meet in operation.people:
+                meet(operator)
     display = DisplayNode(make_display, warnings, profile.clock, [vessel.status for vessel in vessels])
     opened.callback(display.close)
-    ahead: list[RunNode | None] = [display, river]
+    ahead: list[RunNode | None] = [display, operator, river]
     fleet = plant.simulation if isinstance(plant.simulation, Fleet) else None
     among = [] if fleet is None else _among_vessels(setups, plant, fleet)
     behind: list[RunNode | None] = [
@@ -240,8 +262,17 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
     if bridge is not None:
         options = options_from_profile(profile, setup.out, bridge=bridge.bridge)
         supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent)
+    plant = setup.plant
     autopilot = AutopilotNode(
-        profile, setup.seeds, driver_of, options, supervision, setup.interrupted, setup.plant.hulls, setup.workers
+        profile,
+        setup.seeds,
+        driver_of,
+        options,
+        supervision,
+        setup.interrupted,
+        plant.hulls,
+        setup.workers,
+        lambda: plant.simulation.environment.wind,
     )
     if bridge is not None:
         autopilot.heard.subscribe(bridge.handle)
@@ -254,9 +285,9 @@ def _perception(setup: RunSetup, companion: CompanionNode | None) -> PerceptionN
     profile, sensors, plant = setup.profile, setup.profile.sensors, setup.plant
     instruments: dict[str, PerceptionInstrument] = {}
     if sensors is not None and sensors.lidar is not None:
-        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, plant.simulation, plant.bodies)
+        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, plant, plant.bodies)
     if sensors is not None and sensors.sonar is not None:
-        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, plant.simulation, plant.bodies)
+        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, plant, plant.bodies)
     if not instruments:
         return None
     send = (lambda messages: None) if companion is None else companion.send

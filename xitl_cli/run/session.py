@@ -25,12 +25,14 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.compose import RunSetup, compose, compose_world, link_names
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
-from xitl_cli.run.core.pace import Lockstep, Pace, Realtime
+from xitl_cli.run.core.pace import Lockstep, OperatedLockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop, named
+from xitl_cli.run.operator.operation import UNATTENDED, Operation
+from xitl_cli.run.operator.orders import VesselOrders
 from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 from xitl_cli.run.traffic.receivers import AisReceiver
@@ -90,11 +92,12 @@ def run(
     make_display: Callable[[], StatusDisplay],
     timed: bool = False,
     warnings: Sequence[str] = (),
+    operation: Operation = UNATTENDED,
 ) -> Result:
     """One run, kept in `out`.
 
     timed: its duration was asked for, so that reaching it is what was wanted. warnings: of the profile, told beside
-    those of the world.
+    those of the world. operation: who may act in it.
 
     Raises UserError, leaving nothing behind, when the profile cannot run, a node cannot be reached or `out` cannot be
     used. What goes wrong later ends the run: recording and summary are kept, `error` in the summary and the exit code
@@ -112,7 +115,7 @@ def run(
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
     with ExitStack() as opened:
-        nodes = _composed(profiles, plant, scenery, out, make_display, interruption, opened)
+        nodes = _composed(profiles, plant, scenery, out, make_display, interruption, opened, operation)
         for name, node in nodes.named():
             with _of(name):
                 node.prepare()
@@ -120,7 +123,7 @@ def run(
         with directory.reserve(out), interruption.noticed():
             directory.write_profile(out, resolved_yaml(profile))
             recorders = open_recorders(out / directory.RECORDING, profiles)
-            pace: Pace = Lockstep() if lead.clock.mode == "lockstep" else Realtime(plant.simulation.dt_s)
+            pace = _pace(lead, plant, operation, interruption)
             outcome = replace(_go(profile, profiles, scenery, plant, nodes, pace, recorders, interruption), timed=timed)
     for name, node in nodes.named():
         node.save(out / name)
@@ -129,6 +132,12 @@ def run(
     if outcome.crash is not None:
         raise outcome.crash
     return Result(summary, out, _exit_code(outcome))
+
+
+def _pace(profile: RunProfile, plant: Plant, operation: Operation, interrupted: Callable[[], bool]) -> Pace:
+    if profile.clock.mode == "realtime":
+        return Realtime(plant.simulation.dt_s)
+    return OperatedLockstep(interrupted, operation.pace) if operation.paced else Lockstep()
 
 
 def check_extras(profile: RunProfile) -> None:
@@ -178,10 +187,12 @@ def _composed(
     make_display: Callable[[], StatusDisplay],
     interrupted: Callable[[], bool],
     opened: ExitStack,
+    operation: Operation,
 ) -> RunNodes:
     """The nodes of a run; `opened` closes them. Raises UserError, which names the vessel where there are several."""
     setups, vessels, voices = [], [], VesselVoices()
     receivers: dict[str, AisReceiver] = {}
+    orders: dict[str, VesselOrders] = {}
     stations = StationAddresses(profiles)
     opened.callback(stations.close)
     workers = fleet_workers(profiles)
@@ -192,10 +203,10 @@ def _composed(
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
             made = (profile, seeds, scenery, view, own, interrupted, stations, voices, receivers)
-            setups.append(RunSetup(*made, workers=workers))
+            setups.append(RunSetup(*made, workers=workers, operated=operation.operated, orders=orders))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)
-    world = compose_world(setups, vessels, plant, make_display, [*scenery.warnings, *warnings], opened)
+    world = compose_world(setups, vessels, plant, make_display, [*scenery.warnings, *warnings], opened, operation)
     return RunNodes(world, tuple(vessels), warnings)
 
 

@@ -73,6 +73,7 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
         "model_range": None,
         "collisions": None,
         "debris": None,
+        "operator": None,
         "perception": None,
         "pace": None,
         "graph": None,
@@ -107,7 +108,7 @@ def summary_of(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> 
     }
 
 
-ONCE = ("pace", "debris")
+ONCE = ("pace", "debris", "operator")
 """Sections that a fleet has at the top alone; those of `OF_THE_RUN` it has there too, of the host and the world."""
 OF_THE_RUN = ("tasks", "clocks", "warnings", *ONCE)
 

@@ -23,7 +23,7 @@ from xitl_cli.run.sensors.lidar import LidarInstrument, make_lidar
 from xitl_cli.seeds import Seeds
 
 STEP_NS = 2_500_000
-SIMULATION: Any = SimpleNamespace(environment=Environment(water=Water(level_m=-1.5)))
+PLANT: Any = SimpleNamespace(simulation=SimpleNamespace(environment=Environment(water=Water(level_m=-1.5))))
 
 
 @dataclass
@@ -40,7 +40,7 @@ def run(steps: int, latency_s: float = 0.0) -> tuple[list[tuple[int, PointCloud]
     instrument = LidarInstrument(
         Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0))),
         caster,
-        SIMULATION,
+        PLANT,
         every=40,
         latency_ns=round(latency_s * 1e9),
         rng=np.random.default_rng(5),
@@ -95,7 +95,7 @@ def test_clouds_wait_out_the_latency_and_keep_their_order(latency_s: float) -> N
 def of_profile(*overrides: str) -> LidarInstrument:
     profile = load_profile("sitl-perception", overrides).runnable()
     scenery: Any = SimpleNamespace(caster=lambda: PlaneCaster((1.0, 0.0, 0.0), 40.0))
-    return make_lidar(profile, Seeds(1), scenery, SIMULATION)
+    return make_lidar(profile, Seeds(1), scenery, PLANT)
 
 
 def test_it_is_as_the_profile_says() -> None:

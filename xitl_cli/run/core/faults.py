@@ -135,6 +135,7 @@ class FaultSchedule:
     """The faults of a profile in simulation time. `seeds` make what is drawn repeat."""
 
     def __init__(self, faults: Mapping[str, FaultSpec], seeds: Seeds) -> None:
+        self._seeds = seeds
         self._timed = [_Timed(name, fault, seeds) for name, fault in faults.items()]
         self._next_ns: dict[str, int] = {}
         self._in_force: dict[str, FaultsInForce] = {}
@@ -152,6 +153,16 @@ class FaultSchedule:
             return None
         self._in_force[link] = faults
         return faults
+
+    def set(self, name: str, fault: FaultSpec) -> None:
+        """The fault of this name, or in its place: one that begins anew, or whose end has moved."""
+        known = next((timed for timed in self._timed if timed.name == name), None)
+        if known is None:
+            self._timed.append(_Timed(name, fault, self._seeds))
+        else:
+            known.set(fault)
+        self._next_ns.clear()
+        self._next_said_ns = 0
 
     def record(self, sim_ns: int, recorder: Recorder) -> None:
         """Record and say what has begun and ended since the last call. To be called at every exchange."""
@@ -217,12 +228,23 @@ class _Timed:
         self.name = name
         self.fault = fault
         self.from_ns, self.until_ns = span_ns(fault)
-        self.edges_ns = (self.from_ns, self.until_ns)
         self.seed = int(seeds.sequence(f"faults/{name}").generate_state(1)[0])
         self.kinds = [kind for kind in _KINDS if getattr(fault, kind) is not None]
         self.begun = self.ended = False
         self.settled: set[str] = set()
         self.did: dict[str, int] = {}
+
+    @property
+    def edges_ns(self) -> tuple[int, int]:
+        return self.from_ns, self.until_ns
+
+    def set(self, fault: FaultSpec) -> None:
+        if fault.from_s != self.fault.from_s:
+            self.begun = self.ended = False
+            self.settled.clear()
+        self.fault = fault
+        self.from_ns, self.until_ns = span_ns(fault)
+        self.kinds = [kind for kind in _KINDS if getattr(fault, kind) is not None]
 
     def in_force(self, sim_ns: int) -> bool:
         return self.from_ns <= sim_ns < self.until_ns

@@ -74,6 +74,82 @@ class Lockstep:
         return PaceReport()
 
 
+LISTEN_S = 0.02  # how soon a run that stands still, or waits for its pace, hears who operates it
+RESUMED_NS = 500_000_000  # a run that is further behind its pace goes on from there and does not race after it
+
+
+class OperatedLockstep(Lockstep):
+    """Lockstep that a person may stop, let go on for a while, and slow down: none of it touches the result.
+
+    interrupted: whether somebody wants to end the run. listen: set by who operates it; called again and again while the
+    run stands still or waits. factor: times real time, None for as fast as it can.
+    """
+
+    def __init__(
+        self,
+        interrupted: Callable[[], bool],
+        factor: float | None = None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__()
+        self.listen: Callable[[], object] = lambda: None
+        self.factor = factor
+        self._interrupted = interrupted
+        self._clock_ns = clock_ns
+        self._stands_at_ns: int | None = None
+        self._anchor: tuple[int, int] | None = None
+        self._free = factor is None
+
+    @property
+    def paused(self) -> bool:
+        """Whether it stands still, or will when a step is over."""
+        return self._stands_at_ns is not None
+
+    def pause(self, sim_ns: int) -> None:
+        """Stand still from this instant on."""
+        self._stands_at_ns = sim_ns
+        self._free = False
+
+    def step(self, duration_ns: int) -> None:
+        """While paused: go on for so long, and stand still again."""
+        if self._stands_at_ns is not None:
+            self._stands_at_ns += duration_ns
+
+    def resume(self) -> None:
+        """Go on."""
+        self._stands_at_ns = self._anchor = None
+        self._free = self.factor is None
+
+    def set_factor(self, factor: float | None) -> None:
+        """Times real time from now on; None: as fast as it can."""
+        self.factor, self._anchor = factor, None
+        self._free = factor is None and self._stands_at_ns is None
+
+    def wait_until(self, sim_ns: int, idle: Idle) -> None:
+        self._cycles += 1
+        if not self._free:
+            self._wait(sim_ns)
+
+    def _wait(self, sim_ns: int) -> None:
+        while self._stands_at_ns is not None and sim_ns > self._stands_at_ns and not self._interrupted():
+            self._anchor = None
+            time.sleep(LISTEN_S)
+            self.listen()
+        while self.factor is not None and not self._interrupted():
+            now_ns = self._clock_ns()
+            if self._anchor is None:
+                self._anchor = (now_ns, sim_ns)
+            since_ns, from_ns = self._anchor
+            left_ns = since_ns + round((sim_ns - from_ns) / self.factor) - now_ns
+            if left_ns <= 0:
+                if left_ns < -RESUMED_NS:
+                    self._anchor = None
+                return
+            time.sleep(min(left_ns * 1e-9, LISTEN_S))
+            if left_ns * 1e-9 > LISTEN_S:
+                self.listen()
+
+
 class Realtime:
     """Absolute deadlines on the monotonic clock.
 

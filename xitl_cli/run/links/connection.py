@@ -17,6 +17,7 @@ from agent.wire import dialect
 from agent.wire.impaired import NO_FAULTS, ImpairedTransport
 from agent.wire.link import Link
 from agent.wire.signing import Signing
+from agent.wire.transport import Transport
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
@@ -247,8 +248,7 @@ class AgentConnection:
         self._peer = peer
         transport = peer.transport
         if self._profile.faults:
-            clock_s = self._sim_s if self._lockstep else time.monotonic
-            transport = self._impaired = ImpairedTransport(transport, self._is_never_impaired, clock_s)
+            transport = self._impaired = self._impairable(transport)
         self.link = Link(transport, HOST_SYSTEM_ID, HOST_COMPONENT_ID, signing=self._signing)
         started_s = time.monotonic()
         timeout_s = self._terms.connect_timeout_s
@@ -445,12 +445,18 @@ class AgentConnection:
         """Put new faults in force, and remind the agent of its part once a second. None: as they were."""
         if faults is not None:
             self._faults = faults
-            if self._impaired is not None:
-                self._impaired.set(faults.to_agent, faults.seed)
+            if self._impaired is None:  # the first that was not in the profile
+                self._impaired = self._impairable(self.link.transport)
+                self.link.go_through(self._impaired)
+            self._impaired.set(faults.to_agent, faults.seed)
         elif not self._faults.on_agent or sim_ns - self._faults_sent_ns < FAULTS_REPEAT_NS:
             return
         self._faults_sent_ns = sim_ns
         self.link.send(self._faults.message(sim_ns))
+
+    def _impairable(self, transport: Transport) -> ImpairedTransport:
+        clock_s = self._sim_s if self._lockstep else time.monotonic
+        return ImpairedTransport(transport, self._is_never_impaired, clock_s)
 
     def _is_never_impaired(self, message_id: int) -> bool:
         return message_id in _NEVER_IMPAIRED or (self._lockstep and message_id == dialect.MAVLINK_MSG_ID_XITL_TICK)

@@ -12,8 +12,10 @@ import numpy as np
 
 from agent.wire.link import Link
 from agent.wire.signing import Signing
+from sim_core.environment.wind import Air
 from sim_core.sensors.rangefinder import HullsAround
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.record.topics import ActuatorAge, MotionEstimate
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunStep
@@ -56,6 +58,7 @@ class AutopilotNode(ControlNode):
     real time both sides go on their own. A second agent, if the profile has one in standby, gets all that the first one
     gets. `make_driver` makes the node that commands it over its first agent; `interrupted` is asked while the answer to
     a tick is waited for; supervision: see there. workers: have the first agent, were it to be in this process.
+    air: as of make_sensing.
 
     heard: to subscribe to what the active agent says. driver: comes before this node in a run.
     """
@@ -70,6 +73,7 @@ class AutopilotNode(ControlNode):
         interrupted: Callable[[], bool] = lambda: False,
         hulls: HullsAround | None = None,
         workers: AgentWorkers | None = None,
+        air: Callable[[], Air] | None = None,
     ) -> None:
         self.heard = MessageRoute()
         self.ticking = ExchangePart(self._tick)
@@ -80,7 +84,7 @@ class AutopilotNode(ControlNode):
         self._interrupted = interrupted
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
-        self._sensing = make_sensing(profile, seeds, hulls)
+        self._sensing = make_sensing(profile, seeds, hulls, air)
         self.agents = [self._connection(name) for name in autopilot_links(profile)]
         first, standby = self.agents[0], profile.autopilot.standby
         self.view = first.inbox.view
@@ -88,8 +92,7 @@ class AutopilotNode(ControlNode):
         if standby is not None:
             self.view = AgentView(self._frame, lambda severity, text: None, lambda agent_us, estimate: None)
             self._redundancy = Redundancy(self.agents, self.view, standby)
-        commands = AutopilotCommands(self.view, self.send, *first.target)
-        self.driver = make_driver(commands, first)
+        self.driver = make_driver(self.new_commands(), first)
         self._check = EstimateCheck(profile.clock.physics_rate_hz)
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
         self._use = ActuatorUse()
@@ -122,6 +125,10 @@ class AutopilotNode(ControlNode):
         """A command, or whatever else every agent is to get."""
         for agent in self._present():
             agent.send(message)
+
+    def new_commands(self) -> AutopilotCommands:
+        """For one who commands the autopilot: it knows what it has asked for itself."""
+        return AutopilotCommands(self.view, self.send, *self.agents[0].target)
 
     def said(self) -> SelfReport | None:
         """The newest that the autopilot has told of the vessel's motion, as others may hear it."""
@@ -250,6 +257,10 @@ class AutopilotNode(ControlNode):
     def sample_faults(self) -> dict[str, dict[str, int]]:
         """How many samples each injected fault has touched, by its name."""
         return self._sensing.fault_counts()
+
+    def set_sample_fault(self, name: str, fault: FaultSpec) -> None:
+        """A fault of the sensors that is not, or not at these times, in the profile."""
+        self._sensing.set_fault(name, fault)
 
     def actuator_age(self) -> ActuatorAge:
         """How old motor commands were so far, for the recording."""

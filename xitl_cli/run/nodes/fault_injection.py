@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
@@ -16,7 +17,8 @@ COUNT_RATE_HZ = 1.0
 class FaultInjection(RunNode):
     """Puts faults in force on the links to `agents`; those of `autopilots` are counted once more at the end.
 
-    sample_faults: how many samples each fault has touched, by its name: the sensors inject theirs by themselves.
+    sample_faults: how many samples each fault has touched, by its name: the sensors inject theirs by themselves, and
+    are told of others by set_sample_fault.
     """
 
     def __init__(
@@ -26,8 +28,10 @@ class FaultInjection(RunNode):
         autopilots: Sequence[AgentConnection],
         sample_faults: Callable[[], Mapping[str, Mapping[str, int]]],
         clock: ClockSpec,
+        set_sample_fault: Callable[[str, FaultSpec], object] = lambda name, fault: None,
     ) -> None:
         self.schedule = schedule
+        self._set_sample_fault = set_sample_fault
         self._agents = agents
         self._autopilots = autopilots
         self._sample_faults = sample_faults
@@ -46,6 +50,11 @@ class FaultInjection(RunNode):
                 agent.apply_faults(step.now_ns, self.schedule.at(step.now_ns, agent.name))
                 if counts:
                     self.schedule.count_impaired(*agent.impaired, agent.name)
+
+    def set(self, name: str, fault: FaultSpec) -> None:
+        """A fault from now on, or another end of one: see FaultSchedule."""
+        self.schedule.set(name, fault)
+        self._set_sample_fault(name, fault)
 
     def report(self) -> dict[str, Any]:
         for agent in self._autopilots:

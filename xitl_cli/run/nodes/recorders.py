@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sim_core.simulation import Simulation, elevation_m
+from sim_core.simulation import elevation_m
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.topics import ActuatorAge
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.world import local_frame
 
 ENVIRONMENT_RATE_HZ = 10.0
@@ -21,8 +22,8 @@ LINKS_RATE_HZ = 1.0
 class TruthRecorder(RunNode):
     """Records motor commands, the vessel's true state and what surrounds it."""
 
-    def __init__(self, profile: RunProfile, control: ControlNode, simulation: Simulation) -> None:
-        self._simulation = simulation
+    def __init__(self, profile: RunProfile, control: ControlNode, plant: PlantView) -> None:
+        self._plant = plant
         rate_hz = profile.clock.physics_rate_hz
         self._control = control
         self._names = ", ".join(profile.vehicle.command_names)
@@ -43,7 +44,7 @@ class TruthRecorder(RunNode):
             recorder.truth(now_ns, motion, step.state.vessel.rotor_speed)
         if number % self._every_environment == 0:
             state = step.state
-            surface_m = float(elevation_m(self._simulation, state)[0])
+            surface_m = float(elevation_m(self._plant.simulation, state)[0])
             recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], surface_m)
             lat, lon, alt = self._frame.geodetic(motion.pos_ned_m)
             recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))

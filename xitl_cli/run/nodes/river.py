@@ -11,8 +11,9 @@ import numpy as np
 from numpy.random import default_rng
 
 from sim_core import frames
-from sim_core.simulation import Simulation
 from sim_core.world.debris import DebrisState, Launch, make_body
+from sim_core.world.plan import Capsules
+from sim_core.world.waterway import OPEN_WATER, Waterway
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
@@ -20,9 +21,8 @@ from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.launch_requests import LaunchPort
 from xitl_cli.run.world.collisions import Collisions
 from xitl_cli.run.world.encounters import DebrisEncounters, MissionLegs, draw_encounters
-from xitl_cli.run.world.plant import Plant
+from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scene import make_debris_scene
-from xitl_cli.run.world.world import has_waterway
 from xitl_cli.seeds import Seeds
 
 RECORD_RATE_HZ = 10.0
@@ -34,10 +34,11 @@ WARNING, INFO = 4, 6  # MAV_SEVERITY
 class CollisionNode(RunNode):
     """Records what a vessel hits. others: it is not alone in the water, and hits their hulls at least."""
 
-    def __init__(self, simulation: Simulation, others: bool) -> None:
-        self._feels = simulation.waterway.contact or others
+    def __init__(self, plant: PlantView, others: bool) -> None:
+        self._plant = plant
+        self._others = others
         self._collisions = Collisions()
-        self._record_every = _record_every(simulation.dt_s)
+        self._record_every = _record_every(plant.simulation.dt_s)
 
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder
@@ -55,7 +56,8 @@ class CollisionNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         """collisions: None where the vessel feels nothing."""
-        return {"collisions": self._collisions.report() if self._feels else None}
+        feels = self._others or self._plant.simulation.waterway.contact
+        return {"collisions": self._collisions.report() if feels else None}
 
     def _record_contact(self, recorder: Recorder, stamp_ns: int, what: str, began: bool) -> None:
         known = next(each for each in self._collisions.touching(stamp_ns) if each.what == what)
@@ -100,20 +102,20 @@ class RiverNode(RunNode):
         if target is not None:
             north_m, east_m, _ = plant.vessels[0].motion().pos_ned_m[0].tolist()
             for each in self.encounters.due(step.now_ns, (north_m, east_m), target):
-                self._launch(each)
+                self.launch(each)
         if self._port is not None:
             asked: list[Launch] = []
             room = MOST_BODIES - len(plant.state.debris.bodies)
 
             def ask(one: Launch) -> bool:
-                if len(asked) >= room or not self._possible(one):
+                if len(asked) >= room or self.refusal(one) is not None:
                     return False
                 asked.append(one)
                 return True
 
             self._port.serve(step.now_ns, ask)
             for each in asked:
-                self._launch(each)
+                self.launch(each)
 
     def sense(self, step: RunStep) -> None:
         recorder, now_ns, debris = self._recorder, step.now_ns, self._plant.state.debris
@@ -137,25 +139,34 @@ class RiverNode(RunNode):
         if self._port is not None:
             self._port.close()
 
-    def _launch(self, body: Launch) -> None:
-        if len(self._plant.state.debris.bodies) >= MOST_BODIES:
+    def launch(self, body: Launch) -> None:
+        """Put it into the water, unless there are too many; on open water that makes it one to run into."""
+        plant = self._plant
+        if len(plant.state.debris.bodies) >= MOST_BODIES:
             self._refused += 1
-        else:
-            self._plant.launch(body)
+            return
+        if plant.simulation.waterway is OPEN_WATER:
+            plant.change_waterway(Waterway(Capsules.joined(())))
+        plant.launch(body)
 
-    def _possible(self, one: Launch) -> bool:
-        """Whether there is such a body, and water but no vessel where it would be."""
+    def refusal(self, one: Launch) -> str | None:
+        """Why it cannot be put into the water: no such body, land, a vessel, or too many; None where it can."""
         try:
             body = make_body(one.kind, one.length_m)
-        except ValueError:
-            return False
+        except ValueError as error:
+            return str(error)
+        if len(self._plant.state.debris.bodies) >= MOST_BODIES:
+            return f"there are {MOST_BODIES} bodies in the water already"
+        where = f"{one.north_m:.1f} N {one.east_m:.1f} E"
         if not self.encounters.afloat(one.north_m, one.east_m):
-            return False
-        return all(
-            math.dist(vessel.motion().pos_ned_m[0, :2].tolist(), (one.north_m, one.east_m))
-            > vessel.simulation.outline.reach_m + body.half_axis_m + body.radius_m
-            for vessel in self._plant.vessels
-        )
+            return f"at {where} is no water, or something stands in it; choose another place"
+        for vessel in self._plant.vessels:
+            place = vessel.motion().pos_ned_m[0, :2].tolist()
+            if math.dist(place, (one.north_m, one.east_m)) <= (
+                vessel.simulation.outline.reach_m + body.half_axis_m + body.radius_m
+            ):
+                return f"at {where} is a vessel; choose another place"
+        return None
 
     def _tell(self, recorder: Recorder, now_ns: int, debris: DebrisState) -> None:
         for number in range(self._told, len(debris.bodies)):
@@ -172,21 +183,17 @@ class RiverNode(RunNode):
         self._told = len(debris.bodies)
 
 
-def river_from_profile(
-    profile: RunProfile, seeds: Seeds, plant: Plant, progress: Callable[[], Progress]
-) -> RiverNode | None:
-    """What the profile's `world.debris` asks for, None on open water. Raises UserError when a port cannot be had.
+def river_from_profile(profile: RunProfile, seeds: Seeds, plant: Plant, progress: Callable[[], Progress]) -> RiverNode:
+    """What the profile's `world.debris` asks for. Raises UserError when a port cannot be had.
 
     profile: of the first vessel, and `progress` what that is up to.
     """
-    if not has_waterway(profile):
-        return None
     simulation = plant.simulation
     waterway = simulation.waterway
     debris, mission = profile.world.debris, profile.mission
     start = (mission.start.north_m, mission.start.east_m)
     legs = MissionLegs([start, *mission.waypoints_ned_m])
-    current = simulation.environment.current
+    current = simulation.environment.current  # the mean one, as it is planned with
     encounters = DebrisEncounters(
         draw_encounters(debris.encounters, legs.length_m, default_rng(seeds.sequence("encounters"))),
         legs,

@@ -17,11 +17,12 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.lidar import BodyTrack, Lidar, LidarScan, PointFates
 from sim_core.sensors.optics import Atmosphere, WaterSeen
-from sim_core.simulation import Simulation, drifting_bodies
+from sim_core.simulation import drifting_bodies
 from sim_core.world.rays import Bodies, RayCaster
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
+from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
@@ -37,7 +38,7 @@ class LidarInstrument:
         self,
         lidar: Lidar,
         caster: RayCaster,
-        simulation: Simulation,
+        plant: PlantView,
         every: int,
         latency_ns: int,
         rng: Generator,
@@ -46,7 +47,7 @@ class LidarInstrument:
         self._bodies_now = bodies
         self._lidar = lidar
         self._caster = caster
-        self._simulation = simulation
+        self._plant = plant
         self._every = every
         self._latency_ns = latency_ns
         self._rng = rng
@@ -79,7 +80,7 @@ class LidarInstrument:
             self._stamps_ns, self._places, self._attitudes = [], [], []
             self._keep(sim_ns, motion)
             now = self._bodies_now
-            self._bodies = drifting_bodies(self._simulation, step.state) if now is None else now()
+            self._bodies = drifting_bodies(self._plant.simulation, step.state) if now is None else now()
         if self._waiting and self._waiting[0][0] <= sim_ns:
             return self._waiting.popleft()[1]
         return []
@@ -100,7 +101,7 @@ class LidarInstrument:
         """Cast the frame that is over, and let its cloud wait out the latency."""
         track = BodyTrack(np.array(self._stamps_ns), np.array(self._places), np.array(self._attitudes))
         start_ns, end_ns = self._stamps_ns[0], self._stamps_ns[-1]
-        water = WaterSeen.around(self._simulation.environment, start_ns * 1e-9, track.pos_ned_m[0])
+        water = WaterSeen.around(self._plant.simulation.environment, start_ns * 1e-9, track.pos_ned_m[0])
         scan = self._lidar.scan(track, self._caster, water, self._rng, self._bodies)
         for name, count in asdict(scan.fates).items():
             self._fates[name] += count
@@ -114,7 +115,7 @@ def make_lidar(
     profile: RunProfile,
     seeds: Seeds,
     scenery: Scenery,
-    simulation: Simulation,
+    plant: PlantView,
     bodies: Callable[[], Bodies] | None = None,
 ) -> LidarInstrument:
     """The lidar of the profile, which has one; bodies as of LidarInstrument."""
@@ -125,7 +126,7 @@ def make_lidar(
     return LidarInstrument(
         lidar=Lidar(keys, environment.water_reflectivity, air),
         caster=scenery.caster(),
-        simulation=simulation,
+        plant=plant,
         every=round(profile.clock.physics_rate_hz / keys.rate_hz),
         latency_ns=round(keys.latency_s * 1e9),
         rng=default_rng(seeds.sequence("lidar")),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from numpy.random import default_rng
 
-from sim_core.environment.wind import make_wind
+from sim_core.environment.wind import Air, make_wind
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame, normal_gravity_mps2
 from sim_core.kinematics import Kinematics
@@ -60,17 +60,12 @@ class SensorSuite:
             ),
             ("barometer", Barometer(sensors.barometer, site.altitude_m), sensor_messages.barometer),
         )
-        self._sensors = [
-            SensorChannel(
-                model,
-                default_rng(seeds.sequence(name)),
-                physics_rate_hz,
-                encode,
-                SensorFaults(name, faults or {}, seeds, frame),
-            )
+        self._faults = {name: SensorFaults(name, faults or {}, seeds, frame) for name, _, _ in models}
+        self._sensors = {
+            name: SensorChannel(model, default_rng(seeds.sequence(name)), physics_rate_hz, encode, self._faults[name])
             for name, model, encode in models
-        ]
-        self._channels: list[Channel] = [*self._sensors, *further]
+        }
+        self._channels: list[Channel] = [*self._sensors.values(), *further]
         self.feels_wind = any(isinstance(channel, VaneChannel) for channel in further)
         self._waiting: list[tuple[int, int, Message]] = []
         self._order = 0
@@ -98,21 +93,36 @@ class SensorSuite:
     def fault_counts(self) -> dict[str, dict[str, int]]:
         """How many samples each fault has touched, by its name."""
         counts: dict[str, dict[str, int]] = {}
-        for channel in self._sensors:
-            for name, of_channel in channel.faults.counts.items() if channel.faults is not None else ():
-                counts.setdefault(name, {}).update(of_channel)
+        for faults in self._faults.values():
+            for name, of_sensor in faults.counts.items():
+                counts.setdefault(name, {}).update(of_sensor)
         return counts
 
+    def set_fault(self, name: str, fault: FaultSpec) -> None:
+        """Have a fault act at its times, in place of the one of this name that there may have been."""
+        for sensor, faults in self._faults.items():
+            faults.set(name, fault)
+            self._sensors[sensor].faults = faults or None
 
-def make_sensing(profile: RunProfile, seeds: Seeds, hulls: HullsAround | None = None) -> SensorSuite:
-    """All that the profile's agents are told of the world; hulls: of others in it, None for nobody."""
+
+def make_sensing(
+    profile: RunProfile, seeds: Seeds, hulls: HullsAround | None = None, air: Callable[[], Air] | None = None
+) -> SensorSuite:
+    """All that the profile's agents are told of the world.
+
+    hulls: of others in it, None for nobody; air: over the water now, None for the profile's.
+    """
     assert profile.sensors is not None
-    further = list(_further_channels(profile, seeds, local_frame(profile.site), hulls))
+    further = list(_further_channels(profile, seeds, local_frame(profile.site), hulls, air))
     return SensorSuite(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
 
 
 def _further_channels(
-    profile: RunProfile, seeds: Seeds, frame: LocalFrame, hulls: HullsAround | None
+    profile: RunProfile,
+    seeds: Seeds,
+    frame: LocalFrame,
+    hulls: HullsAround | None,
+    air: Callable[[], Air] | None,
 ) -> Iterator[Channel]:
     """Sensors that a profile may leave out, and the truth for an autopilot that simulates its own."""
     assert profile.sensors is not None
@@ -137,10 +147,13 @@ def _further_channels(
     if profile.autopilot.bridge.world is not None and profile.autopilot.kind in BRIDGED:
         vane = None
         if sensors.wind_vane is not None:
-            wind, areas_m = make_wind(profile.environment.wind), profile.vehicle.wind.centre_height_m
-            mast = WindVane(
-                sensors.wind_vane, lambda height_m: wind.share(height_m) / wind.share(areas_m), water.level_m
-            )
+            steady, areas_m = make_wind(profile.environment.wind), profile.vehicle.wind.centre_height_m
+
+            def against_areas(height_m: Array | float) -> Array:
+                wind = steady if air is None else air()
+                return wind.share(height_m) / wind.share(areas_m)
+
+            mast = WindVane(sensors.wind_vane, against_areas, water.level_m)
             vane = VaneChannel(mast, default_rng(seeds.sequence("wind vane")), physics_hz)
             yield vane
         yield TruthChannel(round(physics_hz / profile.clock.exchange_rate_hz), vane)

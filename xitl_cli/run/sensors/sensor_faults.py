@@ -33,22 +33,27 @@ class SensorFaults:
 
     def __init__(self, sensor: str, faults: Mapping[str, FaultSpec], seeds: Seeds, frame: LocalFrame) -> None:
         self.counts: dict[str, dict[str, int]] = {}
-        self._faults = [
-            _SensorFault(name, sensor, fault, seeds, frame, self.counts.setdefault(name, {}))
-            for name, fault in faults.items()
-            if getattr(fault, sensor) is not None
-        ]
+        self._sensor, self._seeds, self._frame = sensor, seeds, frame
+        self._faults: dict[str, _SensorFault] = {}
         self._kept: Any = None
+        for name, fault in faults.items():
+            self.set(name, fault)
 
     def __bool__(self) -> bool:
         return bool(self._faults)
+
+    def set(self, name: str, fault: FaultSpec) -> None:
+        """The fault of this name, or in its place; its times and its draws are those of the new one."""
+        if getattr(fault, self._sensor) is not None:
+            counts = self.counts.setdefault(name, {})
+            self._faults[name] = _SensorFault(name, self._sensor, fault, self._seeds, self._frame, counts)
 
     def applied(self, stamp_ns: int, sample: Any) -> Any:
         """What becomes of a sample taken at `stamp_ns`; None when it is lost.
 
         Biases add up. A sensor that stands still repeats the last sample it gave before, or its first.
         """
-        in_force = [fault for fault in self._faults if fault.from_ns <= stamp_ns < fault.until_ns]
+        in_force = [fault for fault in self._faults.values() if fault.from_ns <= stamp_ns < fault.until_ns]
         for fault in in_force:
             sample = fault.biased(sample)
         frozen = [fault for fault in in_force if fault.freezes]

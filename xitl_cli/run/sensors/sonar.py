@@ -22,12 +22,13 @@ from sim_core.sensors.sonar import (
     turning_s,
 )
 from sim_core.sensors.spec import SonarSpec
-from sim_core.simulation import Simulation, SimulationState, drifting_bodies, elevation_m
+from sim_core.simulation import SimulationState, drifting_bodies, elevation_m
 from sim_core.world.rays import Bodies
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.sensors.ping360 import Ping360Port
+from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
@@ -137,7 +138,7 @@ def make_sonar(
     profile: RunProfile,
     seeds: Seeds,
     scenery: Scenery,
-    simulation: Simulation,
+    plant: PlantView,
     bodies: Callable[[], Bodies] | None = None,
 ) -> SonarInstrument:
     """The sonar of a profile that has one; bodies: what rays meet now that moves, None for what drifts.
@@ -150,8 +151,8 @@ def make_sonar(
     caster = scenery.caster()
 
     def below_of(state: SimulationState) -> Below:
-        surface_down_m = -water.level_m - float(elevation_m(simulation, state)[0])
-        moving = drifting_bodies(simulation, state) if bodies is None else bodies()
+        surface_down_m = -water.level_m - float(elevation_m(plant.simulation, state)[0])
+        moving = drifting_bodies(plant.simulation, state) if bodies is None else bodies()
         return Below(caster, surface_down_m, moving)
 
     port = None if settings.serve is None else Ping360Port(settings.serve)

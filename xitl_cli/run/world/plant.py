@@ -11,6 +11,7 @@ from numpy.random import Generator
 
 from sim_core import fleet as fleets
 from sim_core import simulation as simulations
+from sim_core.environment.environment import Environment, EnvironmentState
 from sim_core.fleet import Fleet, FleetState
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, kinematics
@@ -18,6 +19,7 @@ from sim_core.world.contact import Contacts
 from sim_core.world.debris import Launch
 from sim_core.world.plan import Walls
 from sim_core.world.rays import Bodies
+from sim_core.world.waterway import Waterway
 
 
 class Plant:
@@ -65,19 +67,50 @@ class Plant:
         """One body more adrift. Raises ValueError for an impossible length."""
         self.state = self._launch(self.simulation, self.state, body)
 
+    def change_environment(
+        self, environment: Environment, fluctuate: Callable[[EnvironmentState, int, Generator], EnvironmentState]
+    ) -> None:
+        """From the next step on another environment of the same water.
+
+        fluctuate: what fluctuates in it, from what does now, for so many vessels, drawn from the plant's generator.
+        """
+        self.simulation = self.simulation.in_environment(environment)
+        state = self.state
+        now = state.environment
+        fluctuation = fluctuate(now, len(now.wind.veer_rad), self._rng)
+        if fluctuation is not now:
+            if isinstance(state, FleetState):
+                state = replace(state, batches=tuple(replace(one, environment=fluctuation) for one in state.batches))
+            self.state = replace(state, environment=fluctuation)
+        self._show_simulation()
+
+    def change_waterway(self, waterway: Waterway) -> None:
+        """From the next step on something else to run into."""
+        simulation = self.simulation
+        if isinstance(simulation, Fleet):
+            batches = tuple(replace(one, waterway=waterway) for one in simulation.batches)
+            self.simulation = replace(simulation, batches=batches)
+        else:
+            self.simulation = replace(simulation, waterway=waterway)
+        self._show_simulation()
+
+    def _show_simulation(self) -> None:
+        for view in self.vessels:
+            view.simulation = _simulation_of(self.simulation, view.number)
+
 
 class PlantView:
     """The world as one vessel of a plant meets it; arrays have one row.
 
-    number: of the vessel. simulation: what does not change. held: its state is frozen while the world around it goes
-    on; held_steps: steps for which it was. hulls: the sides of the others' hulls within a range, None where there is
-    nobody else.
+    number: of the vessel. simulation: what does not change, but by the plant's `change_` methods. held: its state is
+    frozen while the world around it goes on; held_steps: steps for which it was. hulls: the sides of the others' hulls
+    within a range, None where there is nobody else.
     """
 
     def __init__(self, plant: Plant, number: int) -> None:
         simulation = plant.simulation
         self.number = number
-        self.simulation = simulation.of(number) if isinstance(simulation, Fleet) else simulation
+        self.simulation = _simulation_of(simulation, number)
         self.held = False
         self.held_steps = 0
         self.hulls = self._hulls_within if isinstance(simulation, Fleet) else None
@@ -131,3 +164,7 @@ class PlantView:
         assert isinstance(simulation, Fleet)
         assert isinstance(state, FleetState)
         return fleets.hull_walls(simulation, state, self.number, range_m)
+
+
+def _simulation_of(simulation: Simulation | Fleet, number: int) -> Simulation:
+    return simulation.of(number) if isinstance(simulation, Fleet) else simulation

@@ -122,7 +122,6 @@ def test_nothing_is_put_on_land_by_hand() -> None:
     profile = load_profile("sitl-perception").runnable()
     simulation, state = build_simulation(profile, Seeds(1))
     river = river_from_profile(profile, Seeds(1), Plant(simulation, state, default_rng(1)), lambda: Progress(""))
-    assert river is not None
     assert river.encounters.afloat(*profile.mission.waypoints_ned_m[0])
     boom = profile.world.log_boom
     assert boom is not None

@@ -19,6 +19,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.sensors.sonar import SonarInstrument, make_sonar, ping_settings
+from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_simulation
 from xitl_cli.seeds import Seeds
@@ -120,7 +121,7 @@ def test_a_run_hears_where_its_boom_is() -> None:
     seeds = Seeds(1)
     simulation, state = build_simulation(profile, seeds)
     sonar, kept, motion = (
-        make_sonar(profile, seeds, Scenery(profile), simulation),
+        make_sonar(profile, seeds, Scenery(profile), Plant(simulation, state, np.random.default_rng(1)).vessels[0]),
         Kept(),
         kinematics(simulation, state),
     )

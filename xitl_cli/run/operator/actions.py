@@ -1,0 +1,215 @@
+"""Actions: JSON objects with a name, `action`, and its keys; names, bounds and refusals are as of a profile's keys.
+
+    {"action": "wind", "mean_mps": 6, "direction_deg": 90}
+    action = read_action({"action": "launch", "kind": "trunk", "north_m": 5, "east_m": 60})
+
+Those of the environment have the keys of the profile's own group; what is not given stays as it is.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any, Literal, TypeVar
+
+from sim_core.environment.spec import CurrentSpec, WaveSpec, WindSpec
+from sim_core.keys import Bounds, Direction, Positive, Specification, key_annotations
+from xitl_cli.errors import UserError
+from xitl_cli.profile.files.entry import Entry, Origin, ProfileError
+from xitl_cli.profile.reader import read_group
+from xitl_cli.profile.schema.faults import AgentName, Delay, LinkFault
+
+T = TypeVar("T")
+Way = Annotated[float, Bounds(at_least=-100_000, at_most=100_000)]
+ENVIRONMENT: Mapping[str, type[Specification]] = {"wind": WindSpec, "current": CurrentSpec, "waves": WaveSpec}
+
+
+class ActionError(UserError):
+    """An action that cannot be: what is wrong with it, in one sentence."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pause(Specification):
+    """Stand still from the next exchange on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resume(Specification):
+    """Go on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step(Specification):
+    """Go on for a while, then stand still again."""
+
+    seconds: Annotated[float, Bounds(above=0, at_most=3600)] = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangePace(Specification):
+    """How fast simulation time goes by."""
+
+    factor: Annotated[
+        Annotated[float, Bounds(at_least=0.01, at_most=1000)] | None, "times real time; null: as fast as it can"
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaunchBody(Specification):
+    """Put a body into the water."""
+
+    kind: Literal["trunk", "branch", "plants", "animal"] = "trunk"
+    north_m: Way
+    east_m: Way
+    heading_deg: Direction = 0.0
+    length_m: Annotated[Positive | None, "null: the usual one of its kind"] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImpairLink(Specification):
+    """Make a link to an agent bad, frame by frame; without more keys it is good again."""
+
+    vessel: Annotated[str, "of several"] = ""
+    link: AgentName = "agent"
+    direction: Literal["both", "sensors", "actuators"] = "both"
+    delay_s: Delay = 0.0
+    jitter_s: Delay = 0.0
+    loss: Annotated[float, Bounds(at_least=0, at_most=1)] = 0.0
+    duplicate: Annotated[float, Bounds(at_least=0, at_most=1)] = 0.0
+    reorder: Annotated[float, Bounds(at_least=0, at_most=1)] = 0.0
+    cut: bool = False
+
+    def fault(self) -> LinkFault | None:
+        """As a profile has it; None for a good link."""
+        values = {key: value for key, value in asdict(self).items() if key not in ("vessel", "link")}
+        found = LinkFault(which=self.link, **values)
+        return None if found == LinkFault(which=self.link, direction=self.direction) else found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SwitchFault(Specification):
+    """A fault of the profile, or a shipped one, begins now, or ends."""
+
+    name: str
+    on: bool = True
+    vessel: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arm(Specification):
+    """Arm or disarm, as a ground station does."""
+
+    armed: bool = True
+    vessel: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeMode(Specification):
+    """Another mode, as a ground station asks for it."""
+
+    mode: str
+    vessel: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoTo(Specification):
+    """A place to go to in GUIDED."""
+
+    north_m: Way
+    east_m: Way
+    vessel: str = ""
+
+
+GROUPS: Mapping[str, type[Specification]] = {
+    "pause": Pause,
+    "resume": Resume,
+    "step": Step,
+    "pace": ChangePace,
+    **ENVIRONMENT,
+    "launch": LaunchBody,
+    "link": ImpairLink,
+    "fault": SwitchFault,
+    "arm": Arm,
+    "mode": ChangeMode,
+    "goto": GoTo,
+}
+OF_PACE = ("pause", "resume", "step", "pace")
+"""Those that do not touch the result."""
+
+
+def action_name(action: object) -> str:
+    """Which one it is. Raises ActionError for none."""
+    if not isinstance(action, Mapping):
+        raise ActionError('an action is a JSON object with the key "action", such as {"action": "pause"}')
+    name = action.get("action")
+    if not isinstance(name, str) or name not in GROUPS:
+        close = difflib.get_close_matches(name, GROUPS, n=1) if isinstance(name, str) else []
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        raise ActionError(f"action = {name!r} is not one; {hint}use {', '.join(GROUPS)}")
+    return name
+
+
+def read_action(action: Mapping[str, Any], before: Specification | None = None) -> Specification:
+    """The action's keys, checked; `before`: the group of the environment that it changes.
+
+    Raises ActionError.
+    """
+    name = action_name(action)
+    given = {key: value for key, value in action.items() if key != "action"}
+    group = GROUPS[name]
+    if name in ENVIRONMENT and not given:
+        raise ActionError(f"{name} changes nothing; give it a key of environment.{name}, such as {_first_key(group)}")
+    known: dict[str, Any] = {} if before is None else _plain(before)
+    found: Specification = _read_keys({**known, **_laid_on(known, given)}, group, name)
+    return found
+
+
+def _first_key(group: type[Specification]) -> str:
+    return next(iter(_keys(group)))
+
+
+def _plain(value: Any) -> Any:
+    """Groups as dicts, all the way down."""
+    if isinstance(value, Specification):
+        return {key: _plain(getattr(value, key)) for key in _keys(type(value))}
+    return tuple(map(_plain, value)) if isinstance(value, tuple) else value
+
+
+def _keys(group: Any) -> dict[str, Any]:
+    return key_annotations(group)
+
+
+def _laid_on(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Groups within a group keep what is not given."""
+    return {
+        key: {**known[key], **_laid_on(known[key], value)}
+        if isinstance(value, Mapping) and isinstance(known.get(key), dict)
+        else value
+        for key, value in given.items()
+    }
+
+
+def _read_keys(values: Mapping[str, Any], group: type[T], name: str) -> T:
+    try:
+        return read_group(_entry(values), group, name)
+    except ProfileError as error:
+        said = (
+            error.problems[0].sentence.replace("the profile needs", "it needs").replace("known keys: ", _known(group))
+        )
+        raise ActionError(f"{name}: {said}") from None
+
+
+def _known(group: type) -> str:
+    return "known keys: " if _keys(group) else "it has no keys"
+
+
+_ORIGIN = Origin("action")
+
+
+def _entry(value: Any) -> Entry:
+    if isinstance(value, Mapping):
+        return Entry({str(key): _entry(below) for key, below in value.items()}, _ORIGIN)
+    if isinstance(value, (list, tuple)):
+        return Entry(tuple(map(_entry, value)), _ORIGIN)
+    return Entry(value, _ORIGIN)

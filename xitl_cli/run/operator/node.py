@@ -1,0 +1,253 @@
+"""The operator of a run: takes in what a person asks for, carries it out at exchanges, records it.
+
+    refusal = operator.ask({"action": "wind", "mean_mps": 6}, "view")
+
+Whoever brings actions is polled with `listen` at every exchange, and while the run stands still.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+from sim_core.world.debris import BodyKind, Launch
+from xitl_cli.record.topics import OperatorAction
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.core.pace import OperatedLockstep
+from xitl_cli.run.nodes.river import RiverNode
+from xitl_cli.run.operator.actions import (
+    ENVIRONMENT,
+    OF_PACE,
+    ActionError,
+    Arm,
+    ChangeMode,
+    ChangePace,
+    GoTo,
+    ImpairLink,
+    LaunchBody,
+    Pause,
+    Resume,
+    Step,
+    SwitchFault,
+    action_name,
+    read_action,
+)
+from xitl_cli.run.operator.orders import VesselOrders, link_fault_name
+from xitl_cli.run.operator.replay import TimedAction
+from xitl_cli.run.operator.surroundings import Surroundings
+
+SOURCE = "operator"
+WARNING, INFO = 4, 6  # MAV_SEVERITY
+REPLAYED = "--replay-events"
+
+
+class _Asked(NamedTuple):
+    """An action that will be carried out: as it is recorded, and what does it."""
+
+    action: Mapping[str, Any]
+    source: str
+    carry_out: Callable[[], object]
+
+
+class OperatorNode(RunNode):
+    """Carries out actions: see the package. Nothing is carried out that was refused.
+
+    surroundings, river: what the world's own are asked of. orders: of the vessels, by name; those without an autopilot
+    have none. events: of an earlier run, given again at their instants; those of the pace are recorded again and do
+    nothing else. paused, factor: how the run goes by now; factor None is as fast as it can.
+    """
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        river: RiverNode,
+        vessels: Sequence[str],
+        orders: Mapping[str, VesselOrders],
+        events: Sequence[TimedAction] = (),
+    ) -> None:
+        self._surroundings = surroundings
+        self._river = river
+        self._vessels = tuple(vessels)
+        self._orders = orders
+        self._events = deque(events)
+        self._listeners: list[Callable[[], object]] = []
+        self._asked: deque[_Asked] = deque()
+        self._pace: OperatedLockstep | None = None
+        self._paused = False
+        self._now_ns = 0
+        self._done: Counter[str] = Counter()
+        self._refused = self._replayed = 0
+
+    @property
+    def paused(self) -> bool:
+        """Whether it stands still, or will at the next exchange."""
+        return self._paused
+
+    @property
+    def now_ns(self) -> int:
+        """Simulation time of the latest exchange."""
+        return self._now_ns
+
+    @property
+    def factor(self) -> float | None:
+        """Times real time."""
+        return None if self._pace is None else self._pace.factor
+
+    @property
+    def faults(self) -> dict[str, tuple[str, ...]]:
+        """Names of the faults that may be switched on, by vessel."""
+        return {vessel: orders.fault_names() for vessel, orders in self._orders.items()}
+
+    def listen(self, poll: Callable[[], object]) -> None:
+        """Have `poll` called whenever an action may be asked for."""
+        self._listeners.append(poll)
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+        if isinstance(context.pace, OperatedLockstep):
+            self._pace = context.pace
+            self._pace.listen = self._poll
+
+    def ask(self, action: object, source: str = SOURCE) -> str | None:
+        """Have an action carried out at the next exchange; pause's end at once. A refusal says why, in a sentence."""
+        try:
+            carry_out = self._carrier(action)
+            self._asked.append(_Asked(_plain(action), source, carry_out))
+        except ActionError as error:
+            self._refused += 1
+            return str(error)
+        return None
+
+    def exchange(self, step: RunStep) -> None:
+        self._now_ns = step.now_ns
+        self._poll()
+        while self._events and self._events[0].time_ns <= step.now_ns:
+            self._give_again(self._events.popleft())
+        while self._asked:
+            asked = self._asked.popleft()
+            asked.carry_out()
+            self._record(asked.action, asked.source)
+        self._surroundings.update(step.now_ns)
+        for vessel, orders in self._orders.items():
+            orders.update(step.now_ns, partial(self._say, vessel))
+
+    def report(self) -> dict[str, Any]:
+        if not (self._done or self._refused or self._events or self._replayed):
+            return {"operator": None}
+        left = len(self._events)
+        return {
+            "operator": {
+                "actions": dict(self._done),
+                "refused": self._refused,
+                "replayed": self._replayed,
+                "not_replayed": left,
+            },
+            "warnings": [f"{REPLAYED}: the run ended before {left} of the actions were due"] if left else [],
+        }
+
+    def _poll(self) -> None:
+        for poll in self._listeners:
+            poll()
+
+    def _give_again(self, event: TimedAction) -> None:
+        try:
+            carry_out = self._carrier(event.action, again=True)
+        except ActionError as error:
+            self._refused += 1
+            text = f"{REPLAYED}: refused at {event.time_ns * 1e-9:.2f} s: {error}"
+            self._recorder.log(self._now_ns, WARNING, SOURCE, text)
+            return
+        self._replayed += 1
+        self._asked.append(_Asked(event.action, event.source, carry_out))
+
+    def _record(self, action: Mapping[str, Any], source: str) -> None:
+        self._done[str(action["action"])] += 1
+        text = json.dumps(action, ensure_ascii=False, allow_nan=False)
+        self._recorder.write(self._now_ns, OperatorAction(text, source))
+        self._recorder.log(self._now_ns, INFO, SOURCE, f"{_said(action)} ({source})")
+
+    def _say(self, vessel: str, text: str) -> None:
+        self._recorder.log(self._now_ns, INFO, SOURCE, f"{vessel}: {text}" if vessel else text)
+
+    # From an action to what carries it out. Raises ActionError.
+
+    def _carrier(self, action: object, again: bool = False) -> Callable[[], object]:
+        name = action_name(action)
+        assert isinstance(action, Mapping)
+        if name in ENVIRONMENT:
+            return partial(self._surroundings.ask, name, self._surroundings.read(name, action))
+        asked = read_action(action)
+        if name in OF_PACE:
+            return (lambda: None) if again else self._pace_carrier(name, asked)
+        if isinstance(asked, LaunchBody):
+            return partial(self._river.launch, self._body(asked))
+        vessel = asked.vessel  # type: ignore[attr-defined]
+        orders = self._orders_of(name, vessel)
+        if isinstance(asked, SwitchFault):
+            return partial(orders.inject, asked.name, orders.read_fault(asked, self._now_ns))
+        if isinstance(asked, ImpairLink):
+            return partial(orders.inject, link_fault_name(asked), orders.read_link(asked, self._now_ns))
+        assert isinstance(asked, (Arm, ChangeMode, GoTo))
+        orders.check(asked)
+        return partial(orders.give, asked)
+
+    def _body(self, asked: LaunchBody) -> Launch:
+        kind, heading_rad = BodyKind[asked.kind.upper()], math.radians(asked.heading_deg)
+        body = Launch(self._now_ns, kind, asked.north_m, asked.east_m, heading_rad, asked.length_m)
+        if (why := self._river.refusal(body)) is not None:
+            raise ActionError(f"launch: {why}")
+        return body
+
+    def _orders_of(self, name: str, vessel: str) -> VesselOrders:
+        if vessel not in self._vessels:
+            there = (
+                "there is one vessel, without a name" if self._vessels == ("",) else f"use {', '.join(self._vessels)}"
+            )
+            raise ActionError(f"{name}: vessel = {vessel!r} is not in this run; {there}")
+        if vessel not in self._orders:
+            whose = vessel or "the vessel"
+            raise ActionError(f"{name}: {whose} has no autopilot; use autopilot.kind: embedded")
+        return self._orders[vessel]
+
+    def _pace_carrier(self, name: str, asked: object) -> Callable[[], object]:
+        """What ends or shortens a standstill acts at once: no exchange comes meanwhile."""
+        pace = self._pace
+        if pace is None:
+            raise ActionError(f"{name}: time goes by with the clock on the wall; use clock.mode: lockstep")
+        if isinstance(asked, Pause):
+            if self._paused:
+                raise ActionError("pause: the run stands still already; resume or step it")
+            self._paused = True
+            return lambda: pace.pause(self._now_ns) if self._paused else None
+        if isinstance(asked, ChangePace):
+            pace.set_factor(asked.factor)
+            return lambda: None
+        if not self._paused:
+            raise ActionError(f"{name}: the run is going on; pause it first")
+        if isinstance(asked, Resume):
+            self._paused = False
+            pace.resume()
+            return lambda: None
+        assert isinstance(asked, Step)
+        go_on = partial(pace.step, round(asked.seconds * 1e9))
+        if not pace.paused:
+            return go_on
+        go_on()
+        return lambda: None
+
+
+def _plain(action: object) -> dict[str, Any]:
+    assert isinstance(action, Mapping)
+    return dict(action)
+
+
+def _said(action: Mapping[str, Any]) -> str:
+    """`wind mean_mps 6, direction_deg 90`."""
+    rest = ", ".join(
+        f"{key} {json.dumps(value, ensure_ascii=False)}" for key, value in action.items() if key != "action"
+    )
+    return f"{action['action']} {rest}".strip()
