@@ -24,7 +24,7 @@ STEP_M = 0.3
 """Between points of a way as drawn."""
 MOST_PIECES = 250
 LEAST_PIECE = 5
-SAILED: tuple[Colour, ...] = ((255, 120, 40), (60, 160, 255), (150, 210, 60), (240, 90, 160), (190, 140, 255))
+SAILED: tuple[Colour, ...] = ((255, 60, 110), (60, 160, 255), (150, 210, 60), (255, 150, 40), (190, 140, 255))
 AHEAD: Colour = (150, 150, 150)
 
 
