@@ -1,7 +1,8 @@
 """Control: what was demanded of the vehicle beside what it did, and where it no longer obeyed.
 
 Rover says what it steers to in NTUN, THR and STER, Copter and Plane in ATT and RATE; our recordings keep what the
-autopilot tells of its heading over MAVLink. A demand that is 0 throughout is none.
+autopilot tells of its heading and its error of speed over MAVLink. A demand that is 0 throughout is none. How a demand
+was answered (delay, rise, overshoot) is in responses.py.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.analyses.attitude import free_attitude_spans
+from xitl_cli.logs.analyses.responses import response_delay_s, step_responses, unbroken
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Plot, Section, Severity, Trace
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.signals.series import column_series, first_instance, numbers, significant
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import armed_rows, vehicle_kind
@@ -88,7 +91,10 @@ def analyse(log: Log) -> Section | None:
     findings = _as_one([finding for each in found for finding in _judged(each, clock)])
     if not findings and clock.armed:
         findings = [Finding.ok("control.followed", f"It followed what was demanded: {_named(found)}")]
-    return Section("control", _TITLE, tuple(_facts(found)), tuple(findings), plots=tuple(_plots(found)))
+    facts, grids = (*_facts(found), *_answers(found)), tuple(_steps(found, clock))
+    return Section(
+        "control", _TITLE, facts, tuple(findings), grids, tuple(_plots(found)), tuple(_lacks(log, kind, found))
+    )
 
 
 def _as_one(findings: Sequence[Finding]) -> list[Finding]:
@@ -169,10 +175,28 @@ def _rows(each: Tracking, chosen: Flags) -> Tracking:
 
 def _speed(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
     """Where a speed is demanded; 0 of a mode without one is no demand."""
-    for each in _columns(log, "speed", "speed", "m/s", "THR", "DesSpeed", "Speed"):
+    logged = [*_columns(log, "speed", "speed", "m/s", "THR", "DesSpeed", "Speed")]
+    for each in logged or _told_speed(log):
         asked = _rows(each, np.abs(each.demanded) >= _UNDER_WAY_MPS)
         sign = np.sign(asked.demanded)  # backwards counts as ahead
         yield replace(asked, demanded=sign * asked.demanded, achieved=sign * asked.achieved)
+
+
+_NAVIGATION = "NAV_CONTROLLER_OUTPUT"
+
+
+def _told_speed(log: Log) -> Iterator[Tracking]:
+    """Over MAVLink an autopilot tells its error alone, demanded less achieved; ArduRover leaves it at 0."""
+    achieved = signals.ground_speed(log)
+    for message in (_NAVIGATION, f"/link/agent/rx:{_NAVIGATION}"):
+        error = column_series(log, message, "aspd_error", "m/s")
+        if achieved is None or error is None or not error.values.any():
+            continue
+        there = achieved.interpolated(error.stamp_ns)
+        rows = _armed(log, error.stamp_ns) & (error.values != 0.0) & np.isfinite(there)
+        stamps, there = error.stamp_ns[rows], there[rows]
+        yield Tracking("speed", "speed", "m/s", stamps, there + error.values[rows], there, message, "aspd_error")
+        return
 
 
 def _turn_rate(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
@@ -266,16 +290,12 @@ def _off(
     )
 
 
-_LONGEST_STEP_NS = 2_000_000_000
-
-
 def _unbroken(stamp_ns: Stamps, spans: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
     """Spans parted where rows are missing: of what was between them nothing is known."""
     for begin, end in spans:
         within = stamp_ns[(stamp_ns >= begin) & (stamp_ns <= end)]
-        breaks = np.flatnonzero(np.diff(within) > _LONGEST_STEP_NS) + 1
-        for part in np.split(within, breaks):
-            yield int(part[0]), int(part[-1])
+        for part in unbroken(within):
+            yield int(within[part][0]), int(within[part][-1])
 
 
 def _named(found: Sequence[Tracking]) -> str:
@@ -296,13 +316,80 @@ def _facts(found: Sequence[Tracking]) -> Iterator[Fact]:
         yield Fact(f"{each.key}_error_max_{unit}", f"{label}, largest error", significant(largest, 3), each.unit)
 
 
+# Changes of a demand whose answer can be told from what waves and gusts do.
+_VARIES = {"deg": 3.0, "m/s": 0.15, "deg/s": 3.0}
+_STEPS = {"deg": 20.0, "m/s": 1.0, "deg/s": 10.0}
+
+
+def _unturned(each: Tracking) -> tuple[Floats, Floats]:
+    """Demanded and achieved as numbers without the jump where 360 becomes 0."""
+    if not each.turns:
+        return each.demanded, each.achieved
+    demanded = np.unwrap(each.demanded, period=360.0)
+    return demanded, demanded + each.error
+
+
+def _answers(found: Sequence[Tracking]) -> Iterator[Fact]:
+    for each in found:
+        label = each.label.capitalize()
+        delay_s = response_delay_s(each.stamp_ns, *_unturned(each), _VARIES[each.unit])
+        if delay_s is not None:
+            yield Fact(f"{each.key}_delay_s", f"{label}, delay behind the demand", significant(delay_s, 3), "s")
+        steps = step_responses(each.stamp_ns, *_unturned(each), _STEPS[each.unit])
+        if steps:
+            largest = max(step.overshoot_percent for step in steps)
+            title = f"{label}, largest overshoot of {plural(len(steps), 'step')}"
+            yield Fact(f"{each.key}_overshoot_percent", title, significant(largest, 3), "%")
+
+
+def _steps(found: Sequence[Tracking], clock: LogClock) -> Iterator[Grid]:
+    for each in found:
+        steps = step_responses(each.stamp_ns, *_unturned(each), _STEPS[each.unit])
+        if not steps:
+            continue
+        turn = 360.0 if each.key == "heading" else 0.0
+        rows = [
+            (
+                clock.second(step.at_ns),
+                *(significant(value % turn if turn else value) for value in (step.begin, step.end)),
+                significant(step.rise_s, 3),
+                significant(step.overshoot_percent, 3),
+                significant(step.settled_s, 3),
+            )
+            for step in steps
+        ]
+        columns = (
+            "at (s)",
+            f"from ({each.unit})",
+            f"to ({each.unit})",
+            "rise 10 to 90 % (s)",
+            "overshoot (%)",
+            "within 10 % after (s)",
+        )
+        yield Grid.limited(f"{each.key}_steps", f"{each.label.capitalize()}, steps of the demand", columns, rows)
+
+
+def _lacks(log: Log, kind: VehicleKind, found: Sequence[Tracking]) -> Iterator[str]:
+    """Of a rover, what it was not told to do, or did not log."""
+    if kind not in ("rover", "unknown"):
+        return
+    there = {each.key for each in found}
+    if "turn_rate" not in there:
+        yield "No demanded turn rate is logged (STER.DesTurnRate), so that it cannot be held against the one achieved."
+    if "heading" not in there and log.format == "dataflash":
+        yield "No heading was demanded (NTUN.DesYaw and ATT.DesYaw are 0): it was steered by turn rate."
+    if "speed" not in there:
+        yield "No demanded speed is logged (THR.DesSpeed), so that it cannot be held against the one achieved."
+
+
 def _plots(found: Sequence[Tracking]) -> Iterator[Plot]:
     for each in found:
         demanded, achieved = each.demanded, each.achieved
         if each.turns and each.key == "heading":
             achieved = demanded + each.error  # no stroke across the plot where 360 becomes 0
         traces = (
-            Trace("demanded", each.stamp_ns, demanded.astype(np.float64)),
+            Trace("demanded", each.stamp_ns, demanded.astype(np.float64), "steps"),
             Trace("achieved", each.stamp_ns, achieved.astype(np.float64)),
+            Trace("error", each.stamp_ns, each.error.astype(np.float64)),
         )
         yield Plot(f"tracking.{each.key}", f"{each.label.capitalize()}, demanded and achieved", each.unit, traces)
