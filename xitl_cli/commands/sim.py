@@ -73,6 +73,25 @@ def sim(
         float | None,
         typer.Option("--pace", metavar="X", help="Times real time, in lockstep (default: as fast as it can)."),
     ] = None,
+    view: Annotated[
+        bool | None,
+        typer.Option(
+            "--view/--no-view",
+            help="Show it in a browser in 3D while it goes on; its address is printed.",
+            show_default=False,
+        ),
+    ] = None,
+    view_host: Annotated[
+        str | None,
+        typer.Option(
+            "--view-host",
+            metavar="ADDRESS",
+            help="Where the view listens, 0.0.0.0 for everywhere; the address it prints has a token in it then.",
+        ),
+    ] = None,
+    view_port: Annotated[
+        int | None, typer.Option("--view-port", metavar="PORT", help="Its port (default: 8470, or a free one).")
+    ] = None,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Also print the tables of links, tasks, clocks and faults.")
     ] = False,
@@ -92,7 +111,17 @@ def sim(
 
     if profile is not None and profile_option is not None:
         raise UserError(f"{profile} and --profile {profile_option}: are two profiles; give one of them")
-    options = {"clock.duration_s": duration, "clock.mode": clock, "clock.seed": seed, "autopilot.firmware": firmware}
+    if view is False and (view_host is not None or view_port is not None):
+        raise UserError("--no-view and --view-host or --view-port: are of no view and of one; give one of them")
+    options = {
+        "clock.duration_s": duration,
+        "clock.mode": clock,
+        "clock.seed": seed,
+        "autopilot.firmware": firmware,
+        "view.show": True if view_host is not None or view_port is not None else view,
+        "view.host": view_host,
+        "view.port": view_port,
+    }
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
     found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given], parts or ())
     loaded = found.profile
@@ -106,6 +135,7 @@ def sim(
         timed=duration is not None,
         warnings=found.warnings,
         operation=operation,
+        tell=lambda text: console.print(text, soft_wrap=True),
     )
     with still_read():
         if as_json:

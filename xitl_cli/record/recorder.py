@@ -84,6 +84,7 @@ class TopicWriter:
         self._links = tuple(links)
         self._vessel = vessel
         self._channels: dict[str, Channel] = {}
+        self._watched: dict[str, Callable[..., object]] = {}
         for topic in TOPICS.values() if from_start else ():
             if topic.from_start:
                 for link in self._links if topic.per_link else ("",):
@@ -93,6 +94,12 @@ class TopicWriter:
         """A ROS 2 message, one value a field, or a message of foxglove's."""
         encode, write = self._channels.get(topic) or self._open(TOPICS[topic])
         write(encode(stamp_ns, *values), stamp_ns)
+
+    def watch(self, topic: str, seen: Callable[..., object]) -> None:
+        """Have `seen` called with stamp and values of all that is written to a topic from now on."""
+        self._watched[topic] = seen
+        if topic in self._channels:
+            self._channels[topic] = _watched(self._channels[topic], seen)
 
     def link_channels(self, direction: str) -> dict[str, Channel]:
         """Encoder and writer of raw frames by link; `direction`: `tx` from host to agent, `rx` back."""
@@ -128,7 +135,20 @@ class TopicWriter:
             kind = topic.message_type()
             encode = kind.encode
             writer = self._file.ros_channel(name, topic.schema, kind.definition, topic_name(topic, link=link))
-        return self._channels.setdefault(topic.name.format(link=link), (encode, writer))
+        channel = encode, writer
+        if topic.name in self._watched:
+            channel = _watched(channel, self._watched[topic.name])
+        return self._channels.setdefault(topic.name.format(link=link), channel)
+
+
+def _watched(channel: Channel, seen: Callable[..., object]) -> Channel:
+    encode, write = channel
+
+    def encode_seen(stamp_ns: int, *values: Any) -> bytes:
+        seen(stamp_ns, *values)
+        return encode(stamp_ns, *values)
+
+    return encode_seen, write
 
 
 class Recorder:
@@ -159,6 +179,10 @@ class Recorder:
     def of_vessel(self, name: str) -> Recorder:
         """Into the same file, for one more vessel; its topics appear as they are written."""
         return Recorder(self._file, vessel=name, from_start=False)
+
+    def watch(self, topic: str, seen: Callable[..., object]) -> None:
+        """Have `seen` called with stamp and values of all that is written to a topic from now on."""
+        self._topics.watch(topic, seen)
 
     def write(self, stamp_ns: int, record: Any) -> None:
         """One of the records of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkState, FaultEvent, ..."""

@@ -30,6 +30,7 @@ from xitl_cli.run.nodes.encounters import EncounterNode
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.nodes.findings import findings_from_profile
 from xitl_cli.run.nodes.follow import FollowDriver
+from xitl_cli.run.nodes.live_view import LiveViewNode, VesselWatch
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
@@ -168,6 +169,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         ModelRange(simulation),
         mission,
         TrackNode(control) if profile.vessel else None,
+        VesselWatch(profile, plant, control, status) if profile.view.show else None,
     ]
     return VesselNodes(profile.vessel, control, _present(order), status, _is_awaited(profile))
 
@@ -179,11 +181,14 @@ def compose_world(
     make_display: Callable[[], StatusDisplay],
     warnings: Sequence[str],
     opened: ExitStack,
+    drawn: Callable[[], bytes],
+    tell: Callable[[str], None],
     operation: Operation = UNATTENDED,
 ) -> WorldNodes:
     """The nodes of what all vessels are in, and of who watches and acts; `opened` closes them.
 
-    warnings: known at the start. Raises UserError for a port that cannot be had.
+    warnings: known at the start. drawn: the scene, encoded. tell: says something to the user at the start. Raises
+    UserError for a port that cannot be had.
     """
     first, leading = setups[0], vessels[0]
     profile = first.profile
@@ -203,12 +208,20 @@ def compose_world(
     ahead: list[RunNode | None] = [display, operator, river]
     fleet = plant.simulation if isinstance(plant.simulation, Fleet) else None
     among = [] if fleet is None else _among_vessels(setups, plant, fleet)
+    view = None
+    if profile.view.show:
+        watches = [node for vessel in vessels for node in vessel.nodes if isinstance(node, VesselWatch)]
+        view = LiveViewNode([setup.profile for setup in setups], plant, watches, drawn, tell, first.interrupted)
+        opened.callback(view.close)
+        if operator is not None:
+            view.meet(operator)
     behind: list[RunNode | None] = [
         *among,
         None if river is None else river.launching,
         PaceRecorder(profile.clock),
         display.showing,
         first.stations,
+        view,
     ]
     return WorldNodes(_present(ahead), _present(behind))
 

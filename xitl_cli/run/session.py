@@ -9,10 +9,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
+
+from foxglove import messages
 
 from agent import __version__
 from xitl_cli.end_signals import end_signals_handled
@@ -93,11 +96,13 @@ def run(
     timed: bool = False,
     warnings: Sequence[str] = (),
     operation: Operation = UNATTENDED,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> Result:
     """One run, kept in `out`.
 
     timed: its duration was asked for, so that reaching it is what was wanted. warnings: of the profile, told beside
-    those of the world. operation: who may act in it.
+    those of the world. operation: who may act in it. tell: says to the user what has to be known while it goes on: the
+    address of its view.
 
     Raises UserError, leaving nothing behind, when the profile cannot run, a node cannot be reached or `out` cannot be
     used. What goes wrong later ends the run: recording and summary are kept, `error` in the summary and the exit code
@@ -114,8 +119,11 @@ def run(
         scenery.warn(text)
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
+    scene = cache(partial(make_scene, profiles, scenery))
+    operation = replace(operation, viewed=lead.view.show)
     with ExitStack() as opened:
-        nodes = _composed(profiles, plant, scenery, out, make_display, interruption, opened, operation)
+        drawn = lambda: scene().encode()  # noqa: E731
+        nodes = _composed(profiles, plant, scenery, out, make_display, interruption, opened, drawn, tell, operation)
         for name, node in nodes.named():
             with _of(name):
                 node.prepare()
@@ -124,7 +132,7 @@ def run(
             directory.write_profile(out, resolved_yaml(profile))
             recorders = open_recorders(out / directory.RECORDING, profiles)
             pace = _pace(lead, plant, operation, interruption)
-            outcome = replace(_go(profile, profiles, scenery, plant, nodes, pace, recorders, interruption), timed=timed)
+            outcome = replace(_go(profile, profiles, scene, plant, nodes, pace, recorders, interruption), timed=timed)
     for name, node in nodes.named():
         node.save(out / name)
     summary = _summary(profiles, outcome, nodes, pace, [*scenery.warnings, *nodes.warnings])
@@ -187,6 +195,8 @@ def _composed(
     make_display: Callable[[], StatusDisplay],
     interrupted: Callable[[], bool],
     opened: ExitStack,
+    drawn: Callable[[], bytes],
+    tell: Callable[[str], None],
     operation: Operation,
 ) -> RunNodes:
     """The nodes of a run; `opened` closes them. Raises UserError, which names the vessel where there are several."""
@@ -206,7 +216,8 @@ def _composed(
             setups.append(RunSetup(*made, workers=workers, operated=operation.operated, orders=orders))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)
-    world = compose_world(setups, vessels, plant, make_display, [*scenery.warnings, *warnings], opened, operation)
+    known = [*scenery.warnings, *warnings]
+    world = compose_world(setups, vessels, plant, make_display, known, opened, drawn, tell, operation)
     return RunNodes(world, tuple(vessels), warnings)
 
 
@@ -224,7 +235,7 @@ def open_recorders(path: Path, profiles: Sequence[RunProfile]) -> tuple[Recorder
 def _go(
     profile: Profile,
     profiles: Sequence[RunProfile],
-    scenery: Scenery,
+    scene: Callable[[], messages.SceneUpdate],
     plant: Plant,
     nodes: RunNodes,
     pace: Pace,
@@ -242,7 +253,7 @@ def _go(
     begun_s = time.perf_counter()
     try:
         try:
-            _write_head(recorder, profile, profiles, scenery, started)
+            _write_head(recorder, profile, profiles, scene, started)
             for name, node in nodes.named():
                 with _of(name):
                     node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
@@ -295,7 +306,11 @@ def _summary(
 
 
 def _write_head(
-    recorder: Recorder, profile: Profile, profiles: Sequence[RunProfile], scenery: Scenery, started: str
+    recorder: Recorder,
+    profile: Profile,
+    profiles: Sequence[RunProfile],
+    scene: Callable[[], messages.SceneUpdate],
+    started: str,
 ) -> None:
     """What a reader needs to understand the rest: the profile, the dialect of the raw frames, the scene."""
     lead = profiles[0]
@@ -307,7 +322,7 @@ def _write_head(
     for name in ("xitl.xml", "fleet.xml") if lead.vessel else ("xitl.xml",):
         recorder.attach(name, "application/xml", files("agent.wire").joinpath(name).read_bytes())
     if lead.recording.scene:
-        recorder.scene(make_scene(profiles, scenery))
+        recorder.scene(scene())
 
 
 def _exit_code(outcome: RunOutcome) -> int:

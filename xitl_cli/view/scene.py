@@ -43,14 +43,15 @@ class DrawnEntity:
 def read_scene_update(update: bytes) -> list[DrawnEntity]:
     """Its entities. Raises ValueError when it is none."""
     try:
-        message = _scene_update_type().FromString(update)
+        message = foxglove_type("SceneUpdate").FromString(update)
     except Exception as error:  # DecodeError is of the implementation's own
         raise ValueError("no foxglove.SceneUpdate") from error
     return [_entity(entity) for entity in message.entities]
 
 
 @cache
-def _scene_update_type() -> Any:
+def foxglove_type(name: str) -> Any:
+    """The class that reads an encoded message of foxglove's, which its own classes do not."""
     from foxglove import messages
     from google.protobuf import (  # type: ignore[import-untyped]
         descriptor_pb2,
@@ -58,12 +59,11 @@ def _scene_update_type() -> Any:
         message_factory,
     )
 
-    schema = messages.SceneUpdate.get_schema()
+    schema = getattr(messages, name).get_schema()
     left = {file.name: file for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file}
     pool = descriptor_pool.DescriptorPool()
     while left:
-        ready = [file for file in left.values() if not any(needed in left for needed in file.dependency)]
-        for file in ready:
+        for file in [file for file in left.values() if not any(needed in left for needed in file.dependency)]:
             pool.Add(left.pop(file.name))
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
 

@@ -11,6 +11,7 @@ Profile                        profile.py
 ├── sensors                    sensors.py, sim_core/sensors/spec.py
 ├── mission, driver, autopilot, companion   agents.py
 ├── clock, recording           profile.py
+├── view                       view.py
 ├── faults                     faults.py
 ├── graph                      graph.py, derived_graph.py (what follows from the others)
 ├── ais                        sim_core/world/spec.py

@@ -15,6 +15,7 @@ from xitl_cli.profile.schema.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.graph import NodeGraph
 from xitl_cli.profile.schema.sensors import SensorsSpec
+from xitl_cli.profile.schema.view import ViewSpec
 from xitl_cli.profile.schema.world import SiteSpec, WorldSpec
 
 USUAL = "udp://127.0.0.1:14550", 5760
@@ -64,6 +65,7 @@ class Profile(Specification):
     companion: CompanionSpec | None = None
     clock: ClockSpec | None = None
     recording: RecordingSpec | None = None
+    view: ViewSpec | None = None
     faults: Annotated[dict[str, FaultSpec] | None, "by name"] = None
     graph: NodeGraph | None = None
     ais: AisSpec | None = None
@@ -110,7 +112,7 @@ class Profile(Specification):
     def run_profiles(self) -> tuple[RunProfile, ...]:
         """Each vessel that is simulated as a profile with every group in place, in their order: at least one.
 
-        Site, world, environment, clock, recording and traffic are the same in all. UserError as of `runnable`.
+        Site, world, environment, clock, recording, view and traffic are the same in all. UserError as of `runnable`.
         """
         if self.vessels is None:
             return (self.runnable(),)
@@ -147,6 +149,7 @@ class Profile(Specification):
             ("world", WorldSpec),
             ("clock", ClockSpec),
             ("recording", RecordingSpec),
+            ("view", lambda: ViewSpec(show=False)),
             ("faults", dict),
         ):
             given[group] = given[group] or default()
@@ -184,6 +187,7 @@ class RunProfile:
     companion: CompanionSpec | None
     clock: ClockSpec
     recording: RecordingSpec
+    view: ViewSpec
     faults: dict[str, FaultSpec]
     graph: NodeGraph
     ais: AisSpec

@@ -19,22 +19,24 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, slots=True)
 class Operation:
     """people: who may act as it goes on; each is given the operator before the run begins. events: actions that are
-    given again. pace: times real time in lockstep, None for as fast as it can.
+    given again. pace: times real time in lockstep, None for as fast as it can. viewed: it has a view, at whose page
+    people act.
     """
 
     people: tuple[Callable[[OperatorNode], object], ...] = ()
     events: tuple[TimedAction, ...] = ()
     pace: float | None = None
+    viewed: bool = False
 
     @property
     def operated(self) -> bool:
         """Whether the run has an operator at all."""
-        return bool(self.people or self.events)
+        return bool(self.people or self.events or self.viewed)
 
     @property
     def paced(self) -> bool:
         """Whether time may stand still or go by at a pace."""
-        return bool(self.people) or self.pace is not None
+        return bool(self.people) or self.viewed or self.pace is not None
 
 
 UNATTENDED = Operation()

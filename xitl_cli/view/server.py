@@ -1,0 +1,240 @@
+"""The page of a view: where it listens, who is let in, and the browser that is opened.
+
+viser has no option for who may connect. Its server is given the socket to listen at and a check of each request here.
+"""
+
+from __future__ import annotations
+
+import errno
+import hmac
+import http
+import os
+import secrets
+import socket
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from xitl_cli.errors import UserError
+from xitl_cli.extras import VIEW
+
+if TYPE_CHECKING:
+    import viser
+
+USUAL_PORT = 8470
+TRIED = 50
+TOKEN_BYTES = 18
+CLIENTS_KEPT = 64
+"""Browsers that may be waiting to be let in."""
+
+
+@dataclass(frozen=True, slots=True)
+class ViewAddress:
+    """Where a view listens. token: stands in the address of one that is not on the loopback; empty where none does.
+
+    moved: the port that it would have had and somebody else has.
+    """
+
+    host: str
+    port: int
+    token: str = ""
+    moved: int | None = None
+
+    @property
+    def url(self) -> str:
+        """What to open. Of one that listens everywhere it has this machine's name."""
+        host = self.host
+        if host in ("0.0.0.0", "::"):
+            host = socket.gethostname()
+        host = f"[{host}]" if ":" in host else host
+        return f"http://{host}:{self.port}/" + (f"{self.token}/" if self.token else "")
+
+
+def check_view_extra() -> None:
+    """Raise UserError where viser is not installed."""
+    if VIEW.missing:
+        raise UserError(
+            f"the 3D view cannot do without {' and '.join(VIEW.missing)}, not installed here; {VIEW.pip_line}"
+        )
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches it."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def listen(host: str, port: int | None, named: str = "view") -> tuple[socket.socket, ViewAddress]:
+    """A socket that listens, so that a browser may come before the page is there.
+
+    port: None for the usual one, or another where that is taken. named: of the keys, for the errors.
+
+    Raises UserError for an address that this machine has not, and for a given port that is taken.
+    """
+    token = "" if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES)
+    first = USUAL_PORT if port is None else port
+    for tried in range(first, first + (TRIED if port is None else 1)):
+        try:
+            listener = _bound(host, tried)
+        except OSError as error:
+            if error.errno in (errno.EADDRINUSE, errno.EACCES) and port is None:
+                continue
+            if error.errno == errno.EADDRINUSE:
+                raise UserError(
+                    f"{named}.port = {port}: somebody else listens there; leave it out to have a free one"
+                ) from error
+            reason = error.strerror or str(error)
+            raise UserError(
+                f"{named}.host = {host}: cannot listen there at port {tried} ({reason}); "
+                "use an address of this machine, such as 127.0.0.1"
+            ) from error
+        return listener, ViewAddress(host, tried, token, first if tried != first else None)
+    raise UserError(f"{named}: no port from {first} to {first + TRIED - 1} is free; give one by {named}.port")
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    listener = socket.socket(family, kind, protocol)
+    try:
+        if os.name == "posix":  # elsewhere it would let two programs have the port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen(CLIENTS_KEPT)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
+def has_desktop() -> bool:
+    """Whether a browser could be opened for somebody: a desktop, a terminal, and no continuous integration."""
+    desktop = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(desktop) and not os.environ.get("CI") and sys.stderr is not None and sys.stderr.isatty()
+
+
+def open_browser(url: str) -> bool:
+    """Whether one was opened. What a browser prints in a terminal is not waited for."""
+    import webbrowser
+
+    try:
+        return webbrowser.open(url)
+    except (webbrowser.Error, OSError):
+        return False
+
+
+def make_server(listener: socket.socket, address: ViewAddress, title: str) -> viser.ViserServer:
+    """A viser server at `listener` that lets in who has the token, and asks nothing outside."""
+    import viser
+    import websockets.asyncio.server as asyncio_server
+    from viser._messages import ShareUrlDisconnect, ShareUrlRequest
+
+    serve = asyncio_server.serve
+
+    def guarded_serve(handler: Any, host: str, port: int, *, process_request: Any, **options: Any) -> Any:
+        checked = Doorkeeper(address, process_request, title)
+        return serve(handler, sock=listener, process_request=checked, **options)
+
+    with _SERVE_LOCK:
+        asyncio_server.serve = guarded_serve  # type: ignore[assignment, misc]
+        try:
+            server = viser.ViserServer(host=address.host, port=address.port, label=title, verbose=False)
+        finally:
+            asyncio_server.serve = serve  # type: ignore[misc]
+    handlers = server._websock_server._incoming_handlers
+    for message in (ShareUrlRequest, ShareUrlDisconnect):
+        handlers.pop(message, None)
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    return server
+
+
+_SERVE_LOCK = threading.Lock()
+
+
+class Doorkeeper:
+    """Checks each request before viser answers it: the token, and that no page from elsewhere asks.
+
+    A page of another site may make a browser connect to this machine: its `Origin` tells, or its `Host` when it had a
+    name of its own point here.
+    """
+
+    def __init__(self, address: ViewAddress, answer: Callable[[Any, Any], Any], title: str) -> None:
+        self._token = address.token
+        self._loopback = is_loopback(address.host)
+        self._host = address.host
+        self._answer = answer
+        self._title = title
+
+    def __call__(self, connection: Any, request: Any) -> Any:
+        refusal = self._refusal(request)
+        if refusal:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        if self._token:
+            request.path = request.path.removeprefix(f"/{self._token}") or "/"
+        answer = self._answer(connection, request)
+        if answer is not None and request.path.partition("?")[0] in ("/", "/index.html"):
+            _complete(answer, self._title)
+        return answer
+
+    def _refusal(self, request: Any) -> str:
+        """Why it is not answered, empty if it is."""
+        host = request.headers.get("Host", "")
+        name = urlsplit(f"//{host}").hostname or ""
+        if self._loopback and not (name == self._host or is_loopback(name)):
+            return f"this view is for this machine alone, and {name!r} is not its name"
+        origin = request.headers.get("Origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return "another page may not connect to this view"
+        if self._token:
+            first = request.path.partition("?")[0].lstrip("/").partition("/")[0]
+            if not hmac.compare_digest(first.encode(), self._token.encode()):
+                return "the address of this view has a token in it, which is missing here or wrong"
+        return ""
+
+
+_HEAD = """<title>{title}</title>
+<script>
+addEventListener("DOMContentLoaded", () => {{
+  let works = false;
+  try {{
+    const canvas = document.createElement("canvas");
+    works = Boolean(canvas.getContext("webgl2"));
+  }} catch (error) {{}}
+  if (works) return;
+  const note = document.createElement("div");
+  note.id = "xitl-no-webgl";
+  note.setAttribute("role", "alert");
+  note.style.cssText = "position:fixed;left:0;right:0;top:0;z-index:99999;padding:14px 18px;background:#b3261e;"
+    + "color:#fff;font:15px/1.4 system-ui,sans-serif";
+  note.textContent = "This browser has no WebGL 2, without which the 3D view cannot be drawn. Switch on hardware "
+    + "acceleration in its settings, or use another browser. The run goes on without it.";
+  document.documentElement.appendChild(note);
+}});
+</script>
+"""
+
+
+def _complete(answer: Any, title: str) -> None:
+    """Give the page its title, and a word where there is no WebGL: viser's own is gone with the page that fails."""
+    import gzip
+    import html
+
+    packed = answer.headers.get("Content-Encoding") == "gzip"
+    body = gzip.decompress(answer.body) if packed else answer.body
+    head, found, rest = body.partition(b"<head>")
+    if not found:
+        return
+    text = _HEAD.format(title=html.escape(title)).encode()
+    body = head + found + text + rest.replace(b"<title>Viser</title>", b"", 1)
+    answer.body = gzip.compress(body, 1) if packed else body
+    for name, value in (("Content-Length", str(len(answer.body))), ("Cache-Control", "no-store")):
+        if name in answer.headers:
+            del answer.headers[name]
+        answer.headers[name] = value
