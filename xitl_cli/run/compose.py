@@ -19,6 +19,7 @@ from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
 from xitl_cli.run.links.stations import StationAddresses
+from xitl_cli.run.live_view import LiveViewNode, VesselWatch
 from xitl_cli.run.nodes.ais import AisLine, AisNode, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
@@ -30,7 +31,6 @@ from xitl_cli.run.nodes.encounters import EncounterNode
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.nodes.findings import findings_from_profile
 from xitl_cli.run.nodes.follow import FollowDriver
-from xitl_cli.run.nodes.live_view import LiveViewNode, VesselWatch
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode

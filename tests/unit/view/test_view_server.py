@@ -1,0 +1,132 @@
+"""Where a view listens, and whom it lets in."""
+
+from __future__ import annotations
+
+import gzip
+import http.client
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from xitl_cli.errors import UserError
+from xitl_cli.view import server as view_server
+from xitl_cli.view.server import ViewAddress, is_loopback, listen, make_server
+
+viser = pytest.importorskip("viser")
+connect = pytest.importorskip("websockets.sync.client").connect
+refused = pytest.importorskip("websockets.exceptions").InvalidStatus
+
+SUBPROTOCOL = f"viser-v{viser.__version__}"
+
+
+@pytest.fixture(scope="module")
+def guarded() -> Iterator[ViewAddress]:
+    """One that listens everywhere, and so has a token."""
+    listener, address = listen("0.0.0.0", None)
+    server = make_server(listener, address, "with a token")
+    yield address
+    server.stop()
+
+
+@pytest.fixture(scope="module")
+def own() -> Iterator[ViewAddress]:
+    listener, address = listen("127.0.0.1", None)
+    server = make_server(listener, address, "A <title>")
+    yield address
+    server.stop()
+
+
+def get(address: ViewAddress, path: str, **headers: str) -> tuple[int, str]:
+    client = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)
+    client.request("GET", path, headers=headers)
+    answer = client.getresponse()
+    body = answer.read()
+    client.close()
+    if answer.headers.get("Content-Encoding") == "gzip":
+        body = gzip.decompress(body)
+    return answer.status, body.decode(errors="replace")
+
+
+def join(address: ViewAddress, path: str, origin: str | None = None) -> None:
+    with connect(f"ws://127.0.0.1:{address.port}{path}", subprotocols=[SUBPROTOCOL], origin=origin, proxy=None) as one:
+        assert one.recv(timeout=10)
+
+
+def test_without_the_token_nothing_is_served(guarded: ViewAddress) -> None:
+    assert len(guarded.token) >= 20
+    assert guarded.url.endswith(f":{guarded.port}/{guarded.token}/")
+    for path in ("/", "/index.html", "/?token=", "/wrong/", f"/{guarded.token[:-1]}/", f"/x/../{guarded.token}"):
+        status, body = get(guarded, path)
+        assert status == 403, path
+        assert "token" in body
+        assert "<html" not in body
+        with pytest.raises(refused, match="403"):
+            join(guarded, path)
+
+
+def test_with_the_token_page_and_connection_are(guarded: ViewAddress) -> None:
+    status, body = get(guarded, f"/{guarded.token}/")
+    assert status == 200
+    assert "<html" in body
+    join(guarded, f"/{guarded.token}")
+    join(guarded, f"/{guarded.token}/", origin=f"http://127.0.0.1:{guarded.port}")
+
+
+def test_this_machine_needs_none(own: ViewAddress) -> None:
+    assert own.url == f"http://127.0.0.1:{own.port}/"
+    assert get(own, "/")[0] == 200
+    assert get(own, "/", Host=f"localhost:{own.port}")[0] == 200
+    join(own, "/")
+
+
+def test_another_page_may_not_connect(own: ViewAddress, guarded: ViewAddress) -> None:
+    with pytest.raises(refused, match="403"):
+        join(own, "/", origin="http://elsewhere.example")
+    with pytest.raises(refused, match="403"):
+        join(guarded, f"/{guarded.token}", origin="http://elsewhere.example")
+
+
+def test_a_name_that_points_here_may_not_either(own: ViewAddress) -> None:
+    status, body = get(own, "/", Host="elsewhere.example")
+    assert (status, "elsewhere.example" in body) == (403, True)
+
+
+def test_the_page_has_its_title_and_a_word_for_who_has_no_webgl(own: ViewAddress) -> None:
+    for headers in ({}, {"Accept-Encoding": "gzip"}):
+        _, body = get(own, "/", **headers)
+        assert "<title>A &lt;title&gt;</title>" in body
+        assert body.count("<title>") == 1
+        assert "xitl-no-webgl" in body
+
+
+def test_a_port_that_is_taken() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(UserError, match=rf"view.port = {port}: somebody else listens there"):
+            listen("127.0.0.1", port)
+
+
+def test_the_usual_port_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        monkeypatch.setattr(view_server, "USUAL_PORT", port)
+        listener, address = listen("127.0.0.1", None)
+        with listener:
+            assert address.port > port
+            assert address.moved == port
+
+
+@pytest.mark.parametrize("host", ["203.0.113.7", "no-such-host.invalid"])
+def test_an_address_that_this_machine_has_not(host: str) -> None:
+    with pytest.raises(UserError, match=rf"view.host = {host}: cannot listen there"):
+        listen(host, None)
+
+
+def test_what_only_this_machine_reaches() -> None:
+    assert all(map(is_loopback, ("127.0.0.1", "localhost", "::1", "127.8.8.8")))
+    assert not any(map(is_loopback, ("0.0.0.0", "::", "192.168.1.4", "boat.local", "")))
