@@ -26,6 +26,8 @@ from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import SONAR_POINT
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
+from xitl_cli.run.core.pace import OperatedLockstep
+from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.status_display import RunStatus
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scene import make_debris_scene, make_scripted_scene
@@ -50,9 +52,6 @@ _FLU = np.array([1.0, -1.0, -1.0])
 _SEVERITIES = {1: 7, 2: 6, 3: 4, 4: 3, 5: 2}
 """MAV_SEVERITY by the level of a foxglove.Log."""
 
-Act = Callable[[Mapping[str, Any]], str | None]
-"""Carries out an action; a refusal is a sentence."""
-
 
 @dataclass(slots=True)
 class _Seen:
@@ -64,7 +63,10 @@ class _Seen:
 
 
 class VesselWatch(RunNode):
-    """What is drawn of one vessel, partly from what is recorded of it: estimate, clouds, obstacles, clocks, words."""
+    """What is drawn of one vessel, partly from what is recorded of it: estimate, clouds, obstacles, clocks, words.
+
+    Offsets of clocks are told against what they were at first: when a machine was switched on says nothing.
+    """
 
     def __init__(
         self, profile: RunProfile, plant: PlantView, control: ControlNode, status: Callable[[], RunStatus]
@@ -79,7 +81,7 @@ class VesselWatch(RunNode):
         self._sonar: deque[_Seen] = deque(maxlen=SONAR_PINGS)
         self._drawn: dict[int, tuple[_Seen, Points]] = {}
         self._obstacles: dict[int, tuple[int, Any, Any]] = {}
-        self._clocks: dict[str, tuple[float, float]] = {}
+        self._clocks: dict[str, tuple[float, float, float]] = {}
         self._events: deque[tuple[int, Any]] = deque(maxlen=MOST_EVENTS)
 
     def begin(self, context: RunContext) -> None:
@@ -111,7 +113,8 @@ class VesselWatch(RunNode):
 
     def _on_clock(self, stamp_ns: int, node: str, *values: Any) -> None:
         if node != "PS1":
-            self._clocks[node] = values[4], values[5]
+            first_s = self._clocks[node][0] if node in self._clocks else values[4]
+            self._clocks[node] = first_s, values[4] - first_s, values[5]
 
     def instant(self, now_ns: int, late: int) -> VesselInstant:
         """It now. late: deadlines that the host missed."""
@@ -179,9 +182,9 @@ class VesselWatch(RunNode):
             "links lost": status.lost,
             "deadline misses": status.missed + late,
         }
-        for node, (offset_s, drift_ppm) in self._clocks.items():
+        for node, (_, since_s, drift_ppm) in self._clocks.items():
             several = f" {node}" if len(self._clocks) > 1 else ""
-            numbers[f"clock offset{several} ms"] = 1e3 * offset_s
+            numbers[f"clock offset{several} ms"] = 1e3 * since_s
             numbers[f"clock drift{several} ppm"] = drift_ppm
         return numbers
 
@@ -214,8 +217,7 @@ class LiveViewNode(RunNode):
     """The view of a run. One that dies, hangs or that nobody looks at leaves the run as it is.
 
     profiles: of each vessel. drawn: the scene that is recorded, encoded. watches: of the vessels. tell: says the
-    address to the user. interrupted: whether somebody wants to end the run. `act` is set by who carries out what is
-    asked for at the page.
+    address to the user. interrupted: whether somebody wants to end the run.
     """
 
     def __init__(
@@ -228,9 +230,7 @@ class LiveViewNode(RunNode):
         interrupted: Callable[[], bool],
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.act: Act | None = None
-        self.faults: Mapping[str, Sequence[str]] = {}
-        self.paused: Callable[[], bool] = lambda: False
+        self._operator: OperatorNode | None = None
         self._profiles = tuple(profiles)
         self._spec = profiles[0].view
         self._plant = plant
@@ -247,7 +247,7 @@ class LiveViewNode(RunNode):
         self._asked = False
         self._looking = self._joined = self._shown = self._skipped = self._actions = self._refused = 0
         self._alone_since_s: float | None = None
-        self._led = False
+        self._led = self._unpaced = False
         self._rate: deque[tuple[float, int]] = deque(maxlen=20)
         self._address: ViewAddress | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -256,6 +256,12 @@ class LiveViewNode(RunNode):
         self._opened = False
         self._ended = ""
         self._recorder: Any = None
+        self._pace: Any = None
+
+    def meet(self, operator: OperatorNode) -> None:
+        """Have it carry out what is asked for at the page, and be polled by it: while the run stands still too."""
+        self._operator = operator
+        operator.listen(self.poll)
 
     def prepare(self) -> None:
         """Listen, start the process and say where it is."""
@@ -290,8 +296,9 @@ class LiveViewNode(RunNode):
             updates.append(make_scripted_scene(self._traffic).encode())
         lockstep = lead.clock.mode == "lockstep"
         assert self._address is not None
-        faults = tuple((vessel, tuple(names)) for vessel, names in self.faults.items())
-        operated = self.act is not None
+        operator = self._operator
+        operated = operator is not None
+        faults = () if operator is None else tuple(operator.faults.items())
         start = ViewStart(
             lead.name, self._address, self._spec.dark, tuple(updates), self._profiles, operated, lockstep, faults
         )
@@ -303,17 +310,14 @@ class LiveViewNode(RunNode):
                 time.sleep(0.02)
 
     def exchange(self, step: RunStep) -> None:
-        if self._now_s() >= self._next_s:
-            self.poll()
+        self.poll()
 
     def poll(self) -> None:
-        """Take in what the view asks for, and give it an instant if it wants one. Called while the run pauses too."""
+        """When that is due take in what the view asks for, and give it an instant if it wants one."""
         now_s = self._now_s()
-        due = now_s >= self._next_s
-        if due:
-            self._next_s = now_s + 1.0 / self._spec.rate_hz
-        if self._pipe is None:
+        if now_s < self._next_s or self._pipe is None:
             return
+        self._next_s = now_s + 1.0 / self._spec.rate_hz
         try:
             for message in self._pipe.receive():
                 self._take_in(message)
@@ -321,7 +325,7 @@ class LiveViewNode(RunNode):
             self._lose()
             return
         self._lead(now_s)
-        if not due or not self._looking:
+        if not self._looking:
             return
         if not self._asked or self._pipe.waiting_bytes > MOST_WAITING_BYTES:
             self._skipped += 1
@@ -346,28 +350,37 @@ class LiveViewNode(RunNode):
                 self._send(ViewRefusal(refusal))
 
     def _ask(self, action: Mapping[str, Any]) -> str | None:
-        return "nothing can be asked of this run" if self.act is None else self.act(action)
+        return (
+            "nobody carries out actions in this run" if self._operator is None else self._operator.ask(action, SOURCE)
+        )
 
     def _lead(self, now_s: float) -> None:
-        """Somebody looks: at the pace of the profile. Nobody any more: on as before."""
+        """Somebody looks: at the pace of the profile, unless one is set. Nobody any more: on as before."""
         if self._looking:
             self._alone_since_s = None
             if not self._led:
                 self._led = True
-                if self._spec.pace is not None and self._profiles[0].clock.mode == "lockstep":
+                if self._paceable and self._spec.pace is not None and self._pace.factor is None:
                     self._ask({"action": "pace", "factor": self._spec.pace})
+                    self._unpaced = True
         elif self._led:
             self._alone_since_s = self._alone_since_s or now_s
             if now_s - self._alone_since_s >= ALONE_S:
-                self._led, self._alone_since_s = False, None
+                self._alone_since_s = None
                 self._leave_alone()
 
     def _leave_alone(self) -> None:
         """Nobody is there to let it go on."""
-        if self.act is not None and self._profiles[0].clock.mode == "lockstep":
-            if self.paused():
+        if self._led and self._paceable:
+            if self._pace.paused:
                 self._ask({"action": "resume"})
-            self._ask({"action": "pace", "factor": None})
+            if self._unpaced:
+                self._ask({"action": "pace", "factor": None})
+        self._led = self._unpaced = False
+
+    @property
+    def _paceable(self) -> bool:
+        return isinstance(self._pace, OperatedLockstep)
 
     def _instant(self, now_s: float) -> ViewInstant:
         plant, state = self._plant, self._plant.state
@@ -393,7 +406,7 @@ class LiveViewNode(RunNode):
             (float(current[0]), float(current[1])),
             self._bodies(),
             tuple(events),
-            self.paused(),
+            self._paceable and self._pace.paused,
             pace,
         )
 
@@ -440,9 +453,7 @@ class LiveViewNode(RunNode):
                 reason = f"signal {-code}"
             if reason:
                 self._ended += f" ({reason})"
-        if self._led:
-            self._led = False
-            self._leave_alone()
+        self._leave_alone()
         self._tell(f"warning: {self._ended}")
         if self._recorder is not None:
             self._recorder.log(self._plant.state.time_ns, WARNING, SOURCE, self._ended)
