@@ -1,9 +1,11 @@
 # Every target bootstraps what it needs from a stock python3 (3.11 or newer): a virtual environment in .venv, pinned by constraints.txt.
 PYTHON ?= python3
 VENV := .venv
+AGENT_PYTHON ?= python3.9
+AGENT_VENV := build/agent-python
 BIN := $(VENV)/bin
 
-.PHONY: run package test test-fast lint format types dialect check-dialect pages docs pictures bench figures soak wheel lock clean
+.PHONY: run package test test-fast test-agent lint format types dialect check-dialect pages docs pictures bench figures soak wheel lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -36,6 +38,15 @@ test: $(VENV)/.dev  ## all tests; those that keep real time one at a time
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
 	PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
+
+$(AGENT_VENV)/.made: Makefile
+	$(AGENT_PYTHON) -m venv $(AGENT_VENV)
+	$(AGENT_VENV)/bin/python -m pip install --disable-pip-version-check --no-input \
+		hypothesis numpy pygeomag pymap3d pymavlink pyserial pytest python-can
+	@touch $@
+
+test-agent: $(AGENT_VENV)/.made  ## the agent's fast tests on the oldest Python of a board (AGENT_PYTHON=python3.9)
+	$(AGENT_VENV)/bin/python -m pytest tests/unit/agent -m "not slow and not realtime"
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pymavlink import DFReader
+from python39 import strict_zip
 
 
 def rows_of(path: Path) -> dict[str, list[Any]]:
@@ -32,8 +33,6 @@ def described(rows: Mapping[str, list[Any]]) -> dict[str, dict[str, tuple[str, s
         units, multipliers = fmtu[row.Type]
         found[row.Name] = {
             column: (letter, labels[unit], factors[multiplier])
-            for column, letter, unit, multiplier in zip(
-                row.Columns.split(","), row.Format, units, multipliers, strict=True
-            )
+            for column, letter, unit, multiplier in strict_zip(row.Columns.split(","), row.Format, units, multipliers)
         }
     return found

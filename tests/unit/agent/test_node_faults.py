@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from itertools import pairwise
 from typing import Any
 
 import pytest
 from node_host import HELLO, LOCKSTEP, MS, START, STOP, Host, of, texts
+from python39 import pairwise
 
 from agent.wire import dialect as mav
 from agent.wire.impaired import OVERTAKEN_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import Any
 
 import pytest
@@ -33,7 +33,7 @@ from agent.wire import dialect as mav
 from agent.wire.codec import Message, Packer
 from agent.wire.memory import MemoryTransport, memory_pair
 
-START = datetime(2026, 1, 1, tzinfo=UTC)
+START = datetime(2026, 1, 1, tzinfo=timezone.utc)
 
 
 def test_a_known_date() -> None:

@@ -11,6 +11,8 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from python39 import strict_zip
+
 from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
@@ -187,10 +189,8 @@ class Sensors:
         force = boat.to_body((boat.acc_ne_mps2[0], boat.acc_ne_mps2[1], boat.down()[2] - GRAVITY_MPS2))
         return ImuMeasurement(
             boat.time_ns,
-            tuple(
-                w + b + gauss(0.0, noise.gyro_density * root) for w, b in zip(boat.gyro(), noise.gyro_bias, strict=True)
-            ),
-            tuple(f + b + gauss(0.0, noise.accel_density * root) for f, b in zip(force, noise.accel_bias, strict=True)),
+            tuple(w + b + gauss(0.0, noise.gyro_density * root) for w, b in strict_zip(boat.gyro(), noise.gyro_bias)),
+            tuple(f + b + gauss(0.0, noise.accel_density * root) for f, b in strict_zip(force, noise.accel_bias)),
         )
 
     def gnss(self, boat: Boat) -> GnssMeasurement:

@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import strict_zip
 
 from agent.fcu.control.allocation import Allocation, AllocationGains, ThrustAllocator, allocate
 from agent.fcu.control.controller import Demand
@@ -49,8 +50,8 @@ def test_slew_limits_every_step(a: float, b: float, c: float, d: float) -> None:
     g = AllocationGains(astern=0.6, expo=1.0, slew_per_s=2.0)
     first = allocate(g, Allocation(), a, b, 0.02)
     second = allocate(g, first, c, d, 0.02)
-    assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in zip((0.0, 0.0), first.command, strict=True))
-    assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in zip(first.command, second.command, strict=True))
+    assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in strict_zip((0.0, 0.0), first.command))
+    assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in strict_zip(first.command, second.command))
 
 
 VECTORED = {"SERVO1_FUNCTION": 26.0, "SERVO3_FUNCTION": 70.0, "MOT_VEC_ANGLEMAX": 45.0, "MOT_SLEWRATE": 0.0}

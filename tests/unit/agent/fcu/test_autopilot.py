@@ -45,7 +45,7 @@ class Track:
     def __call__(self, actuators: Actuators) -> bool:
         assert all(abs(command) <= 1.0 for command in actuators.command)
         place = (self.boat.north_m, self.boat.east_m)
-        self.off_m.append(min(_distance(place, a, b) for a, b in zip(self.corners, self.corners[1:], strict=False)))
+        self.off_m.append(min(_distance(place, a, b) for a, b in zip(self.corners, self.corners[1:])))
         course = self.autopilot.navigator.output
         full = course is not None and course.speed_mps == self.autopilot.parameters["WP_SPEED"]
         self.speeds = [*self.speeds, math.hypot(*self.boat.vel_ne_mps)] if full else []

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, SILENT, STEP_NS, Boat, Noise, Sensors
+from python39 import strict_zip
 
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.autopilot import Autopilot
@@ -72,7 +73,7 @@ def test_a_circle_does_not_tilt_the_estimate(latency_s: float) -> None:
     worst = [0.0] * 5
     for _ in range(200):
         advance(boat, sensors, autopilot, 0.1, (0.785, 0.392))
-        worst = [max(a, abs(b)) for a, b in zip(worst, read(boat, sensors, autopilot), strict=True)]
+        worst = [max(a, abs(b)) for a, b in strict_zip(worst, read(boat, sensors, autopilot))]
     assert max(worst[:2]) < 0.3
     assert worst[2] < 0.3
     assert worst[3] < 0.05
@@ -93,14 +94,14 @@ def test_consumer_sensors_in_waves(seed: int) -> None:
     drift2 = 0.0
     for _ in range(300):
         advance(boat, sensors, autopilot, 0.1, (0.7, 0.6))
-        squares = [a + b * b / 300 for a, b in zip(squares, read(boat, sensors, autopilot), strict=True)]
+        squares = [a + b * b / 300 for a, b in strict_zip(squares, read(boat, sensors, autopilot))]
         drift2 += (sensors.drift[0] ** 2 + sensors.drift[1] ** 2) / 300
     roll, pitch, yaw, position_m, velocity_mps = (math.sqrt(value) for value in squares)
     assert max(roll, pitch) < 0.5
     assert yaw < 1.0
     assert velocity_mps < 0.1
     assert position_m < math.sqrt(drift2) + 0.15  # the slow drift cannot be told from motion; the white noise can
-    for estimated, true in zip(autopilot.estimator.gyro_bias_frd_radps, noise.gyro_bias, strict=True):
+    for estimated, true in strict_zip(autopilot.estimator.gyro_bias_frd_radps, noise.gyro_bias):
         assert abs(estimated - true) < math.radians(0.05)  # a tenth of the turn-on bias
 
 
@@ -126,13 +127,13 @@ def test_lever_arms_are_taken_off() -> None:
     arm, imu_arm = (-0.5, 0.2, -1.2), (0.6, 0.0, 0.0)
     boat = Boat(roll_amplitude_rad=math.radians(8.0))
     sensors = Sensors(1, SILENT)
-    names = {f"GPS1_POS_{axis}": value for axis, value in zip("XYZ", arm, strict=True)} | {"INS_POS1_X": imu_arm[0]}
+    names = {f"GPS1_POS_{axis}": value for axis, value in strict_zip("XYZ", arm)} | {"INS_POS1_X": imu_arm[0]}
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD, **names}))
     fix_of_origin, imu_of_origin = sensors.gnss, sensors.imu
 
     def to_ned(boat: Boat, v):
         rows = [boat.to_body(axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
-        return tuple(sum(r * x for r, x in zip(row, v, strict=True)) for row in rows)
+        return tuple(sum(r * x for r, x in strict_zip(row, v)) for row in rows)
 
     def cross(a, b):
         return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
@@ -147,24 +148,24 @@ def test_lever_arms_are_taken_off() -> None:
             lat_deg=fix.lat_deg + n / NORTH_M_PER_DEG,
             lon_deg=fix.lon_deg + e / EAST_M_PER_DEG,
             alt_m=fix.alt_m - d,
-            vel_ned_mps=tuple(v + s for v, s in zip(fix.vel_ned_mps, swing, strict=True)),
+            vel_ned_mps=tuple(v + s for v, s in strict_zip(fix.vel_ned_mps, swing)),
         )
 
     before = [(0.0, 0.0, 0.0)]
 
     def imu(boat: Boat) -> ImuMeasurement:
         sample, gyro = imu_of_origin(boat), boat.gyro()
-        angular_acc = tuple((w - w0) / (STEP_NS * 1e-9) for w, w0 in zip(gyro, before[0], strict=True))
+        angular_acc = tuple((w - w0) / (STEP_NS * 1e-9) for w, w0 in strict_zip(gyro, before[0]))
         before[0] = gyro
-        extra = (a + b for a, b in zip(cross(angular_acc, imu_arm), cross(gyro, cross(gyro, imu_arm)), strict=True))
-        return sample._replace(accel_frd_mps2=tuple(f + a for f, a in zip(sample.accel_frd_mps2, extra, strict=True)))
+        extra = (a + b for a, b in strict_zip(cross(angular_acc, imu_arm), cross(gyro, cross(gyro, imu_arm))))
+        return sample._replace(accel_frd_mps2=tuple(f + a for f, a in strict_zip(sample.accel_frd_mps2, extra)))
 
     sensors.gnss, sensors.imu = gnss, imu  # type: ignore[method-assign]
     advance(boat, sensors, autopilot, 30.0, (0.8, 0.5))
     worst = [0.0] * 5
     for _ in range(40):
         advance(boat, sensors, autopilot, 0.1, (0.8, 0.5))
-        worst = [max(a, abs(b)) for a, b in zip(worst, read(boat, sensors, autopilot), strict=True)]
+        worst = [max(a, abs(b)) for a, b in strict_zip(worst, read(boat, sensors, autopilot))]
     assert worst[3] < 0.1  # the arms together are 1.4 m
     assert worst[4] < 0.1  # the antenna swings with 0.46 m/s
 

@@ -7,8 +7,7 @@ import struct
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
-from itertools import pairwise
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ from boat import (
 )
 from dataflash_reader import rows_of
 from pymavlink import mavutil
+from python39 import pairwise, strict_zip
 
 from agent.fcu.dataflash import writer as writer_module
 from agent.fcu.dataflash.flight_log import FlightLog
@@ -161,7 +161,7 @@ def test_attitude_and_motor_outputs_of_every_cycle(flown: tuple[Flight, dict[str
     flight, rows = flown
     assert [row.TimeUS for row in rows["ATT"]] == [entry[0] for entry in flight.diary]
     assert [row.TimeUS for row in rows["RCOU"]] == [entry[0] for entry in flight.diary]
-    for row, out, (_, estimate, actuators, *_rest) in zip(rows["ATT"], rows["RCOU"], flight.diary, strict=True):
+    for row, out, (_, estimate, actuators, *_rest) in strict_zip(rows["ATT"], rows["RCOU"], flight.diary):
         assert row.Roll == pytest.approx(math.degrees(estimate.roll_rad), abs=1e-4)
         assert row.Pitch == pytest.approx(math.degrees(estimate.pitch_rad), abs=1e-4)
         assert row.Yaw == pytest.approx(math.degrees(estimate.yaw_rad) % 360.0, abs=1e-4)
@@ -194,13 +194,13 @@ def test_position_is_the_boats(flown: tuple[Flight, dict[str, list[Any]]]) -> No
 def test_every_sample_is_there(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     samples = flight.autopilot.samples
-    for row, imu in zip(rows["IMU"], samples["imu"], strict=True):
+    for row, imu in strict_zip(rows["IMU"], samples["imu"]):
         assert (row.TimeUS, row.SampleUS) == ((imu.stamp_ns + AHEAD_NS) // 1000, imu.stamp_ns // 1000)
         logged = (row.GyrX, row.GyrY, row.GyrZ, row.AccX, row.AccY, row.AccZ, row.T)
         assert logged == struct.unpack(
             "<7f", struct.pack("<7f", *imu.gyro_frd_radps, *imu.accel_frd_mps2, imu.temperature_degc)
         )
-    for row, fix in zip(rows["GPS"], samples["gnss"], strict=True):
+    for row, fix in strict_zip(rows["GPS"], samples["gnss"]):
         assert (row.Lat, row.Lng) == (pytest.approx(fix.lat_deg, abs=0.6e-7), pytest.approx(fix.lon_deg, abs=0.6e-7))
         assert row.Alt == pytest.approx(fix.alt_m, abs=0.0051)
         assert abs(row.Alt - ALT_M) < 5.0
@@ -213,25 +213,25 @@ def test_every_sample_is_there(flown: tuple[Flight, dict[str, list[Any]]]) -> No
     for row in rows["GPA"][1:]:
         assert (row.HAcc, row.VAcc, row.SAcc) == (0.6, 0.9, 0.1)
         assert (row.Delta, row.SMS) == (200, row.TimeUS // 1000)
-    for row, mag in list(zip(rows["MAG"], samples["magnetometer"], strict=True))[1:]:
+    for row, mag in list(strict_zip(rows["MAG"], samples["magnetometer"]))[1:]:
         field = 1e3 * mag.field_frd_gauss[0] + OFFSET_MGAUSS
         assert row.MagX == pytest.approx(field, abs=0.51)
         assert (row.OfsX, row.OfsY) == (OFFSET_MGAUSS, 0)
-    for row, baro in zip(rows["BARO"], samples["barometer"], strict=True):
+    for row, baro in strict_zip(rows["BARO"], samples["barometer"]):
         assert (row.Press, row.Temp) == (pytest.approx(baro.pressure_pa, rel=1e-7), 20.0)
 
 
 @pytest.mark.parametrize("dated", [True, False])
 def test_a_fix_has_gps_week_and_time_once_there_is_a_date(tmp_path: Path, dated: bool) -> None:
     """The two are 0 before; GPS time is without leap seconds, of which there were 18 since 1980 by 2027."""
-    noon = datetime(2027, 3, 4, 12, 0, 0, 250_500, tzinfo=UTC)
+    noon = datetime(2027, 3, 4, 12, 0, 0, 250_500, tzinfo=timezone.utc)
     stamp_ns = 7_500_000_000
     date = GpsTime.from_unix_time(noon.timestamp(), stamp_ns) if dated else None
     sample = GnssMeasurement(stamp_ns, LAT_DEG, LON_DEG, ALT_M, (1.0, 0.0, 0.0))
     path = tmp_path / "one.bin"
     path.write_bytes(header(FORMATS, 0) + gnss(8_000_000, sample, 7_800_000, date))
     (row,) = rows_of(path)["GPS"]
-    since = noon - datetime(1980, 1, 6, tzinfo=UTC) + timedelta(seconds=18)
+    since = noon - datetime(1980, 1, 6, tzinfo=timezone.utc) + timedelta(seconds=18)
     told = (since.days // 7, since % timedelta(days=7) // timedelta(milliseconds=1))
     assert (row.GWk, row.GMS) == (told if dated else (0, 0))
 
@@ -240,7 +240,7 @@ def test_what_changed_is_told_once_and_in_time(flown: tuple[Flight, dict[str, li
     flight, rows = flown
     changes = [
         (entry[0], entry[3])
-        for before, entry in zip([None, *flight.diary], flight.diary, strict=False)
+        for before, entry in zip([None, *flight.diary], flight.diary)
         if before is None or before[3] != entry[3]
     ]
     assert [(row.TimeUS, row.ModeNum) for row in rows["MODE"]] == changes

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import pairwise
 
 from agent.fcu.control.guidance import GuidanceGains, GuidanceState, carry_integral, follow_leg, make_leg
 from agent.fcu.parameters import Parameters
@@ -61,7 +61,7 @@ def test_speed_comes_down_before_a_corner_and_not_before_a_straight_on() -> None
     arc_m = GAINS.radius_m / math.tan(math.radians(45.0))
     assert speed_at(2.0, (100.0, 50.0)) == pytest.approx(GAINS.turn_rate_radps * arc_m)
     speeds = [speed_at(to_go / 10.0, (100.0, 50.0)) for to_go in range(300, 20, -1)]
-    drops = [(a * a - b * b) / 0.2 for a, b in itertools.pairwise(speeds)]
+    drops = [(a * a - b * b) / 0.2 for a, b in pairwise(speeds)]
     assert max(drops) <= GAINS.deceleration_mps2 * 1.001  # v dv = a ds
 
 

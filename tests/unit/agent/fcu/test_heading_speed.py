@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import pairwise
 
 from agent.fcu.control.heading_speed import (
     SpeedGains,
@@ -44,7 +44,7 @@ def test_turn_rate_and_its_change_are_limited() -> None:
         state, _ = turn_rate_control(STEERING, state, heading_rate_radps(STEERING, 3.0, 0.0), 0.0, False, DT)
         rates.append(state.desired_rate_radps)
     assert max(rates) == pytest.approx(math.radians(30.0))
-    assert max(b - a for a, b in itertools.pairwise(rates)) <= math.radians(90.0) * DT * 1.0001
+    assert max(b - a for a, b in pairwise(rates)) <= math.radians(90.0) * DT * 1.0001
 
 
 def test_speed_settles_in_a_head_current() -> None:

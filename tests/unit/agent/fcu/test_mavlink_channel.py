@@ -10,6 +10,7 @@ import pytest
 from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, Boat, Noise, Sensors, sail
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from python39 import strict_zip
 
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mission import make_mission, waypoint
@@ -274,7 +275,7 @@ COMMANDS = sorted(number for number, entry in mav.enums["MAV_CMD"].items() if no
 def _message(cls: type) -> st.SearchStrategy[Any]:
     """Any field values that the wire can carry; addressed to this vehicle."""
     fields = []
-    for name, kind in zip(cls.fieldnames, cls.fieldtypes, strict=True):
+    for name, kind in strict_zip(cls.fieldnames, cls.fieldtypes):
         length = cls.array_lengths[cls.ordered_fieldnames.index(name)]
         if name in ("target_system", "target_component"):
             fields.append(st.sampled_from([0, 1]))

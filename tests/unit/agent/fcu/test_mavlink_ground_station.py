@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import Any
 
 import pytest
@@ -494,7 +494,7 @@ def test_utc_is_told_once_a_receiver_has_a_fix(station: MavlinkChannel) -> None:
     clock = station.streams.message(mav.MAVLINK_MSG_ID_SYSTEM_TIME, 5 * SECOND)
     assert clock is not None
     since_us = station.autopilot.state.estimate.stamp_ns // 1000
-    started = datetime(2025, 6, 15, tzinfo=UTC).timestamp() - 18.0  # the date of runs that repeat, less leaps
+    started = datetime(2025, 6, 15, tzinfo=timezone.utc).timestamp() - 18.0  # the date of runs that repeat, less leaps
     assert clock.time_unix_usec == round(started * 1e6) + since_us
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import pairwise, strict_zip
 
 from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
 from agent.fcu.geodetic import LocalProjection
@@ -44,7 +44,7 @@ DT_S = 0.1
 
 def at(north_m: float, east_m: float, command: int = 16, *parameters: float) -> MissionItem:
     return do(command, *parameters)._replace(
-        **dict(zip(("lat_deg", "lon_deg"), FRAME.to_geodetic(north_m, east_m), strict=True))
+        **dict(strict_zip(("lat_deg", "lon_deg"), FRAME.to_geodetic(north_m, east_m)))
     )
 
 
@@ -92,7 +92,7 @@ def test_turns_are_sailed_around_a_place(radius_m: float, sense: float) -> None:
     off_m = [abs(math.hypot(north - 30.0, east) - 10.0) for north, east in around[len(around) // 2 :]]
     assert max(off_m) < 1.0
     angles = [math.atan2(east, north - 30.0) for north, east in vessel.track]
-    steps = [math.remainder(b - a, 2.0 * math.pi) for a, b in itertools.pairwise(angles)]
+    steps = [math.remainder(b - a, 2.0 * math.pi) for a, b in pairwise(angles)]
     # Two turns in that sense, and the way onto the circle.
     assert sense * sum(steps[len(steps) // 4 :]) > 2.0 * math.pi
     assert 2.0 * 2.0 * math.pi * 10.0 / 2.0 <= vessel.time_s < 2.0 * 2.0 * math.pi * 10.0 / 1.0 + 30.0

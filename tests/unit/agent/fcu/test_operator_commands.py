@@ -89,7 +89,9 @@ def give(ship: SteeredBoat, name: str, values: tuple[Any, ...]) -> None:
     elif name == "parameter":
         row, part = values
         value = row.low + part * (row.high - row.low)
-        autopilot.parameters.set(row.name, value if row.type == REAL32 else round(value) if not row.choices else 4)
+        if choices := [choice for choice in row.choices if row.low <= choice <= row.high]:
+            value = min(choices, key=lambda choice: abs(choice - value))
+        autopilot.parameters.set(row.name, value if row.type == REAL32 else round(value))
     elif name != "wait":
         owner = next(part for part in (autopilot, autopilot.commands, autopilot.failsafes) if hasattr(part, name))
         answer = getattr(owner, name)(*values, *((ship.boat.time_ns,) if name in TIMED else ()))

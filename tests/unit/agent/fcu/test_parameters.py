@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import strict_zip
 
 from agent.fcu.parameters import SYSTEM_ID, TABLE, ParameterError, Parameters, load_parm
 
@@ -119,6 +120,6 @@ def test_as_parm_loads_again() -> None:
     parameters = Parameters({"WP_SPEED": 1.7, "COMPASS_DEC": -0.24})
     again = Parameters()
     again.load(parameters.as_parm())
-    assert dict(zip(again, map(again.__getitem__, again), strict=True)) == pytest.approx(
-        dict(zip(parameters, map(parameters.__getitem__, parameters), strict=True))
+    assert dict(strict_zip(again, map(again.__getitem__, again))) == pytest.approx(
+        dict(strict_zip(parameters, map(parameters.__getitem__, parameters)))
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import pairwise
 
 from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
@@ -143,7 +143,7 @@ def test_thinning_keeps_the_ends_and_leaves_no_point_far_off(places: list[tuple[
     assert kept[:1] == places[:1]
     assert kept[-1:] == places[-1:]
     for place in places:
-        assert min((_off_m(place, a, b) for a, b in itertools.pairwise(kept)), default=0.0) <= least_m + 1e-9
+        assert min((_off_m(place, a, b) for a, b in pairwise(kept)), default=0.0) <= least_m + 1e-9
 
 
 def _off_m(place: tuple[float, float], a: tuple[float, float], b: tuple[float, float]) -> float:

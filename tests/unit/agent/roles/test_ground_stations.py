@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from python39 import strict_zip
 
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mavlink.hub import MavlinkHub
@@ -227,7 +228,7 @@ def test_many_share_what_one_cycle_can_bear(world: World) -> None:
         assert link.transport.send(b"\xfd" * 4000)
     read = [client.link.counters.bytes_in for client in world.stations._clients]
     world.run()
-    taken = [client.link.counters.bytes_in - one for client, one in zip(world.stations._clients, read, strict=True)]
+    taken = [client.link.counters.bytes_in - one for client, one in strict_zip(world.stations._clients, read)]
     assert 0 < sum(taken) <= client_module.BYTES_A_CYCLE
     assert min(taken) == max(taken)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import pairwise
 
 from agent.timing.clock import SteppedClock, TickClock
 from agent.timing.tasks import MOST_KEPT, Executor, TaskMiss
@@ -178,9 +178,7 @@ def test_histograms_count_each_cycle_where_it_belongs(late_ns: list[int], runs_n
 def counted(times_ns: list[int]) -> tuple[int, ...]:
     """By the edges that the dialect documents."""
     edges_us = [0, *(2**k for k in range(1, 16)), math.inf]
-    return tuple(
-        sum(low <= time_ns // 1000 < high for time_ns in times_ns) for low, high in itertools.pairwise(edges_us)
-    )
+    return tuple(sum(low <= time_ns // 1000 < high for time_ns in times_ns) for low, high in pairwise(edges_us))
 
 
 def test_each_miss_is_told_with_its_instants() -> None:

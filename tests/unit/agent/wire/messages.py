@@ -6,6 +6,7 @@ import struct
 from typing import Any
 
 from hypothesis import strategies as st
+from python39 import strict_zip
 
 from agent.wire import dialect
 from agent.wire.codec import Packer
@@ -31,8 +32,7 @@ def _field(wire_type: str, count: int) -> st.SearchStrategy[Any]:
 
 def _messages_of(kind: Any) -> st.SearchStrategy[Any]:
     fields = [
-        _field(wire_type, kind.array_lengths[order])
-        for wire_type, order in zip(kind.fieldtypes, kind.orders, strict=True)
+        _field(wire_type, kind.array_lengths[order]) for wire_type, order in strict_zip(kind.fieldtypes, kind.orders)
     ]
     return st.tuples(*fields).map(lambda values: kind(*values))
 
@@ -47,7 +47,7 @@ def same(a: Any, b: Any) -> bool:
     if isinstance(a, float):
         return (isinstance(b, float) and struct.pack("<d", a) == struct.pack("<d", b)) or a == b or (a != a and b != b)
     if isinstance(a, (list, tuple)):
-        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+        return len(a) == len(b) and all(same(x, y) for x, y in strict_zip(a, b))
     return bool(a == b)
 
 

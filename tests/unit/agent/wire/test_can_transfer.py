@@ -7,6 +7,7 @@ import random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import strict_zip
 
 from agent.wire.can_transfer import (
     FD_LENGTHS,
@@ -84,7 +85,7 @@ def put(reassembler: Reassembler, frames: list[CanFrame], fd: bool, now_s: float
 @given(CHUNKS, st.booleans())
 def test_what_goes_in_comes_out(chunks: list[tuple[bytes, int]], fd: bool) -> None:
     reassembler = Reassembler(1, 2)
-    for (chunk, _), frames in zip(chunks, frames_of(chunks, fd), strict=True):
+    for (chunk, _), frames in strict_zip(chunks, frames_of(chunks, fd)):
         assert put(reassembler, frames, fd) == [chunk]
         assert all(len(frame.data) in (FD_LENGTHS if fd else range(9)) for frame in frames)
         assert all(0 <= frame.identifier < 1 << 29 for frame in frames)

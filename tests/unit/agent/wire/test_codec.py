@@ -14,6 +14,7 @@ from messages import KINDS, MESSAGES, imu, same
 from pymavlink.dialects.v20 import ardupilotmega as common
 from pymavlink.dialects.v20 import development
 from pymavlink.generator import mavgen
+from python39 import strict_zip
 
 from agent.wire import dialect
 from agent.wire.codec import MessageRefusedError, Packer, decode, prepare
@@ -67,7 +68,7 @@ def public_message(number: int, value: int) -> Any:
     """A message of pymavlink's own with every field set, extensions too."""
     kind = public_set(number).mavlink_map[number]
     fields: list[Any] = []
-    for name, wire_type, order in zip(kind.fieldnames, kind.fieldtypes, kind.orders, strict=True):
+    for name, wire_type, order in strict_zip(kind.fieldnames, kind.fieldtypes, kind.orders):
         count = kind.array_lengths[order]
         if wire_type == "char":
             fields.append(name.encode()[:count])

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from messages import FRAMES, garbage_free_of_frames, imu
+from python39 import strict_zip
 
 from agent.wire import dialect
 from agent.wire import dialect as mav
@@ -57,7 +58,7 @@ def test_every_good_frame_in_a_stream_of_garbage_is_found(
     stream = b"".join(garbage + frame for garbage, frame in parts) + FLUSH
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=8)))
     found = []
-    for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
+    for start, end in strict_zip([0, *cuts], [*cuts, len(stream)]):
         found += framer.feed(stream[start:end])
         assert adds_up(framer)
     assert found == [frame for _, frame in parts]

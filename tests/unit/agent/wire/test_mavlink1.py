@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v10 import ardupilotmega as old
 from pymavlink.dialects.v20 import ardupilotmega as new
+from python39 import strict_zip
 
 from agent.wire import dialect
 from agent.wire.codec import MessageRefusedError, Packer, came_as_mavlink1, decode
@@ -31,7 +32,7 @@ def ours(number: int) -> Any:
     kind = dialect.mavlink_map[number]
     source = random.Random(number)
     values = []
-    for type_name, order in zip(kind.fieldtypes, kind.orders, strict=True):
+    for type_name, order in strict_zip(kind.fieldtypes, kind.orders):
         length = kind.array_lengths[order]
         if type_name == "char":
             values.append(b"xyz")

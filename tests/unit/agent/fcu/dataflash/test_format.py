@@ -12,6 +12,7 @@ import pytest
 from dataflash_reader import described, rows_of
 from hypothesis import given
 from hypothesis import strategies as st
+from python39 import strict_zip
 
 from agent.fcu.dataflash.format import FORMATS, FORMATS_IN_LOCKSTEP, RecordFormat, formats, header
 from tests.recorded import CALM
@@ -58,9 +59,7 @@ def test_every_message_round_trips_with_units_and_multipliers(tmp_path: Path) ->
     rows = rows_of(written(tmp_path, *(FORMATS[name].pack(*values[name]) for name in names)))
     for name in names:
         (row,) = rows[name]
-        for column, letter, value in zip(
-            FORMATS[name].columns.split(","), FORMATS[name].letters, values[name], strict=True
-        ):
+        for column, letter, value in strict_zip(FORMATS[name].columns.split(","), FORMATS[name].letters, values[name]):
             assert getattr(row, column) == (
                 value if letter in TEXT else pytest.approx(value, abs=STEPS.get(letter, 0))
             ), (
@@ -155,7 +154,7 @@ def test_any_value_makes_a_readable_record(
     rows = rows_of(path)
     assert rows["EV"][-1].Id == 25
     read = rows[name][0]
-    for column, letter, value in zip(row.columns.split(","), row.letters, values, strict=True):
+    for column, letter, value in strict_zip(row.columns.split(","), row.letters, values):
         if letter in TEXT:
             expected = value.encode("ascii", "replace")[: TEXT[letter]].split(b"\0")[0].decode()
             assert getattr(read, column) == expected

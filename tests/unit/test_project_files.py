@@ -1,0 +1,95 @@
+"""What a public project has beside its code: citation, hooks, a workflow, templates. They name what is there."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from agent import __version__
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+FORMS = sorted((ROOT / ".github/ISSUE_TEMPLATE").glob("[!c]*.yml"))
+
+
+def read(name: str) -> Any:
+    return yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
+
+
+def steps(job: dict[str, Any]) -> list[str]:
+    return [step["run"] for step in job["steps"] if "run" in step]
+
+
+def test_the_citation_is_of_this_version_and_of_the_paper() -> None:
+    citation = read("CITATION.cff")
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["version"] == __version__
+    assert citation["license"] == PROJECT["license"]
+    paper = citation["preferred-citation"]
+    assert (paper["authors"][0]["family-names"], paper["journal"], paper["year"]) == ("Ribeiro", "Robotica", 2024)
+    assert len(paper["authors"]) == 9
+
+
+def test_the_workflow_runs_every_python_that_is_promised() -> None:
+    jobs = read(".github/workflows/tests.yml")["jobs"]
+    least = PROJECT["requires-python"].removeprefix(">=")
+    pythons = jobs["host"]["strategy"]["matrix"]["python"]
+    assert (pythons[0], pythons[-1]) == (least, "3.14")
+    named = [entry.rpartition(" ")[2] for entry in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", entry)]
+    assert pythons == named
+    assert {step["with"]["python-version"] for step in jobs["agent"]["steps"] if "with" in step} == {"3.9"}
+    for job in jobs.values():
+        for command in steps(job):
+            if command.startswith("make "):
+                assert set(command.split()[1:]) <= TARGETS
+            else:
+                assert (ROOT / command.split()[-1]).is_file()
+
+
+def test_what_has_to_pass_is_what_the_workflow_runs() -> None:
+    jobs = read(".github/workflows/tests.yml")["jobs"]
+    assert ".ci/run" in steps(jobs["all"])
+    asked = re.findall(r"^make (\S+)$", (ROOT / ".ci/run").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {"test", "lint", "types", "check-dialect", "docs", "wheel"} == set(asked) <= TARGETS
+
+
+def test_every_hook_is_local_and_starts_what_is_there() -> None:
+    repositories = read(".pre-commit-config.yaml")["repos"]
+    assert [repository["repo"] for repository in repositories] == ["local"]
+    for hook in repositories[0]["hooks"]:
+        assert hook["language"] == "system"
+        program, *words = hook["entry"].split()
+        if program == "make":
+            assert set(words) <= TARGETS
+        else:
+            assert program in (".venv/bin/ruff", ".venv/bin/mypy", ".venv/bin/python")
+        if program == ".venv/bin/python":
+            assert (ROOT / words[0]).is_file()
+        if "files" in hook:
+            paths = [str(file.relative_to(ROOT)) for folder in ("agent", "docs", "xitl_cli", "xitl", "sim_core")
+                     for file in (ROOT / folder).rglob("*.*")]  # fmt: skip
+            assert any(re.search(hook["files"], path) for path in paths), hook["id"]
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.stem)
+def test_a_form_asks_for_what_is_needed(form: Path) -> None:
+    content = yaml.safe_load(form.read_text(encoding="utf-8"))
+    assert content["name"]
+    assert content["description"]
+    fields = content["body"]
+    assert len({field["id"] for field in fields}) == len(fields)
+    assert any(field.get("validations", {}).get("required") for field in fields)
+    assert {field["type"] for field in fields} <= {"textarea", "input", "checkboxes", "dropdown", "markdown"}
+
+
+def test_the_template_of_a_change_names_targets_that_are_there() -> None:
+    text = (ROOT / ".github/pull_request_template.md").read_text(encoding="utf-8")
+    asked = [word for words in re.findall(r"`make ([^`]+)`", text) for word in words.split()]
+    assert "test" in asked
+    assert set(asked) <= TARGETS
