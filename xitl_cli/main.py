@@ -79,6 +79,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     from xitl_cli.commands.campaign import CampaignGroup
     from xitl_cli.commands.map import map_command
     from xitl_cli.commands.options import usual_spelling
+    from xitl_cli.commands.view import view
 
     # The frames of rich cut the names of options off in a narrow terminal, plain help wraps what is beside them.
     markup: Literal["rich"] | None = "rich" if shutil.get_terminal_size().columns >= FRAMED_HELP_WIDTH else None
@@ -105,6 +106,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     app.command("doctor")(doctor.doctor)
     app.command("wdri")(wdri.wdri)
     app.command("map")(map_command)
+    app.command("view")(view)
     app.command("validate")(validate.validate)
     for name, (text, fill) in _GROUPS.items():
         kind = CampaignGroup if name == "campaign" else WrappedGroup

@@ -6,6 +6,7 @@ logs -> one time line (their clocks, else an event of both) and one map (their p
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -499,4 +500,14 @@ def _further(one: PlacedLog) -> Iterator[tuple[float, str]]:
     actions = one.log.tables.get("/operator/action")
     if actions is not None and "action" in actions.columns:
         for at_ns, text in zip(actions.stamp_ns.tolist(), actions.values("action"), strict=True):
-            yield one.second(at_ns), f"done by hand: {text}"
+            yield one.second(at_ns), f"by hand: {action_text(str(text))}"
+
+
+def action_text(text: str) -> str:
+    """An action in words: `wind mean_mps 6`; as it stands where it is none."""
+    try:
+        action = dict(json.loads(text))
+    except (ValueError, TypeError):
+        return text
+    words = [str(action.pop("action", "?")), *(f"{key} {value}" for key, value in action.items() if value != "")]
+    return " ".join(words)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import math
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -111,11 +110,16 @@ def spaced(seconds: Array, places: Array) -> tuple[Array, Array]:
     return seconds[kept], places[kept]
 
 
-@contextmanager
-def unseen_server() -> Iterator[viser.ViserServer]:
-    """A server at an address of this machine that nobody is told of. Raises UserError without the extra `view`."""
+def check_installed() -> None:
+    """Raises UserError without the extra `view`."""
     if VIEW.missing:
         raise UserError(f"{', '.join(VIEW.missing)} is not installed, and the 3D view needs it: {VIEW.pip_line}")
+
+
+@contextmanager
+def unseen_server() -> Iterator[viser.ViserServer]:
+    """A server at an address of this machine that nobody is told of. Raises UserError as `check_installed`."""
+    check_installed()
     import viser
 
     with socket.socket() as probe:
@@ -128,9 +132,3 @@ def unseen_server() -> Iterator[viser.ViserServer]:
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
-
-
-def overview_distance_m(recording: LogScene) -> float:
-    """From how far away all ways are seen."""
-    places = np.concatenate([recording.track(name).pose.position_enu_m[:, :2] for name in recording.names])
-    return max(1.2 * math.dist(places.max(axis=0), places.min(axis=0)), 15.0)

@@ -29,6 +29,16 @@ CLOUD_S = 1.0
 MOST_POINTS, MOST_MAP_POINTS, MAPS = 1200, 8000, 12
 POINT_STEP_M = 0.05
 _MOST_LISTED = 400
+NUMBERS = (
+    "speed m/s",
+    "heading °",
+    "cross-track m",
+    "estimate off m",
+    "links lost",
+    "deadline misses",
+    "clock offset ms",
+)
+"""In the order in which they are told; others come behind."""
 View = Literal["behind", "beside", "above", "all"]
 
 
@@ -164,7 +174,8 @@ def _vessel_data(recording: LogScene, name: str, span: Span) -> dict[str, Any]:
     many = int(min(span.length_s * NUMBERS_HZ, MOST_NUMBERS)) + 1
     seconds = np.linspace(span.from_s, span.to_s, many)
     rows = [track.at(time_s, 0, seen=False).numbers for time_s in seconds.tolist()]
-    labels = list(dict.fromkeys(label for row in rows for label in row))
+    told = {label for row in rows for label in row}
+    labels = [label for label in NUMBERS if label in told] + sorted(told - set(NUMBERS))
     return {
         "name": name,
         "path": f"/vessels/{name or 'vessel'}",

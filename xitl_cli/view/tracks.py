@@ -201,10 +201,10 @@ class VesselTrack:
         if self.estimate is not None and time_s < self.estimate.span_s[0]:
             estimate = None
         reached = min(int(np.searchsorted(self.reached_s, time_s, side="right")), waypoints_total)
-        numbers = {name: float(found) for name, held in self.numbers.items() if (found := held.at(time_s)) is not None}
-        numbers["heading (°)"] = heading_deg(turn)
+        numbers = {"heading °": heading_deg(turn)}
+        numbers |= {name: float(found) for name, held in self.numbers.items() if (found := held.at(time_s)) is not None}
         if estimate is not None:
-            numbers["estimate off (m)"] = float(np.linalg.norm((estimate[0] - place)[:2]))
+            numbers["estimate off m"] = float(np.linalg.norm((estimate[0] - place)[:2]))
         motors = None if self.motors is None else self.motors.at(time_s)
         tracks = self.clouds.items() if seen else ()
         clouds = {name: points for name, cloud in tracks if (points := cloud.at(time_s)) is not None}
@@ -379,12 +379,12 @@ def _numbers(log: Log, seconds: Seconds, truth: bool) -> Iterator[tuple[str, Hel
         ),
         None,
     )
-    for name, series in (("speed (m/s)", speed), ("cross-track (m)", off)):
+    for name, series in (("speed m/s", speed), ("cross-track m", off)):
         if series is not None:
             yield name, HeldValues(seconds(series.stamp_ns), series.values)
     for label, topic, field, groups in (
-        ("frames lost", "/links", "lost", ("name",)),
-        ("deadlines missed", "/tasks", "missed", ("node", "task")),
+        ("links lost", "/links", "lost", ("name",)),
+        ("deadline misses", "/tasks", "missed", ("node", "task")),
     ):
         if (total := _total(log.tables.get(topic), field, groups, seconds)) is not None:
             yield label, total
@@ -393,7 +393,7 @@ def _numbers(log: Log, seconds: Seconds, truth: bool) -> Iterator[tuple[str, Hel
         nodes = np.asarray(clocks.values("node")).astype(str)
         rows = np.flatnonzero(~np.char.startswith(nodes, "PS"))
         if len(rows):
-            yield "clock offset (ms)", HeldValues(seconds(clocks.stamp_ns[rows]), 1e3 * clocks.values("offset_s", rows))
+            yield "clock offset ms", HeldValues(seconds(clocks.stamp_ns[rows]), 1e3 * clocks.values("offset_s", rows))
 
 
 def _total(table: Table | None, field: str, groups: tuple[str, ...], seconds: Seconds) -> HeldValues | None:
