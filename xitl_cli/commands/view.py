@@ -61,9 +61,9 @@ def view(
     """Play recordings of runs and vehicles in 3D, or write them as a page or pictures."""
     from xitl_cli.logs.model.text import parse_optional_seconds
     from xitl_cli.view.recording import open_scene
-    from xitl_cli.view.replay import check_installed
+    from xitl_cli.view.server import check_view_extra
 
-    check_installed()
+    check_view_extra()
     at_s, from_s, to_s = (parse_optional_seconds(text) for text in (at, from_time, to_time))
     pixels = _size(size)
     if not 0.0 < speed < float("inf"):

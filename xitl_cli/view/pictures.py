@@ -195,7 +195,7 @@ def camera_view(view: View, recording: LogScene, instant: ViewInstant, vessel: s
         places = np.concatenate([recording.track(each).pose.position_enu_m[:, :2] for each in recording.names])
         east, north = ((places.min(axis=0) + places.max(axis=0)) / 2.0).tolist()
         extent = max(math.dist(places.min(axis=0), places.max(axis=0)), 20.0)
-        return Camera((east, north - 0.65 * extent, 0.85 * extent), (east, north, 0.0))
+        return Camera((east, north - 0.5 * extent, 1.0 * extent), (east, north, 0.0))
     here = instant.vessels[name]
     east, north, up = here.position_enu_m.tolist()
     ahead = quat_to_matrix(here.attitude_wxyz)[:, 0]

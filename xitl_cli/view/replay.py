@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xitl_cli.errors import UserError
-from xitl_cli.extras import VIEW
 from xitl_cli.view.model import Array, Colour, ViewInstant
 from xitl_cli.view.recording import LogScene
 
@@ -110,25 +109,25 @@ def spaced(seconds: Array, places: Array) -> tuple[Array, Array]:
     return seconds[kept], places[kept]
 
 
-def check_installed() -> None:
-    """Raises UserError without the extra `view`."""
-    if VIEW.missing:
-        raise UserError(f"{', '.join(VIEW.missing)} is not installed, and the 3D view needs it: {VIEW.pip_line}")
-
-
 @contextmanager
 def unseen_server() -> Iterator[viser.ViserServer]:
-    """A server at an address of this machine that nobody is told of. Raises UserError as `check_installed`."""
-    check_installed()
-    import viser
+    """A server at an address of this machine that nobody is told of. Raises UserError without the extra `view`."""
+    from xitl_cli.view.server import ViewAddress, check_view_extra, make_server
 
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+    check_view_extra()
+    listener = socket.create_server(("127.0.0.1", 0))
+    with silent_viser():
+        server = make_server(listener, ViewAddress("127.0.0.1", listener.getsockname()[1]), "xitl")
     try:
         yield server
     finally:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with silent_viser():
             server.stop()
+
+
+@contextmanager
+def silent_viser() -> Iterator[None]:
+    """It tells its address and its end by itself, and of browsers that open a line and leave."""
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    with contextlib.redirect_stdout(io.StringIO()):
+        yield

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
 import socket
 import threading
@@ -15,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from xitl_cli.logs.model.sections import Severity
 from xitl_cli.logs.model.text import clock_text
 from xitl_cli.view.recording import LogScene, SceneFinding, SceneMark
-from xitl_cli.view.replay import ReplayDrawing
+from xitl_cli.view.replay import ReplayDrawing, silent_viser
 
 if TYPE_CHECKING:
     import viser
@@ -203,7 +201,7 @@ class RecordingPage:
 
         self._recording = recording
         self.clock = PlayClock(recording.span_s, at_s)
-        with contextlib.redirect_stdout(io.StringIO()):  # viser tells its address by itself
+        with silent_viser():
             self._server = server = make_server(listener, address, recording.scene.title)
         server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
         self._drawing = ReplayDrawing(server, recording, dark=dark)
@@ -263,5 +261,5 @@ class RecordingPage:
 
     def close(self) -> None:
         """Let nobody in any more."""
-        with contextlib.redirect_stdout(io.StringIO()):
+        with silent_viser():
             self._server.stop()
