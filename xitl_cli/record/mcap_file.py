@@ -30,6 +30,15 @@ class RecordingError(UserError):
     """The recording cannot be written."""
 
 
+class ChannelMirror(Protocol):
+    """Shows what is recorded elsewhere too."""
+
+    def open_channel(
+        self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
+    ) -> Callable[[bytes, int], object]:
+        """What takes each payload of the channel and its instant."""
+
+
 class PayloadWriter(Protocol):
     """Writes one payload, received at `stamp_ns` and sent at `sent_ns` (None: the same instant)."""
 
@@ -47,10 +56,19 @@ class McapFile:
 
     The file on disk always ends with a whole chunk, also when the disk refuses a write: that is raised as UserError,
     once, and what comes after it is not kept. Raises UserError too when the file cannot be made.
+
+    mirror: is given the same channels and payloads.
     """
 
-    def __init__(self, path: Path, compression: str = "lz4", now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        path: Path,
+        compression: str = "lz4",
+        now_s: Callable[[], float] = time.monotonic,
+        mirror: ChannelMirror | None = None,
+    ) -> None:
         self.path = path
+        self._mirror = mirror
         self._now_s = now_s
         self._flushed_s = now_s()
         self._whole_bytes = 0
@@ -127,7 +145,15 @@ class McapFile:
             if self._filled_bytes >= CHUNK_BYTES:
                 self._write_kept(everything=False)
 
-        return self._channels.setdefault(topic, log)
+        if self._mirror is None:
+            return self._channels.setdefault(topic, log)
+        show = self._mirror.open_channel(topic, encoding, schema_name, schema_encoding, definition)
+
+        def log_and_show(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
+            log(payload, stamp_ns, sent_ns)
+            show(payload, stamp_ns)
+
+        return self._channels.setdefault(topic, log_and_show)
 
     def _write_kept(self, everything: bool) -> None:
         """Write chunks of channels that have enough for one, and one of all others if they fill it, or `everything`."""

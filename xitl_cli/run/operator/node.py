@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
+from sim_core.environment.spec import EnvironmentSpec
 from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.record.topics import OperatorAction
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
@@ -96,6 +97,11 @@ class OperatorNode(RunNode):
     def factor(self) -> float | None:
         """Times real time."""
         return None if self._pace is None else self._pace.factor
+
+    @property
+    def environment(self) -> EnvironmentSpec:
+        """As it was asked for."""
+        return self._surroundings.asked
 
     @property
     def faults(self) -> dict[str, tuple[str, ...]]:
