@@ -92,6 +92,14 @@ def sim(
     view_port: Annotated[
         int | None, typer.Option("--view-port", metavar="PORT", help="Its port (default: 8470, or a free one).")
     ] = None,
+    live: Annotated[
+        str | None,
+        typer.Option("--live", metavar="foxglove", help="Serve what is recorded to Foxglove while it goes on."),
+    ] = None,
+    live_port: Annotated[
+        int | None,
+        typer.Option("--live-port", metavar="PORT", help="Where: of 127.0.0.1 (default: 8765, or a free one)."),
+    ] = None,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Also print the tables of links, tasks, clocks and faults.")
     ] = False,
@@ -125,7 +133,7 @@ def sim(
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
     found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given], parts or ())
     loaded = found.profile
-    operation = operation_of(loaded, replay_events, pace)
+    operation = operation_of(loaded, replay_events, pace, live, live_port)
     console = terminal(stderr=as_json)
     result = run(
         loaded,

@@ -19,6 +19,7 @@ from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
 from xitl_cli.run.links.stations import StationAddresses
+from xitl_cli.run.live_foxglove import LiveFoxgloveNode
 from xitl_cli.run.live_view import LiveViewNode, VesselWatch
 from xitl_cli.run.nodes.ais import AisLine, AisNode, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
@@ -215,6 +216,12 @@ def compose_world(
         opened.callback(view.close)
         if operator is not None:
             view.meet(operator)
+    foxglove = None
+    if operation.live is not None:
+        foxglove = LiveFoxgloveNode(profile.name, operation.live_port, tell)
+        opened.callback(foxglove.close)
+        if operator is not None:
+            foxglove.meet(operator)
     behind: list[RunNode | None] = [
         *among,
         None if river is None else river.launching,
@@ -222,6 +229,7 @@ def compose_world(
         display.showing,
         first.stations,
         view,
+        foxglove,
     ]
     return WorldNodes(_present(ahead), _present(behind))
 

@@ -1,9 +1,9 @@
 """Foxglove beside a run: the recorder's own channels over its WebSocket, and actions by what its panels can do.
 
-Services `/operator/<action>` take an action's keys as JSON, parameters are the pace and the environment, and clients may
-publish an action on `/operator/ask`, a pose on `/goal` and a point on `/clicked_point`. foxglove-sdk serves from threads
-of its own and drops the oldest messages of a client that does not keep up; what asks for actions waits there until the
-run looks.
+Services `/operator/<action>` take an action's keys as JSON, parameters are the pace and the environment, and clients
+may publish an action on `/operator/ask`, a pose on `/goal` and a point on `/clicked_point`. foxglove-sdk serves from
+threads of its own and drops the oldest messages of a client that does not keep up; what asks for actions waits there
+until the run looks.
 """
 
 from __future__ import annotations
@@ -22,8 +22,15 @@ from xitl_cli.run.operator.actions import ENVIRONMENT, GROUPS
 from xitl_cli.run.operator.node import OperatorNode
 
 if TYPE_CHECKING:
-    import foxglove
-    from foxglove.websocket import ChannelView, Client, ClientChannel, Parameter, ServiceRequest
+    from foxglove.websocket import (
+        ChannelView,
+        Client,
+        ClientChannel,
+        Parameter,
+        PlaybackControlRequest,
+        ServiceRequest,
+        WebSocketServer,
+    )
 
 SOURCE = "foxglove"
 HOST = "127.0.0.1"
@@ -73,7 +80,7 @@ class LiveFoxgloveNode(RunNode):
         self._tell = tell
         self._operator: OperatorNode | None = None
         self._context: Any = None
-        self._server: foxglove.WebSocketServer | None = None
+        self._server: WebSocketServer | None = None
         self._requests: deque[_Request] = deque()
         self._come: deque[str] = deque()
         self._kept: dict[str, tuple[Any, list[tuple[bytes, int]]]] = {}
@@ -116,7 +123,9 @@ class LiveFoxgloveNode(RunNode):
             self._tell(f"foxglove: ws://{HOST}:{port}{moved}")
             return
         if self._wanted is None:
-            raise UserError(f"--live foxglove: no port from {first} to {first + TRIED - 1} is free; give one by --live-port")
+            raise UserError(
+                f"--live foxglove: no port from {first} to {first + TRIED - 1} is free; give one by --live-port"
+            )
         raise UserError(f"--live-port {first}: somebody else listens there; leave it out to have a free one")
 
     def open_channel(
@@ -298,7 +307,8 @@ def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     """Scalars of a group and of those within."""
     if isinstance(value, Specification):
-        for key in key_annotations(type(value)):
+        group: Any = type(value)
+        for key in key_annotations(group):
             yield from _flat(f"{name}.{key}", getattr(value, key))
     elif isinstance(value, (bool, int, float, str)):
         yield name, value
@@ -401,6 +411,9 @@ class _Listener:
     def on_connection_graph_unsubscribe(self) -> None:
         pass
 
+    def on_playback_control_request(self, playback_control_request: PlaybackControlRequest) -> None:
+        pass
+
 
 def action_from_message(topic: str, message: Any) -> Mapping[str, Any] | None:
     """What a client published, as an action; None for a topic that nobody listens to.
@@ -416,6 +429,6 @@ def action_from_message(topic: str, message: Any) -> Mapping[str, Any] | None:
         place = message["pose"]["position"] if "pose" in message else message["position"]
         return {"action": "goto", "north_m": float(place["y"]), "east_m": float(place["x"])}
     if topic == POINT:
-        place = message["point"] if "point" in message else message
+        place = message.get("point", message)
         return {"action": "launch", "kind": "trunk", "north_m": float(place["y"]), "east_m": float(place["x"])}
     return None

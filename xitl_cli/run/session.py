@@ -23,7 +23,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.mcap_file import McapFile
+from xitl_cli.record.mcap_file import ChannelMirror, McapFile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.compose import RunSetup, compose, compose_world, link_names
 from xitl_cli.run.core import directory
@@ -33,6 +33,7 @@ from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
+from xitl_cli.run.live_foxglove import LiveFoxgloveNode
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import VesselOrders
@@ -130,7 +131,7 @@ def run(
         directory.create(out, overwrite, [each.vessel for each in profiles if each.vessel])
         with directory.reserve(out), interruption.noticed():
             directory.write_profile(out, resolved_yaml(profile))
-            recorders = open_recorders(out / directory.RECORDING, profiles)
+            recorders = open_recorders(out / directory.RECORDING, profiles, nodes.mirror)
             pace = _pace(lead, plant, operation, interruption)
             outcome = replace(_go(profile, profiles, scene, plant, nodes, pace, recorders, interruption), timed=timed)
     for name, node in nodes.named():
@@ -180,6 +181,11 @@ class RunNodes:
     vessels: tuple[VesselNodes, ...]
     warnings: tuple[str, ...]
 
+    @property
+    def mirror(self) -> ChannelMirror | None:
+        """The node that shows what is recorded elsewhere too, if there is one."""
+        return next((node for node in self.world.behind if isinstance(node, LiveFoxgloveNode)), None)
+
     def named(self) -> Iterator[tuple[str, RunNode]]:
         """Each with its vessel's name, in the order of the calls; those of the world have none."""
         yield from (("", node) for node in self.world.ahead)
@@ -221,13 +227,18 @@ def _composed(
     return RunNodes(world, tuple(vessels), warnings)
 
 
-def open_recorders(path: Path, profiles: Sequence[RunProfile]) -> tuple[Recorder, dict[str, Recorder]]:
-    """That of the run and one for each vessel by name, into one file; of a vessel alone it is the same."""
+def open_recorders(
+    path: Path, profiles: Sequence[RunProfile], mirror: ChannelMirror | None = None
+) -> tuple[Recorder, dict[str, Recorder]]:
+    """That of the run and one for each vessel by name, into one file; of a vessel alone it is the same.
+
+    mirror: what is recorded goes there too.
+    """
     lead = profiles[0]
+    file = McapFile(path, lead.recording.compression, mirror=mirror)
     if not lead.vessel:
-        recorder = Recorder(path, lead.recording.compression, link_names(lead))
+        recorder = Recorder(file, links=link_names(lead))
         return recorder, {"": recorder}
-    file = McapFile(path, lead.recording.compression)
     vessels = {each.vessel: Recorder(file, links=link_names(each), vessel=each.vessel) for each in profiles}
     return Recorder(file, from_start=False), vessels
 

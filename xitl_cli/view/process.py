@@ -17,6 +17,7 @@ from dataclasses import replace
 from typing import Any
 
 from xitl_cli.view.camera import Cameras
+from xitl_cli.view.controls import Controls
 from xitl_cli.view.drawing import SceneDrawing
 from xitl_cli.view.model import BodyInstant, SceneMesh, ViewInstant
 from xitl_cli.view.pipe import Pipe, PipeClosedError, ViewEnd, ViewRefusal, ViewStart, ViewUpdate
@@ -43,6 +44,10 @@ class ViewProcess:
         server.gui.configure_theme(dark_mode=start.dark, show_logo=False, show_share_button=False)
         self._readouts = Readouts(server, scene)
         self._cameras = Cameras(server, scene)
+        self._controls: Controls | None = None
+        if start.operated:
+            level_m = scene.water.level_m
+            self._controls = Controls(server, self.act, start.profiles, start.lockstep, dict(start.faults), level_m)
         self._add_options(start.dark)
         self._meshes: dict[int, SceneMesh] = {}
         self._browsers = self._joined = 0
@@ -82,6 +87,8 @@ class ViewProcess:
                     self._meshes |= read_bodies(read_scene_update(message.update))
                 elif isinstance(message, ViewRefusal):
                     self._notify("Not done", message.text, "red", 12.0)
+                    if self._controls is not None:
+                        self._controls.refused(message.text)
                 elif isinstance(message, ViewEnd):
                     self._notify("The run is over", message.text, "blue", None)
                     if self._browsers:
@@ -111,6 +118,8 @@ class ViewProcess:
         self._drawing.draw(instant)
         self._cameras.update(instant)
         self._readouts.update(instant, time.monotonic())
+        if self._controls is not None:
+            self._controls.update(instant)
 
     def _notify(self, title: str, text: str, colour: Any, seconds: float | None) -> None:
         for client in self._server.get_clients().values():
