@@ -172,10 +172,13 @@ def obstacles_near(now_ns: int, tracks: Sequence[ObstacleTrack], points_ne_m: Ar
         nearest = np.argsort(np.hypot(off[:, 0], off[:, 1]), kind="stable")[: TUNED.plan_structure_points]
         points_ne_m = points_ne_m[nearest]
     stray_m = [min(TUNED.plan_stray_mps * (now_ns - track.seen_ns) * 1e-9, TUNED.plan_stray_most_m) for track in near]
+    ahead = [np.array((math.cos(track.heading_rad), math.sin(track.heading_rad))) for track in near]
+    middles = [track.position_at(now_ns) + 0.5 * track.hidden_m * bow for track, bow in zip(near, ahead)]
+    half_m = [0.5 * (track.length_m + abs(track.hidden_m)) for track in near]
     return Obstacles(
-        np.array([track.position_at(now_ns) for track in near]).reshape(-1, 2),
+        np.array(middles).reshape(-1, 2),
         np.array([track.state[2:] for track in near]).reshape(-1, 2),
-        np.array([0.5 * track.length_m + strays for track, strays in zip(near, stray_m)]),
+        np.array([half + strays for half, strays in zip(half_m, stray_m)]),
         np.array([0.5 * track.width_m + strays for track, strays in zip(near, stray_m)]),
         np.array([track.heading_rad for track in near]),
         points_ne_m,

@@ -254,6 +254,19 @@ def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m:
     return found
 
 
+def merged_cluster(parts: Sequence[Cluster]) -> Cluster:
+    """The cluster of several that belong together."""
+    points = np.concatenate([part.points_ne_m for part in parts])
+    middle, length_m, width_m, heading_rad = _box(points)
+    shares = np.array([len(part.points_ne_m) for part in parts]) / len(points)
+    first_ns = parts[0].stamp_ns
+    stamp_ns = first_ns + round(float(shares @ [part.stamp_ns - first_ns for part in parts]))
+    return Cluster(
+        stamp_ns, points, middle, length_m, width_m, max(part.height_m for part in parts), heading_rad,
+        sum(part.points for part in parts), sum(part.bright for part in parts),
+    )  # fmt: skip
+
+
 def _labels(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """The cluster number of each cell: cells that touch belong together."""
     unique, where = np.unique(cells, return_inverse=True)

@@ -204,6 +204,26 @@ class PerceptionTuning:
     track_crest_gain: float = 9.0  # of the variance, among returns of water
     track_shrink_gain: float = 0.99  # of the remembered size, a look
     track_fastest_mps: float = 2.5
+    track_grows_m: float = 3.0  # from one look to the next, where it was no structure and would be, or the other way
+
+    # Other vessels: what moves as a whole. Chosen on vessels of 2 to 40 m that are met at 0.8 to 2.5 m/s in open water.
+    outline_view_m: float = 55.0  # ends farther off may be those of the lidar's range
+    outline_shortest_ns: int = 2_000_000_000  # between two looks that are compared
+    outline_longest_ns: int = 4_000_000_000
+    outline_least_m: float = 1.5  # three cells: its middle has gone so far,
+    outline_least_mps: float = 0.5  # so fast,
+    outline_share: float = 0.6  # and both its ends this much of it,
+    outline_nearer: float = 0.5  # one end alone: it has come nearer by this share of its way,
+    outline_looks: int = 3  # so often in a row
+    outline_off_mps: float = 0.4  # a velocity farther off than this is replaced by the outline's
+    outline_rest_mps: float = 0.2  # slower, it moves no more
+    vessel_m: float = 7.0  # longer than what drifts, but for trunks
+    vessel_grows_m: float = 6.0  # a longer cluster is no part of it
+    vessel_place_m: float = 0.6  # standard deviation of its edge: a cell and what it goes while a cluster is gathered
+    vessel_shrink_gain: float = 0.998  # of the remembered size, a look: for long only a part is seen
+    vessel_slender: float = 4.0  # length of one by its beam, at least, while only its bow or its stern is seen
+    vessel_fastest_mps: float = 15.0
+    vessel_coasted_ns: int = 25_000_000_000  # out of view; it keeps its course better than what drifts
 
     # Obstacle avoidance: when detection and tracking run, and when a path counts as blocked.
     look_ns: int = 180_000_000  # from one clustering to the next

@@ -1,18 +1,21 @@
-"""Obstacle tracker: drifting objects by Kalman filters of constant velocity, and structure that stands still.
+"""Obstacle tracker: what moves by Kalman filters of constant velocity, and structure that stands still.
 
-A cluster that is long, or lies against structure, is structure and not tracked. A track that leaves the view is
-predicted on for a while.
+A cluster that is long, or lies against structure, is structure until its whole outline is seen to move: then it is
+another vessel. A track that leaves the view is predicted on for a while.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.detection import Cluster, cells_of
+from agent.companion.detection import Cluster, cells_of, merged_cluster
 from agent.companion.settings import TUNED
 
 Array = NDArray[np.float64]
@@ -88,6 +91,18 @@ class StructureMap:
         self._cells, self._points_ne_m, self._hits = self._cells[keep], self._points_ne_m[keep], self._hits[keep]
         self._first_ns, self._seen_ns, self._dry = self._first_ns[keep], self._seen_ns[keep], self._dry[keep]
 
+    def forget_swept(self, since_ns: int, track: ObstacleTrack) -> None:
+        """Drop what a thing was taken for that has moved: cells about its way that were first hit since then."""
+        if not len(self._cells):
+            return
+        off = self._points_ne_m - track.first_ne_m
+        way = track.state[:2] - track.first_ne_m
+        share = np.clip(off @ way / max(float(way @ way), 1e-6), 0.0, 1.0)
+        beside_m = np.hypot(*(off - share[:, None] * way).T)
+        keep = (self._first_ns < since_ns) | (beside_m > 0.5 * track.length_m + TUNED.track_gate_m)
+        self._cells, self._points_ne_m, self._hits = self._cells[keep], self._points_ne_m[keep], self._hits[keep]
+        self._first_ns, self._seen_ns, self._dry = self._first_ns[keep], self._seen_ns[keep], self._dry[keep]
+
     def within(self, pos_ne_m: Array, range_m: float) -> Array:
         """Confirmed points (k, 2) within `range_m`."""
         points = self.points_ne_m
@@ -104,14 +119,151 @@ class StructureMap:
 _VIEW_RAD = math.radians(TUNED.track_view_deg)
 
 
+_RECTANGLES_RAD = np.radians(np.arange(0.0, 90.0, 3.0))
+_RECTANGLE_AXES = np.concatenate(
+    [
+        np.array((np.cos(_RECTANGLES_RAD), np.sin(_RECTANGLES_RAD))),
+        np.array((-np.sin(_RECTANGLES_RAD), np.cos(_RECTANGLES_RAD))),
+    ],
+    axis=1,
+)
+
+
+def _turned(vector_ne: Array, heading_rad: float) -> Array:
+    """Vectors (2,) or (n, 2) in axes turned by a heading: (2,) or (2, n)."""
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    north, east = vector_ne[..., 0], vector_ne[..., 1]
+    return np.array((north * cos + east * sin, east * cos - north * sin))
+
+
+@dataclass(frozen=True)
+class _View:
+    """What is seen from where: a position (2,), the direction of the lidar, and how far water returns light."""
+
+    pos_ne_m: Array
+    bow_rad: float
+    water_reach_m: float
+
+    def range_m(self, place_ne_m: Array) -> float:
+        return math.hypot(*(place_ne_m - self.pos_ne_m).tolist())
+
+    def is_seen(self, place_ne_m: Array) -> bool:
+        """Whether a thing there would be seen, beyond where water returns."""
+        off = place_ne_m - self.pos_ne_m
+        bearing = math.remainder(math.atan2(off[1], off[0]) - self.bow_rad, math.tau)
+        nearest_m = TUNED.strewn_share * self.water_reach_m
+        return abs(bearing) < _VIEW_RAD and nearest_m < math.hypot(*off.tolist()) < TUNED.track_view_m
+
+    def holds(self, points_ne_m: Array) -> NDArray[np.bool_]:
+        """(n,) which points are well within view, so that what ends there does end."""
+        off = points_ne_m - self.pos_ne_m
+        bearing = np.arctan2(off[:, 1], off[:, 0]) - self.bow_rad
+        ahead = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) < _VIEW_RAD
+        held: NDArray[np.bool_] = ahead & (np.hypot(off[:, 0], off[:, 1]) < TUNED.outline_view_m)
+        return held
+
+
+class _OutlineLook(NamedTuple):
+    """One look at a thing. ends_ne_m (2, 2), the middles of its outermost metre; held: which of them are in view."""
+
+    stamp_ns: int
+    middle_ne_m: Array
+    points_ne_m: Array
+    whole: bool
+    ends_ne_m: Array
+    held: NDArray[np.bool_]
+    range_m: Array
+
+
+class OutlineMotion:
+    """Whether a thing moves, and not only what is seen of it.
+
+    Of a wall or a boom more or less is seen from look to look: one end moves, or both apart. Of what moves, the
+    foremost and the rearmost of its outline go the same way alike. Where one end is out of view the other tells: an end
+    that only comes into sight stays as far off as sight goes, and that of what is met comes nearer all the while.
+    """
+
+    def __init__(self) -> None:
+        self._looks: deque[_OutlineLook] = deque()
+        self._agreed = 0
+
+    def add_look(self, cluster: Cluster, view: _View) -> Array | None:
+        """Velocity (2,) over ground; None unless several looks agree on it."""
+        now = _outline_look(cluster, view)
+        while self._looks and now.stamp_ns - self._looks[0].stamp_ns > TUNED.outline_longest_ns:
+            self._looks.popleft()
+        old = [look for look in self._looks if now.stamp_ns - look.stamp_ns >= TUNED.outline_shortest_ns]
+        whole = next((look for look in old if look.whole), None) if now.whole else None
+        then = whole or (old[0] if old else None)
+        vel_ne_mps = None
+        if then is not None:
+            way = _end_way(then, self._looks[len(self._looks) // 2], now) if whole is None else _whole_way(whole, now)
+            dt_s = (now.stamp_ns - then.stamp_ns) * 1e-9
+            least_m = max(TUNED.outline_least_m, TUNED.outline_least_mps * dt_s)
+            gone = way is not None and math.hypot(*way.tolist()) > least_m
+            self._agreed = self._agreed + 1 if gone else 0
+            if way is not None and self._agreed >= TUNED.outline_looks:
+                vel_ne_mps = way / dt_s
+        self._looks.append(now)
+        return vel_ne_mps
+
+
+def _outline_look(cluster: Cluster, view: _View) -> _OutlineLook:
+    points = cluster.points_ne_m
+    ahead_m = _turned(points, cluster.heading_rad)[0]
+    ends = np.array(
+        [points[ahead_m < ahead_m.min() + 1.0].mean(axis=0), points[ahead_m > ahead_m.max() - 1.0].mean(axis=0)]
+    )
+    whole = bool(view.holds(points).all())
+    off = ends - view.pos_ne_m
+    held, range_m = view.holds(ends), np.hypot(off[:, 0], off[:, 1])
+    return _OutlineLook(cluster.stamp_ns, cluster.middle_ne_m, points, whole, ends, held, range_m)
+
+
+def _whole_way(then: _OutlineLook, now: _OutlineLook) -> Array | None:
+    """How far (2,) all of it has gone since then; None where only a part has."""
+    way = now.middle_ne_m - then.middle_ne_m
+    way_m = max(math.hypot(*way.tolist()), 1e-6)
+    now_m, then_m = now.points_ne_m @ way / way_m, then.points_ne_m @ way / way_m
+    ends_m = float(now_m.max() - then_m.max()), float(now_m.min() - then_m.min())
+    return way if min(ends_m) > TUNED.outline_share * way_m else None
+
+
+def _end_way(then: _OutlineLook, between: _OutlineLook, now: _OutlineLook) -> Array | None:
+    """How far (2,) the one end in view has gone, at an even rate, and has come nearer all the while; None if not."""
+    if now.held.sum() != 1:
+        return None
+    end = int(np.argmax(now.held))
+    place = now.ends_ne_m[end]
+    before = []
+    for look in (between, then):
+        off_m = np.where(look.held, np.hypot(*(look.ends_ne_m - place).T), np.inf)
+        nearest = int(np.argmin(off_m))
+        if not look.held[nearest]:
+            return None
+        before.append((look.ends_ne_m[nearest], float(look.range_m[nearest])))
+    (halfway, halfway_m), (start, start_m) = before
+    way = place - start
+    way_m = max(math.hypot(*way.tolist()), 1e-6)
+    share = float((halfway - start) @ way) / way_m**2
+    aside_m = abs(float((halfway - start)[0] * way[1] - (halfway - start)[1] * way[0])) / way_m
+    even = 0.25 < share < 0.75 and aside_m < TUNED.outline_share * way_m
+    nearer_m = min(start_m - halfway_m, halfway_m - float(now.range_m[end]))
+    return way if even and nearer_m > 0.5 * TUNED.outline_nearer * way_m else None
+
+
 class ObstacleTrack:
-    """A drifting object. state: north, east (m) and their rates (m/s) ; `length_m` along `heading_rad`."""
+    """What drifts, or another vessel. state: north, east (m), their rates (m/s); `length_m` along `heading_rad`.
+
+    stands: it was long when it was last seen, and is structure as far as is known. moves: its whole outline does.
+    """
 
     def __init__(self, number: int, cluster: Cluster, drift_ne_mps: Array, hits_needed: int) -> None:
         self.number = number
         self.state = np.array((*cluster.middle_ne_m.tolist(), *drift_ne_mps.tolist()))
         self.covariance = np.diag((0.3, 0.3, TUNED.track_start_mps**2, TUNED.track_start_mps**2))
         self.stamp_ns = self.seen_ns = self.first_ns = cluster.stamp_ns
+        self.first_ne_m: Array = cluster.middle_ne_m
         self.length_m, self.width_m, self.height_m = cluster.length_m, cluster.width_m, cluster.height_m
         self.heading_rad = cluster.heading_rad
         self.points = cluster.points
@@ -120,15 +272,48 @@ class ObstacleTrack:
         self.hits_needed = hits_needed
         self.confirmed = False
         self.counted = False
+        self.stands = cluster.length_m > TUNED.track_longest_m
+        self.moves = False
+        self.hidden_m = 0.0  # how much farther ahead, or astern, a vessel may reach than is seen of it
+        self._outline = OutlineMotion()
+
+    @property
+    def is_vessel(self) -> bool:
+        """Whether it is larger than what drifts, and moves."""
+        return self.moves and max(self.length_m, self.width_m) > TUNED.vessel_m
 
     def position_at(self, stamp_ns: int) -> Array:
         """Predicted position (2,) of its middle at an instant."""
         where: Array = self.state[:2] + self.state[2:] * ((stamp_ns - self.stamp_ns) * 1e-9)
         return where
 
-    def correct(self, cluster: Cluster, among_water: bool) -> None:
+    def holds(self, cluster: Cluster) -> bool:
+        """Whether a cluster lies where this vessel is by now, and is no larger than a part of it would be."""
+        ahead_m, right_m = _turned(cluster.middle_ne_m - self.position_at(cluster.stamp_ns), self.heading_rad)
+        inside = abs(ahead_m) < 0.5 * self.length_m + TUNED.track_gate_m
+        inside &= abs(right_m) < 0.5 * self.width_m + TUNED.track_gate_m
+        return bool(inside) and cluster.length_m < self.length_m + TUNED.vessel_grows_m
+
+    def correct(self, cluster: Cluster, view: _View) -> None:
         """Correct by a cluster; among returns of water its size is not used."""
         self._predict(cluster.stamp_ns)
+        if self.is_vessel:
+            self._correct_vessel(cluster, view.pos_ne_m)
+        else:
+            self._correct_middle(cluster, view.range_m(cluster.middle_ne_m) < view.water_reach_m)
+        speed_mps = math.hypot(*self.state[2:].tolist())
+        fastest_mps = TUNED.vessel_fastest_mps if self.moves else TUNED.track_fastest_mps
+        if speed_mps > fastest_mps:
+            self.state[2:] *= fastest_mps / speed_mps
+        self.moves &= speed_mps > TUNED.outline_rest_mps
+        self.stands = not self.is_vessel and cluster.length_m > TUNED.track_longest_m
+        self.seen_ns, self.points = cluster.stamp_ns, cluster.points
+        self.hits += 1
+        self.missed_ns = 0
+        if cluster.bright >= TUNED.track_bright_points:
+            self.hits_needed = min(self.hits_needed, TUNED.track_bright_hits)
+
+    def _correct_middle(self, cluster: Cluster, among_water: bool) -> None:
         # Looks overlap: four times the variance of one. Of a long thing now one part is seen, now another, so that its
         # middle is known across it and hardly along it.
         hidden_m = 0.5 * max(self.length_m - cluster.length_m, 0.0)
@@ -137,24 +322,68 @@ class ObstacleTrack:
         noise_m2 = across_m2 * np.eye(2) + (along_m2 - across_m2) * np.outer(along, along)
         if among_water:
             noise_m2 = TUNED.track_crest_gain * noise_m2
-        innovation = cluster.middle_ne_m - self.state[:2]
-        gain = self.covariance[:, :2] @ np.linalg.inv(self.covariance[:2, :2] + noise_m2)
-        self.state = self.state + gain @ innovation
-        self.covariance = self.covariance - gain @ self.covariance[:2]
-        speed_mps = math.hypot(*self.state[2:].tolist())
-        if speed_mps > TUNED.track_fastest_mps:
-            self.state[2:] *= TUNED.track_fastest_mps / speed_mps
+        self._update(cluster.middle_ne_m - self.state[:2], noise_m2)
         if not among_water:
             if cluster.length_m > 0.8 * self.length_m:
                 self.heading_rad = cluster.heading_rad
             self.length_m = max(self.length_m * TUNED.track_shrink_gain, cluster.length_m)
             self.width_m = max(self.width_m * TUNED.track_shrink_gain, cluster.width_m)
             self.height_m = max(self.height_m * TUNED.track_shrink_gain, cluster.height_m)
-        self.seen_ns, self.points = cluster.stamp_ns, cluster.points
-        self.hits += 1
-        self.missed_ns = 0
-        if cluster.bright >= TUNED.track_bright_points:
-            self.hits_needed = min(self.hits_needed, TUNED.track_bright_hits)
+
+    def _correct_vessel(self, cluster: Cluster, from_ne_m: Array) -> None:
+        """Shift its box no farther than it takes to hold what is seen, which is all of it or a part; let it grow."""
+        self.heading_rad = self._heading_of(cluster)
+        low_m, high_m = self._extent(cluster)
+        half_m = 0.5 * np.array((self.length_m, self.width_m))
+        grows = high_m - low_m > 2.0 * half_m
+        shift_m = np.where(grows, 0.0, np.maximum(high_m - half_m, 0.0) + np.minimum(low_m + half_m, 0.0))
+        self.state[:2] += _turned(np.where(grows, 0.5 * (high_m + low_m), 0.0), -self.heading_rad)  # that is no motion
+        size_m = np.where(grows, high_m - low_m, 2.0 * half_m * TUNED.vessel_shrink_gain)
+        self.length_m, self.width_m = size_m.tolist()
+        self.height_m = max(self.height_m, cluster.height_m)
+        self._update(_turned(shift_m, -self.heading_rad), TUNED.vessel_place_m**2 * np.eye(2))
+        ahead_m, right_m = _turned(from_ne_m - self.state[:2], self.heading_rad)
+        reach_m = max(TUNED.vessel_slender * self.width_m - self.length_m, 0.0)
+        self.hidden_m = -math.copysign(reach_m, ahead_m) if abs(ahead_m) > abs(right_m) else 0.0
+
+    def _heading_of(self, cluster: Cluster) -> float:
+        """The side of the least rectangle about a cluster that is nearest to its course: of a bow and a flank the
+        principal axis lies askew."""
+        course_rad = math.atan2(self.state[3], self.state[2])
+        off = cluster.points_ne_m @ _RECTANGLE_AXES  # (k, 2 * angles)
+        size_m = np.maximum(off.max(axis=0) - off.min(axis=0), TUNED.cell_m)
+        angles = len(_RECTANGLES_RAD)
+        best = float(_RECTANGLES_RAD[int(np.argmin(size_m[:angles] * size_m[angles:]))])
+        return course_rad + math.remainder(best - course_rad, 0.5 * math.pi)
+
+    def _extent(self, cluster: Cluster) -> tuple[Array, Array]:
+        """The least and the most (2,) of a cluster ahead and to the right of the middle."""
+        seen_m = _turned(cluster.points_ne_m - self.state[:2], self.heading_rad)
+        return seen_m.min(axis=-1), seen_m.max(axis=-1)
+
+    def _update(self, innovation: Array, noise_m2: Array) -> None:
+        gain = self.covariance[:, :2] @ np.linalg.inv(self.covariance[:2, :2] + noise_m2)
+        self.state = self.state + gain @ innovation
+        self.covariance = self.covariance - gain @ self.covariance[:2]
+
+    def note_motion(self, cluster: Cluster, view: _View) -> bool:
+        """Whether it is known only now that it moves."""
+        vel_ne_mps = self._outline.add_look(cluster, view)
+        if vel_ne_mps is None:
+            return False
+        is_new, self.moves = not self.moves, True
+        far_off_mps = TUNED.outline_off_mps if self.is_vessel else TUNED.track_odd_mps  # what drifts is known by then
+        if math.hypot(*(vel_ne_mps - self.state[2:]).tolist()) > far_off_mps:
+            self.state[2:] = vel_ne_mps
+            self.covariance[2:, :2] = self.covariance[:2, 2:] = 0.0
+            self.covariance[2:, 2:] = TUNED.outline_off_mps**2 * np.eye(2)
+        if is_new and self.is_vessel:
+            self.stands = False
+            self.heading_rad = self._heading_of(cluster)
+            low_m, high_m = self._extent(cluster)
+            self.length_m, self.width_m = np.maximum(high_m - low_m, TUNED.cell_m).tolist()
+            self.state[:2] += _turned(0.5 * (high_m + low_m), -self.heading_rad)
+        return is_new
 
     def _predict(self, stamp_ns: int) -> None:
         dt_s = max((stamp_ns - self.stamp_ns) * 1e-9, 0.0)
@@ -183,7 +412,7 @@ class ObstacleTracker:
     @property
     def confirmed(self) -> list[ObstacleTrack]:
         """Oldest first."""
-        return [track for track in self._tracks if track.confirmed]
+        return [track for track in self._tracks if track.confirmed and not track.stands]
 
     def update(
         self,
@@ -195,10 +424,13 @@ class ObstacleTracker:
         drift_ne_mps: Array,
     ) -> None:
         """Clusters up to `now_ns`, seen from a position and heading; new tracks start with the current's drift."""
-        small: list[Cluster] = []
+        view = _View(pos_ne_m, bow_rad, water_reach_m)
+        found = self._match_vessels(found, view)
+        small, long = [], []
         for cluster in found:
             if cluster.length_m > TUNED.track_longest_m:
                 self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
+                long.append(cluster)
             else:
                 small.append(cluster)
         self.structure.prune(now_ns, pos_ne_m, bow_rad, (water_reach_m + 2.0, 30.0))
@@ -208,20 +440,49 @@ class ObstacleTracker:
                 self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
             else:
                 left.append(cluster)
-        self._match(left, drift_ne_mps, pos_ne_m, water_reach_m)
+        self._match([*left, *long], drift_ne_mps, view)
         since_ns = 0 if self._looked_ns is None else max(now_ns - self._looked_ns, 0)
         self._looked_ns = now_ns
         for track in self._tracks:
-            if _is_in_view(track, now_ns, pos_ne_m, bow_rad, water_reach_m):
+            if view.is_seen(track.position_at(now_ns)):
                 track.missed_ns += since_ns
         self._tracks = [track for track in self._tracks if not self._is_lost(track, now_ns)]
 
-    def _match(self, things: list[Cluster], drift_ne_mps: Array, pos_ne_m: Array, water_reach_m: float) -> None:
+    def _match_vessels(self, found: Sequence[Cluster], view: _View) -> Sequence[Cluster]:
+        """Correct vessels by all that is seen of each; returns what is seen of other things."""
+        for track in self._tracks:
+            if not track.is_vessel:
+                continue
+            parts = [cluster for cluster in found if track.holds(cluster)]
+            if not parts:
+                continue
+            found = [cluster for cluster in found if not any(cluster is part for part in parts)]
+            self._correct(track, parts[0] if len(parts) == 1 else merged_cluster(parts), view)
+        return found
+
+    def _correct(self, track: ObstacleTrack, thing: Cluster, view: _View) -> None:
+        if thing.stamp_ns <= track.seen_ns + 20_000_000:
+            return
+        track.correct(thing, view)
+        if track.hits_needed < TUNED.track_wet_hits and track.note_motion(thing, view):
+            if track.is_vessel:
+                self.structure.forget_swept(track.first_ns, track)
+            if not track.number:
+                track.number = self._number()
+
+    def _number(self) -> int:
+        number, self._next = self._next, self._next % 65535 + 1
+        return number
+
+    def _match(self, things: list[Cluster], drift_ne_mps: Array, view: _View) -> None:
         """Associate tracks with clusters, the nearest pairs first."""
         pairs = []
         for index, track in enumerate(self._tracks):
             gate_m = TUNED.track_gate_m + 0.4 * track.length_m
             for other, thing in enumerate(things):
+                is_long = thing.length_m > TUNED.track_longest_m
+                if is_long != track.stands and abs(thing.length_m - track.length_m) > TUNED.track_grows_m:
+                    continue
                 off_m = float(np.hypot(*(thing.middle_ne_m - track.position_at(thing.stamp_ns))))
                 if off_m < gate_m:
                     pairs.append((off_m - (1.0 if track.confirmed else 0.0), index, other))
@@ -234,30 +495,33 @@ class ObstacleTracker:
             taken.add(other)
             track, thing = self._tracks[index], things[other]
             if thing.stamp_ns > track.seen_ns + 20_000_000:
-                range_m = math.hypot(*(thing.middle_ne_m - pos_ne_m).tolist())
-                track.correct(thing, range_m < water_reach_m)
+                self._correct(track, thing, view)
                 self._confirm(track, drift_ne_mps)
         near_known = {other for _, _, other in pairs}
         for other, thing in enumerate(things):
             if other not in taken and other not in near_known:
-                range_m = math.hypot(*(thing.middle_ne_m - pos_ne_m).tolist())
+                range_m = view.range_m(thing.middle_ne_m)
                 if range_m < TUNED.track_born_m:
                     continue
-                hits_needed = TUNED.track_wet_hits if range_m < TUNED.strewn_share * water_reach_m else TUNED.track_hits
-                self._tracks.append(ObstacleTrack(self._next, thing, drift_ne_mps, hits_needed))
-                self._next = self._next % 65535 + 1
+                wet = range_m < TUNED.strewn_share * view.water_reach_m
+                track = ObstacleTrack(0, thing, drift_ne_mps, TUNED.track_wet_hits if wet else TUNED.track_hits)
+                if track.stands:
+                    track.state[2:] = 0.0
+                else:
+                    track.number = self._number()
+                self._tracks.append(track)
 
     def _confirm(self, track: ObstacleTrack, drift_ne_mps: Array) -> None:
         wet = track.hits_needed >= TUNED.track_wet_hits
         off_mps = math.hypot(*(track.state[2:] - drift_ne_mps).tolist())
-        is_odd = off_mps > (TUNED.track_odd_wet_mps if wet else TUNED.track_odd_mps)
+        is_odd = not track.moves and off_mps > (TUNED.track_odd_wet_mps if wet else TUNED.track_odd_mps)
         hits = track.hits_needed + (TUNED.track_odd_hits if is_odd else 0)
         known_ns = track.seen_ns - track.first_ns
         if track.confirmed:
             # crests that the bow pushes along were taken for one thing, which then seems to keep up with the vessel
             track.confirmed = not wet or track.hits >= hits
             return
-        if track.hits < hits or known_ns < TUNED.track_confirmed_ns:
+        if track.stands or track.hits < hits or known_ns < TUNED.track_confirmed_ns:
             return
         if wet and known_ns > track.hits * TUNED.wet_hit_ns:
             return
@@ -269,20 +533,14 @@ class ObstacleTracker:
         if not track.confirmed:
             wet = track.hits_needed >= TUNED.track_wet_hits
             return unseen_ns > (TUNED.track_doubtful_ns if wet else TUNED.track_doubtful_far_ns)
-        if unseen_ns > TUNED.track_doubtful_ns and self.structure.covers(track.position_at(now_ns), 1.0):
+        covered = not track.is_vessel and self.structure.covers(track.position_at(now_ns), 1.0)
+        if unseen_ns > TUNED.track_doubtful_ns and covered:
             return True
         looked_for_ns = TUNED.track_lost_ns + track.hits * TUNED.track_looked_for_ns
         if track.missed_ns > min(looked_for_ns, TUNED.track_looked_for_most_ns):
             return True
-        return unseen_ns > min(TUNED.track_coasted_ns, TUNED.track_lost_ns + track.hits * TUNED.track_coasts_ns)
-
-
-def _is_in_view(track: ObstacleTrack, now_ns: int, pos_ne_m: Array, view_rad: float, water_reach_m: float) -> bool:
-    """Whether a track would be seen at its predicted position, beyond where water returns."""
-    off = track.position_at(now_ns) - pos_ne_m
-    bearing = math.remainder(math.atan2(off[1], off[0]) - view_rad, math.tau)
-    nearest_m = TUNED.strewn_share * water_reach_m
-    return abs(bearing) < _VIEW_RAD and nearest_m < math.hypot(*off.tolist()) < TUNED.track_view_m
+        coasted_ns = TUNED.vessel_coasted_ns if track.is_vessel else TUNED.track_coasted_ns
+        return unseen_ns > min(coasted_ns, TUNED.track_lost_ns + track.hits * TUNED.track_coasts_ns)
 
 
 class CurrentEstimator:

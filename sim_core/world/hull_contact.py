@@ -162,10 +162,15 @@ def _capsules(hulls: Hulls, close: CloseHulls, motion: Kinematics, wider_m: floa
 
 
 def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
-    """(P,), (P,) numbers of those of M discs at (M, 2) with radii (M,) that meet."""
+    """(P,), (P,) numbers of those of M discs at (M, 2) with radii (M,) that meet; one at NaN meets nobody."""
     count = len(reach_m)
     if count < 2:
         return _NO_NUMBERS, _NO_NUMBERS
+    known = np.isfinite(north_east_m).all(axis=1)
+    if not known.all():
+        somewhere = np.flatnonzero(known)
+        one, other = close_pairs(north_east_m[somewhere], reach_m[somewhere])
+        return somewhere[one], somewhere[other]
     # Cells as wide as two discs can be apart, numbered along rows: partners lie in a cell's own row or in the next.
     cell = ((north_east_m - north_east_m.min(axis=0)) / (2.0 * float(reach_m.max()))).astype(np.intp)
     per_row = int(cell[:, 1].max()) + 3
@@ -173,7 +178,7 @@ def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
     sequence = np.argsort(number, kind="stable")
     number = number[sequence]
     here = np.arange(count)
-    one, other = [], []
+    earlier, later = [], []
     for low, high in (
         (here + 1, np.searchsorted(number, number + 1, "right")),
         (np.searchsorted(number, number + (per_row - 1)), np.searchsorted(number, number + (per_row + 1), "right")),
@@ -181,11 +186,11 @@ def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
         partners = high - low
         ends = np.cumsum(partners)
         if ends[-1]:
-            one.append(np.repeat(here, partners))
-            other.append(np.arange(ends[-1]) + np.repeat(low - ends + partners, partners))
-    if not one:
+            earlier.append(np.repeat(here, partners))
+            later.append(np.arange(ends[-1]) + np.repeat(low - ends + partners, partners))
+    if not earlier:
         return _NO_NUMBERS, _NO_NUMBERS
-    first, second = sequence[np.concatenate(one)], sequence[np.concatenate(other)]
+    first, second = sequence[np.concatenate(earlier)], sequence[np.concatenate(later)]
     between = north_east_m[first] - north_east_m[second]
     met = np.flatnonzero(np.vecdot(between, between) < (reach_m[first] + reach_m[second]) ** 2)
     return first[met], second[met]

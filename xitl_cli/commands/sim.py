@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +13,9 @@ from xitl_cli.commands.options import DEFAULT_PROFILE, Json, Overwrite, Set, com
 from xitl_cli.commands.output import still_read
 from xitl_cli.commands.terminal import terminal
 from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from xitl_cli.profile import Profile
 
 
 def sim(
@@ -57,7 +61,8 @@ def sim(
         typer.Option(
             "--firmware",
             metavar="PATH",
-            help="Program of the autopilot to start; `find` looks for one, `external` waits for one started elsewhere.",
+            help="Program of the autopilot to start; `find` looks for one, `external` waits for one started elsewhere. "
+            "Vessels of a fleet that name their own keep it.",
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")] = None,
@@ -141,7 +146,7 @@ def sim(
         overwrite,
         lambda: make_display(console, loaded.name, as_json),
         timed=duration is not None,
-        warnings=found.warnings,
+        warnings=[*found.warnings, *_beyond_firmware(loaded, firmware)],
         operation=operation,
         tell=lambda text: console.print(text, soft_wrap=True),
     )
@@ -153,3 +158,15 @@ def sim(
     if result.summary["error"]:
         raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
     raise typer.Exit(result.exit_code)
+
+
+def _beyond_firmware(profile: Profile, firmware: str | None) -> Iterator[str]:
+    """Which vessels `--firmware` does not reach, in a sentence."""
+    if firmware is None or profile.vessels is None:
+        return
+    given = None if profile.autopilot is None else profile.autopilot.firmware
+    autopilots = {name: one.autopilot for name, one in profile.sailed.items() if one.autopilot is not None}
+    own = [name for name, one in autopilots.items() if one.started_here and one.firmware != given]
+    if own:
+        keys = f"vessels.{own[0]}.autopilot.firmware=PATH"
+        yield f"--firmware does not reach {', '.join(own)}, which have a firmware of their own; use --set {keys}"

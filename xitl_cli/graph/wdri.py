@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 from xitl_cli.errors import UserError
 from xitl_cli.graph.graph import Graph, Vertex, build_graph, complete_graph
 from xitl_cli.profile import Profile, RunProfile, load_profile
+from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.schema.graph import COMPLETE, KIND_WEIGHTS, NodeGraph
 
 VertexCount: TypeAlias = Literal["architecture", "present"] | int
@@ -100,18 +102,26 @@ def graph_wdri(graph: Graph, reference: str, vertices: VertexCount, name: str) -
         names = tuple(vertex.name for vertex in graph.vertices)
         reference_graph, n_ref = complete_graph(names), len(names)
     else:
-        other = load_profile(reference)
-        if other.graph is None:
-            raise UserError(f"{other.name}: has no graph to be held against; name a profile that has, or {COMPLETE!r}")
-        reference = other.name
-        reference_graph = graph_from_profile(other.graph)
-        n_ref = count_vertices(reference_graph, other.graph.vertices, other.name)
+        find = _shipped_reference if reference in shipped_profiles() else _reference_graph
+        reference, reference_graph, n_ref = find(reference)
     d_w_sim, d_w_ref = graph.weighted_degree(n), reference_graph.weighted_degree(n_ref)
     try:
         value = realism_index(d_w_sim, d_w_ref)
     except ValueError as error:
         raise UserError(f"{reference}: {error}; choose a reference with more links") from None
     return Wdri(value, d_w_sim, d_w_ref, n, n_ref, reference, graph)
+
+
+def _reference_graph(reference: str) -> tuple[str, Graph, int]:
+    """The name, the graph and the count of vertices of the profile that is held against."""
+    other = load_profile(reference)
+    if other.graph is None:
+        raise UserError(f"{other.name}: has no graph to be held against; name a profile that has, or {COMPLETE!r}")
+    graph = graph_from_profile(other.graph)
+    return other.name, graph, count_vertices(graph, other.graph.vertices, other.name)
+
+
+_shipped_reference = lru_cache(_reference_graph)  # asked for by each vessel of a fleet, three times
 
 
 def graph_from_profile(group: NodeGraph) -> Graph:

@@ -8,8 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.companion.avoidance import STEP_S, Obstacles, PathLegs, clearance_m, leg_course_rad, simulate_courses
-from agent.companion.detection import Cluster, DetectionFrame, ObstacleDetector, cells_of, find_clusters
+from agent.companion.avoidance import (
+    STEP_S,
+    Obstacles,
+    PathLegs,
+    clearance_m,
+    leg_course_rad,
+    obstacles_near,
+    simulate_courses,
+)
+from agent.companion.detection import Cluster, DetectionFrame, ObstacleDetector, cells_of, find_clusters, merged_cluster
 from agent.companion.obstacle_avoidance import SECTORS, ObstacleAvoidance, make_proximity_messages
 from agent.companion.pose_history import PoseHistory, VehiclePose
 from agent.companion.rigid_motion import quaternion_from_euler, rotation_matrix
@@ -275,3 +283,61 @@ def test_a_lookout_that_has_heard_nothing_says_nothing() -> None:
     watch.add_cloud(0, np.zeros((3, 3), dtype=np.float32), np.zeros(3, dtype=np.float32), np.zeros(3, dtype=np.uint8))
     assert watch.plan(0) == watch.proximity_messages(0) == watch.obstacle_messages(0) == []
     assert (watch.tracker.total, watch.commands.detours, watch.commands.stops, watch.commands.manoeuvre) == (0, 0, 0, 0)
+
+
+def outline_cluster(stamp_ns: int, points: np.ndarray) -> Cluster:
+    points = np.unique(np.round(points * 2.0) / 2.0, axis=0)
+    return merged_cluster([Cluster(stamp_ns, points, points.mean(axis=0), 1.0, 1.0, 1.0, 0.0, len(points))])
+
+
+def in_view(points: np.ndarray, pos: np.ndarray, range_m: float = 60.0) -> np.ndarray:
+    """What a lidar with 70 degrees ahead sees of them from a place, headed north."""
+    off = points - pos
+    return points[(np.abs(np.arctan2(off[:, 1], off[:, 0])) < math.radians(35.0)) & (np.hypot(*off.T) < range_m)]
+
+
+@pytest.mark.parametrize("length_m", [12.0, 24.0, 40.0])
+def test_a_long_thing_that_moves_is_a_vessel(length_m: float) -> None:
+    """It crosses from starboard at 1 m/s, on a course to be met at 2 m/s; its stern is out of sight if it is long."""
+    tracks = ObstacleTracker()
+    side = np.arange(0.0, length_m, 0.4)
+    hull = np.concatenate([np.column_stack([np.full_like(side, lateral), side]) for lateral in (-2.0, 2.0)])
+    for tick in range(60):
+        time_s, pos = 0.2 * tick, np.array((0.4 * tick, 0.0))
+        seen = in_view(hull + np.array((52.0, 24.0 - time_s)), pos)
+        if len(seen) > 5:
+            stamp_ns = round(time_s * 1e9)
+            tracks.update(stamp_ns, [outline_cluster(stamp_ns, seen)], pos, 0.0, 8.0, np.zeros(2))
+    (track,) = tracks.confirmed
+    assert track.is_vessel
+    np.testing.assert_allclose(track.state[2:], (0.0, -1.0), atol=0.25)
+    bow_m = track.position_at(11_800_000_000)[1] - 0.5 * track.length_m
+    assert bow_m == pytest.approx(24.0 - 11.8, abs=1.5)
+    assert not len(tracks.structure.points_ne_m)
+
+
+@pytest.mark.parametrize("reach_m", [30.0, 45.0])
+def test_a_boom_of_which_more_and_more_comes_into_sight_is_no_vessel(reach_m: float) -> None:
+    """Along a boom 9 m abeam at 3 m/s: its far end is wherever sight ends, its near one where the view does."""
+    tracks = ObstacleTracker()
+    boom = np.column_stack([np.arange(0.0, 200.0, 0.4), np.full(500, 9.0)])
+    for tick in range(100):
+        pos, stamp_ns = np.array((0.6 * tick, 0.0)), tick * 200_000_000
+        tracks.update(stamp_ns, [outline_cluster(stamp_ns, in_view(boom, pos, reach_m))], pos, 0.0, 8.0, np.zeros(2))
+    assert not tracks.confirmed
+    assert len(tracks.structure.points_ne_m) > 100
+
+
+def test_a_vessel_seen_from_ahead_may_be_longer_than_its_bow() -> None:
+    """A flat bow 8 m wide comes on at 2 m/s: what is planned around reaches 32 m astern of it, and not ahead."""
+    tracks = ObstacleTracker()
+    bow = np.column_stack([np.zeros(21), np.linspace(-4.0, 4.0, 21)])
+    for tick in range(40):
+        stamp_ns = tick * 200_000_000
+        cluster = outline_cluster(stamp_ns, bow + np.array((50.0 - 0.4 * tick, 0.0)))
+        tracks.update(stamp_ns, [cluster], HERE, 0.0, 8.0, np.zeros(2))
+    (track,) = tracks.confirmed
+    around = obstacles_near(8_000_000_000, [track], np.empty((0, 2)), HERE)
+    front_m = around.middle_ne_m[0, 0] - around.half_length_m[0]
+    assert front_m == pytest.approx(50.0 - 16.0, abs=2.0)
+    assert 2.0 * around.half_length_m[0] == pytest.approx(32.0, abs=3.0)

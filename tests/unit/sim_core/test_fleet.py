@@ -246,6 +246,15 @@ def test_pairs_are_those_that_all_against_all_finds() -> None:
         assert len(one) == len(expected)
 
 
+def test_a_vessel_that_is_nowhere_meets_nobody_and_the_others_still_meet() -> None:
+    """NaN after a blow that no step can follow: without a warning, and without cells as many as an integer holds."""
+    places = np.array([[0.0, 0.0], [np.nan, np.nan], [1.0, 0.0], [np.inf, 3.0], [90.0, 0.0]])
+    with np.errstate(all="raise"):
+        one, other = close_pairs(places, np.full(5, 2.0))
+        assert [sorted(pair) for pair in zip(one.tolist(), other.tolist(), strict=True)] == [[0, 2]]
+        assert not len(close_pairs(places[[0, 1]], np.full(2, 2.0))[0])
+
+
 def test_a_vessel_that_is_held_stays_while_its_sisters_go_on() -> None:
     fleet = Fleet.from_spec([FULL, FULL, SMALL], weather(), 0.0025)
     state = fleets.initial(
