@@ -18,6 +18,18 @@ from agent.wire import dialect
 from agent.wire.codec import decode
 from tests.ardupilot import find_ardurover
 
+LOST_LEADER = """
+extends: [bases/base-sitl, sites/santo-antonio, vehicles/asv-full, environments/current-waves-gusts]
+mission: {speed_mps: 2.5}
+vessels:
+  leader:
+    mission: {start: {north_m: 60, east_m: -120}, waypoints_ned_m: [[200, -120]]}
+    driver:
+      kind: script
+      script: [{at_s: 15, mode: AUTO, arm: true}, {at_s: 55, mode: HOLD}, {at_s: 75, end: true}]
+    faults: {silent: {from_s: 35, until_s: 42, link: {direction: actuators, loss: 1.0}}}
+  follower: {driver: {kind: follow, follow: {vessel: leader, offset_frd_m: [-10, 0]}}}
+"""
 BARGE = "{track_ned_m: [[60, -60], [260, -60]], speed_mps: 3.0, length_m: 30, beam_m: 8, ais: {callsign: BRG1}}"
 CROSSING = f"""
 extends: [bases/base-sitl, sites/santo-antonio, vehicles/asv-full, environments/current-waves]
@@ -117,7 +129,24 @@ def test_a_follower_keeps_its_place_and_ends_with_its_leader(tmp_path: Path) -> 
     assert kept["p50_m"] < 2.0  # what the estimates of both are off is 1 m
     assert kept["leader_lost"] == 0
     assert follower["track"]["path_m"] > 60.0
-    assert result.summary["vessels"]["leader"]["driver"]["completed"]
+    leader = result.summary["vessels"]["leader"]["driver"]
+    assert leader["completed"]
+    # Together: both lay moored until the follower had armed.
+    assert leader["moored_s"] == pytest.approx(follower["driver"]["moored_s"], abs=0.1)
+    assert leader["moored_s"] > 5.0
+
+
+@pytest.mark.slow
+def test_a_leader_that_falls_silent_and_one_that_stops_are_not_run_down(tmp_path: Path) -> None:
+    """Silent for 7 s while it goes on, then a stop from full speed, drifting toward its follower in the current."""
+    result = run_of(tmp_path, LOST_LEADER, duration_s=90.0)
+    follower = result.summary["vessels"]["follower"]
+    assert follower["follow"]["leader_lost"] == 1
+    assert any("lost at 40" in warning for warning in follower["warnings"])
+    assert result.summary["encounters"]["closest_m"] > 2.0  # between hulls, of 10 m less half of two of 4 m
+    leader, behind = (places(result.recording, f"/{name}/truth/state") for name in ("leader", "follower"))
+    last = max(leader.keys() & behind.keys())
+    assert math.dist(leader[last], behind[last]) == pytest.approx(10.0, abs=3.0)  # beside where it has drifted to
 
 
 @pytest.mark.realtime

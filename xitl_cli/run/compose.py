@@ -61,7 +61,8 @@ class RunSetup:
     """What the nodes of a vessel are made from. plant: as it meets it. out: the directory of what is its own.
 
     interrupted: whether somebody wants to end the run. stations: where ground stations meet all autopilots. voices:
-    what the vessels of the run say of themselves. receivers: who of them hears AIS.
+    what the vessels of the run say of themselves. departs_after: those that have to be ready before this one sets out.
+    receivers: who of them hears AIS.
     workers: have the autopilots that would be in this process, where that pays. operated: somebody may act as the run
     goes on. orders: what an operator asks of the vessels' autopilots by.
     """
@@ -74,10 +75,15 @@ class RunSetup:
     interrupted: Callable[[], bool]
     stations: StationAddresses
     voices: VesselVoices = field(default_factory=VesselVoices)
+    departs_after: tuple[str, ...] = ()
     receivers: dict[str, AisReceiver] = field(default_factory=dict)
     workers: AgentWorkers | None = None
     operated: bool = False
     orders: dict[str, VesselOrders] = field(default_factory=dict)
+
+    def others(self) -> str:
+        """Which vessels this one has to wait for now; empty when it may set out."""
+        return self.voices.waited_for(self.departs_after)
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -101,7 +107,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     # Who moves the vessel.
     bridge = autopilot = companion = line = None
     if profile.autopilot.kind == "none":
-        control: ControlNode = made(direct_control(profile))
+        control: ControlNode = made(direct_control(profile, setup.others))
     else:
         if profile.autopilot.kind != "embedded":
             if hears_sentences(profile):
@@ -120,7 +126,8 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     if profile.vessel:
         own = (lambda: report_from_motion(plant.state.time_ns, plant.motion())) if autopilot is None else autopilot.said
         receiver = None if autopilot is None else receiver_of(profile, autopilot.send, line)
-        setup.voices.add(profile.vessel, own, lambda: control.progress.finished)
+        ready = (lambda: True) if autopilot is None else (lambda: autopilot.driver.ready)
+        setup.voices.add(profile.vessel, own, lambda: control.progress.finished, ready)
         if receiver is not None:
             setup.receivers[profile.vessel] = receiver
 
@@ -276,7 +283,7 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
                 commands, frame, follow, setup.voices, profile.vessel, mission.speed_mps, arm_s
             )
         else:
-            driver = make_driver(profile, commands, frame, stations.told)
+            driver = make_driver(profile, commands, frame, stations.told, setup.others)
         return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
 
     options, supervision = options_from_profile(profile, setup.out, stations.urls), None

@@ -39,6 +39,7 @@ from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import VesselOrders
 from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
+from xitl_cli.run.traffic.departure import departs_after
 from xitl_cli.run.traffic.receivers import AisReceiver
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.world.plant import Plant
@@ -209,6 +210,7 @@ def _composed(
     setups, vessels, voices = [], [], VesselVoices()
     receivers: dict[str, AisReceiver] = {}
     orders: dict[str, VesselOrders] = {}
+    after = departs_after(profiles)
     stations = StationAddresses(profiles)
     opened.callback(stations.close)
     workers = fleet_workers(profiles)
@@ -218,7 +220,7 @@ def _composed(
         with _of(profile.vessel):
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
-            made = (profile, seeds, scenery, view, own, interrupted, stations, voices, receivers)
+            made = (profile, seeds, scenery, view, own, interrupted, stations, voices, after[profile.vessel], receivers)
             setups.append(RunSetup(*made, workers=workers, operated=operation.operated, orders=orders))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)

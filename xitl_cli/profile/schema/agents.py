@@ -119,6 +119,12 @@ class DriverSpec(Specification):
     file: Annotated[str | None, "of a replay: a DataFlash log (.bin) or a table of pulse widths (.csv)"] = None
     replay: ReplaySpec = ReplaySpec()
     follow: Annotated[FollowSpec | None, AmongVessels()] = None
+    departs_with: Annotated[
+        Literal["followers", "fleet", "nobody"],
+        AmongVessels(),
+        "of a mission or a replay: the vessel lies moored until its followers have armed, until all others of the "
+        "fleet can, or until it can itself",
+    ] = "followers"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

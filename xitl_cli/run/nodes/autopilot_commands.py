@@ -18,7 +18,7 @@ RELEASE_ABOVE_8 = 65534  # where 0 leaves a channel alone, as a sender of eight 
 RC_CHANNELS = 18
 DO_NOT_CHANGE_SPEED, CHANGE_MODE = -1.0, 1.0  # of DO_REPOSITION
 POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and yaw rate are ignored
-VELOCITY_ONLY = 0x0DC7  # of one: place, acceleration, yaw and yaw rate are
+VELOCITY_AND_YAW = 0x09C7  # of one: place, acceleration and yaw rate are
 
 Send = Callable[[Any], object]
 
@@ -92,18 +92,26 @@ class AutopilotCommands:
         self._target_message(sim_ns, POSITION_ONLY, lat, lon, alt_m)
 
     def sail(self, sim_ns: int, vel_ne_mps: tuple[float, float]) -> None:
-        """A GUIDED velocity over ground, to be repeated: a vessel stops that hears no other for GUID_TIMEOUT, or 3 s.
+        """A GUIDED velocity, bow ahead, to be repeated: a vessel stops that hears no other for GUID_TIMEOUT, or 3 s.
 
-        PX4 takes none.
+        The heading is that of the velocity: what carries the vessel off sideways is for who asks. PX4 takes none.
         """
-        self._target_message(sim_ns, VELOCITY_ONLY, 0, 0, 0.0, vel_ne_mps)
+        yaw_rad = math.atan2(vel_ne_mps[1], vel_ne_mps[0])
+        self._target_message(sim_ns, VELOCITY_AND_YAW, 0, 0, 0.0, vel_ne_mps, yaw_rad)
 
     def _target_message(
-        self, sim_ns: int, mask: int, lat: int, lon: int, alt_m: float, vel_ne_mps: tuple[float, float] = (0.0, 0.0)
+        self,
+        sim_ns: int,
+        mask: int,
+        lat: int,
+        lon: int,
+        alt_m: float,
+        vel_ne_mps: tuple[float, float] = (0.0, 0.0),
+        yaw_rad: float = 0.0,
     ) -> None:
         frame = dialect.MAV_FRAME_GLOBAL
         boot_ms = sim_ns // 1_000_000 & 0xFFFFFFFF
-        rest = (0.0,) * 6  # velocity down, acceleration, yaw, yaw rate
+        rest = (0.0, 0.0, 0.0, 0.0, yaw_rad, 0.0)  # velocity down, acceleration, yaw, yaw rate
         self.send(
             dialect.MAVLink_set_position_target_global_int_message(
                 boot_ms, *self._target, frame, mask, lat, lon, alt_m, *vel_ne_mps, *rest

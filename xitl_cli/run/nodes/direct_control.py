@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from agent.fcu.control.allocation import ThrustAllocator
 from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load_controller
@@ -21,13 +22,17 @@ from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file, sc
 from xitl_cli.run.core.node import ControlNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.setup import embedded_parameters, mission_places
+from xitl_cli.run.nodes.drivers import nobody
 from xitl_cli.run.world.world import local_frame
 
 
 class IdealControl(ControlNode):
-    """Guidance, control and allocation of the embedded autopilot, with the truth for an estimate."""
+    """Guidance, control and allocation of the embedded autopilot, with the truth for an estimate.
 
-    def __init__(self, profile: RunProfile) -> None:
+    others: which other vessels it has to wait for, for people; empty when it may set out.
+    """
+
+    def __init__(self, profile: RunProfile, others: Callable[[], str] = nobody) -> None:
         parameters = Parameters(embedded_parameters(profile))
         self._allocator = ThrustAllocator(parameters)
         self.command = MotorCommand(self._allocator.neutral, armed=True)
@@ -38,11 +43,15 @@ class IdealControl(ControlNode):
         self._controller = _controller(profile)(parameters)
         self._frame = LocalProjection(site.latitude_deg, site.longitude_deg, site.altitude_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
-
+        self._others = others
+        self._waits_for = others()
         self.progress = self._progress()
 
     def exchange(self, step: RunStep) -> None:
-        self.command = MotorCommand(self._motors(step), armed=True)
+        if self._waits_for:
+            self._waits_for = self._others()
+        if not self._waits_for:
+            self.command = MotorCommand(self._motors(step), armed=True)
         self.progress = self._progress()
 
     def _motors(self, step: RunStep) -> tuple[float, ...]:
@@ -71,6 +80,7 @@ class IdealControl(ControlNode):
             reached=reached,
             finished=finished,
             completed=finished,
+            waits_for=self._waits_for,
         )
 
 
@@ -131,12 +141,15 @@ class ScheduledControl(ControlNode):
         )
 
 
-def direct_control(profile: RunProfile) -> ControlNode:
-    """What moves the vessel of a profile without an autopilot. Raises UserError for a file that cannot be replayed."""
+def direct_control(profile: RunProfile, others: Callable[[], str] = nobody) -> ControlNode:
+    """What moves the vessel of a profile without an autopilot. Raises UserError for a file that cannot be replayed.
+
+    others: which other vessels a mission has to wait for, for people.
+    """
     driver, vessel = profile.driver, profile.vehicle
     if driver.kind == "script":
         return ScheduledControl(schedule_from_script(driver.script), "SCRIPT", vessel.commands)
     if driver.kind == "replay":
         assert driver.file is not None
         return ScheduledControl(schedule_from_file(driver.file, driver.replay, vessel), "REPLAY", vessel.commands)
-    return IdealControl(profile)
+    return IdealControl(profile, others)

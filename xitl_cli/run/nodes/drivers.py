@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from typing import Any
 
@@ -32,6 +32,11 @@ class VehicleDriver(RunNode):
     def handle(self, message: Any) -> None:
         """A message of the autopilot, after the view has seen it."""
 
+    @property
+    def ready(self) -> bool:
+        """Whether those that set out together need not wait for it."""
+        return True
+
     def progress(self) -> Progress:
         """How far it is, without what the view alone knows (mode, armed, messages)."""
         raise NotImplementedError
@@ -50,16 +55,27 @@ class NoDriver(VehicleDriver):
         return Progress("", reached=reached, finished=done, completed=done)
 
 
+def nobody() -> str:
+    """Whom a vessel waits for that waits for none."""
+    return ""
+
+
 def make_driver(
-    profile: RunProfile, commands: AutopilotCommands, frame: LocalFrame, ground_stations: tuple[str, ...] = ()
+    profile: RunProfile,
+    commands: AutopilotCommands,
+    frame: LocalFrame,
+    ground_stations: tuple[str, ...] = (),
+    others: Callable[[], str] = nobody,
 ) -> VehicleDriver:
     """The driver that the profile asks for; stations may call at `ground_stations`.
+
+    others: which other vessels it has to wait for, for people; empty when it may set out.
 
     Raises UserError when its file cannot be played.
     """
     driver, waypoints = profile.driver, len(profile.mission.waypoints_ned_m)
     if driver.kind == "mission":
-        return MissionDriver(commands, waypoints, profile.autopilot.arm_timeout_s)
+        return MissionDriver(commands, waypoints, profile.autopilot.arm_timeout_s, others)
     if driver.kind == "ground-station":
         return GroundStationDriver(commands, frame, ground_stations, driver.stay)
     if driver.kind == "script":
@@ -67,7 +83,7 @@ def make_driver(
     if driver.kind == "replay":
         assert driver.file is not None
         schedule = schedule_from_file(driver.file, driver.replay)
-        return ReplayDriver(commands, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s)
+        return ReplayDriver(commands, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s, others)
     return NoDriver(commands, waypoints)
 
 
@@ -88,28 +104,47 @@ class ArmingPhase(Enum):
 class ArmingSequence:
     """Arms the autopilot when it is ready and sets a mode.
 
-    Raises UserError from `update` when that is not done `timeout_s` after the start.
+    Raises UserError from `update` when that is not done `timeout_s` after the start, or after the last look at which
+    it was ready and others were not. waits_for: the other vessels that it waits for now, as it was last asked.
     """
 
-    def __init__(self, commands: AutopilotCommands, mode: str, timeout_s: float = READY_TIMEOUT_S) -> None:
+    def __init__(
+        self,
+        commands: AutopilotCommands,
+        mode: str,
+        timeout_s: float = READY_TIMEOUT_S,
+        others: Callable[[], str] = nobody,
+    ) -> None:
         self._commands = commands
         self._mode = mode
         self._timeout_s = timeout_s
+        self._others = others
+        self._from_ns = 0
         self.phase = ArmingPhase.READY
+        self.waits_for = others()
+
+    @property
+    def ready(self) -> bool:
+        """Whether it would arm if it were not for others."""
+        return self.phase is not ArmingPhase.READY or self._commands.view.ready_to_arm
 
     def update(self, sim_ns: int) -> bool:
         """One look at the autopilot; sends the next command when it is time. True once it is under way."""
         commands = self._commands
+        self.waits_for = self._others() if self.phase is ArmingPhase.READY else ""
         if self.phase is ArmingPhase.READY and commands.view.ready_to_arm:
+            if self.waits_for:
+                self._from_ns = sim_ns
+                return False
             commands.forget()
             self.phase = ArmingPhase.ARMED
-        if self.phase is ArmingPhase.READY and sim_ns > (self._timeout_s - ASK_WHY_S) * 1e9:
+        if self.phase is ArmingPhase.READY and sim_ns - self._from_ns > (self._timeout_s - ASK_WHY_S) * 1e9:
             commands.arm(sim_ns)  # refused, with the reasons
         if self.phase is ArmingPhase.ARMED and commands.arm(sim_ns):
             self.phase = ArmingPhase.STARTED
         if self.phase is ArmingPhase.STARTED and commands.set_mode(sim_ns, self._mode):
             self.phase = ArmingPhase.UNDER_WAY
-        if self.phase is not ArmingPhase.UNDER_WAY and sim_ns > self._timeout_s * 1e9:
+        if self.phase is not ArmingPhase.UNDER_WAY and sim_ns - self._from_ns > self._timeout_s * 1e9:
             why = why_not_armed(commands.view.texts, commands.view.unhealthy)
             raise UserError(f"gave up after {self._timeout_s:g} s of waiting for {self.phase.value}{why}")
         return self.phase is ArmingPhase.UNDER_WAY
@@ -129,11 +164,21 @@ def why_not_armed(texts: Iterable[str], unhealthy: Sequence[str] = ()) -> str:
 class MissionDriver(VehicleDriver):
     """Sends the commands a person at a ground station would; the mission has `waypoints` items after home."""
 
-    def __init__(self, commands: AutopilotCommands, waypoints: int, arm_timeout_s: float = READY_TIMEOUT_S) -> None:
+    def __init__(
+        self,
+        commands: AutopilotCommands,
+        waypoints: int,
+        arm_timeout_s: float = READY_TIMEOUT_S,
+        others: Callable[[], str] = nobody,
+    ) -> None:
         self._view = commands.view
-        self._departure = ArmingSequence(commands, "AUTO", arm_timeout_s)
+        self._departure = ArmingSequence(commands, "AUTO", arm_timeout_s, others)
         self._total = waypoints
         self._under_way = False
+
+    @property
+    def ready(self) -> bool:
+        return self._departure.ready
 
     def update(self, sim_ns: int) -> None:
         self._under_way = self._under_way or self._departure.update(sim_ns)
@@ -142,7 +187,8 @@ class MissionDriver(VehicleDriver):
         reached = len({seq for seq in self._view.reached_seqs if 1 <= seq <= self._total})
         done = 0 < self._total == reached
         target = reached if self._under_way and not done else None
-        return Progress("", target=target, reached=reached, finished=done, completed=done)
+        waits_for = self._departure.waits_for
+        return Progress("", target=target, reached=reached, finished=done, completed=done, waits_for=waits_for)
 
 
 RC_TRIM_US, RC_SPAN_US = 1500, 400
@@ -161,13 +207,18 @@ class ReplayDriver(VehicleDriver):
         schedule: MotorSchedule,
         rc_channels: tuple[int, int],
         arm_timeout_s: float = READY_TIMEOUT_S,
+        others: Callable[[], str] = nobody,
     ) -> None:
         self._commands = commands
         self._schedule = schedule
         self._channels = rc_channels
-        self._departure = ArmingSequence(commands, "MANUAL", arm_timeout_s)
+        self._departure = ArmingSequence(commands, "MANUAL", arm_timeout_s, others)
         self._started_ns: int | None = None
         self._played_ns = -1
+
+    @property
+    def ready(self) -> bool:
+        return self._departure.ready
 
     def update(self, sim_ns: int) -> None:
         if self._started_ns is None:
@@ -183,7 +234,8 @@ class ReplayDriver(VehicleDriver):
 
     def progress(self) -> Progress:
         done = self._played_ns >= self._schedule.last_ns
-        waits_for = self._departure.phase.value if self._started_ns is None else ""
+        departure = self._departure
+        waits_for = departure.waits_for or departure.phase.value if self._started_ns is None else ""
         return Progress("", finished=done, completed=done, waypoints=(), waits_for=waits_for)
 
 

@@ -13,19 +13,21 @@ from xitl_cli.profile.schema.agents import FollowSpec
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
-from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, ArmingSequence, VehicleDriver
+from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, ArmingPhase, ArmingSequence, VehicleDriver
 from xitl_cli.run.traffic.following import MOVED_M, FollowLaw, LeaderTrack
 from xitl_cli.run.traffic.self_report import Point, VesselVoices
 
 RATE_HZ = 5.0
 STATION_M = 3.0  # the first time that it is so near to its place, it is there
+STATION_ERRORS = ("rms_m", "p50_m", "p95_m", "max_m", "behind_max_m", "ahead_max_m", "beside_p95_m")
 WARNING, NOTICE = 4, 5  # MAV_SEVERITY
 
 
 class FollowDriver(VehicleDriver):
     """Arms, then asks for velocities over ground while the leader is under way, and for the place itself once it lies.
 
-    A leader that says nothing for `spec.lost_s` is lost: the follower keeps where it is until it is heard again.
+    A leader that has said nothing for a while may have stopped: the follower goes to its place behind where the leader
+    was heard last. After `spec.lost_s` it is lost: the follower says so and keeps that place until it is heard again.
     There is nothing more to do when the leader has finished. vessel: the follower's name,
     whose voice says where it is itself.
     """
@@ -54,7 +56,7 @@ class FollowDriver(VehicleDriver):
         self._place_ns = 0
         self._lost: list[float] = []  # at, s
         self._is_lost = False
-        self._off_m: list[float] = []
+        self._off_m: list[tuple[float, float, float]] = []  # from the place, behind it on the track, beside the track
         self._settled_s: float | None = None
 
     def begin(self, context: RunContext) -> None:
@@ -75,15 +77,15 @@ class FollowDriver(VehicleDriver):
         self._look_for_leader(sim_ns, (sim_ns - report.at_ns) * 1e-9)
         off_m = math.dist(place.pos_ne_m, own.pos_ne_m)
         if self._is_lost:
-            self._keep(sim_ns, self._place or own.pos_ne_m)
+            self._keep(sim_ns, self._place or place.pos_ne_m)
             return
+        pursuit = self._track.pursuit(own.pos_ne_m)
         if self._settled_s is None and off_m < STATION_M:
             self._settled_s = sim_ns * 1e-9
         if self._settled_s is not None:
-            self._off_m.append(off_m)
+            self._off_m.append((off_m, place.along_m - pursuit.along_m, abs(pursuit.left_m)))
         if place.speed_mps > 0.0:
             self._place = None
-            pursuit = self._track.pursuit(own.pos_ne_m)
             self._commands.sail(sim_ns, self._law.velocity_ne_mps(place, pursuit, own))
         else:
             self._law.rest()
@@ -95,7 +97,10 @@ class FollowDriver(VehicleDriver):
         if lost and not self._is_lost:
             self._lost.append(sim_ns * 1e-9)
             self._place = None
-            text = f"leader lost: {self._spec.vessel} has said nothing for {self._spec.lost_s:g} s; keeping this place"
+            text = (
+                f"leader lost: {self._spec.vessel} has said nothing for {self._spec.lost_s:g} s; keeping the place "
+                "behind where it was heard last"
+            )
             self._say(sim_ns, WARNING, text)
         elif self._is_lost and not lost:
             self._place = None
@@ -110,24 +115,30 @@ class FollowDriver(VehicleDriver):
         lat, lon, alt = self._frame.geodetic(np.array([[*place, 0.0]]))
         self._commands.go_to(sim_ns, float(lat[0]), float(lon[0]), float(alt[0]))
 
+    @property
+    def ready(self) -> bool:
+        return self._departure.phase is ArmingPhase.UNDER_WAY
+
     def progress(self) -> Progress:
         done = self._voices.finished(self._spec.vessel)
-        return Progress("", finished=done, completed=done and not self._is_lost, waypoints=())
+        waits_for = "" if self.ready else self._departure.phase.value
+        return Progress("", finished=done, completed=done and not self._is_lost, waypoints=(), waits_for=waits_for)
 
     def report(self) -> dict[str, Any]:
         """follow: how far from its place it was, by what both said of themselves, since it was first there."""
-        off = np.array(self._off_m)
-        p50_m, p95_m = np.percentile(off, (50, 95)).tolist() if len(off) else (None, None)
+        errors: dict[str, float | None] = dict.fromkeys(STATION_ERRORS)
+        if self._off_m:
+            off, behind, beside = np.array(self._off_m).T
+            found = (np.sqrt(np.mean(off * off)), *np.percentile(off, (50, 95)), off.max())
+            found = (*found, max(behind.max(), 0.0), max(-behind.min(), 0.0), np.percentile(beside, 95))
+            errors = {name: float(value) for name, value in zip(STATION_ERRORS, found, strict=True)}
         warnings = [f"its leader {self._spec.vessel} was lost at {at_s:.1f} s" for at_s in self._lost]
         return {
             "follow": {
                 "vessel": self._spec.vessel,
                 "offset_frd_m": list(self._spec.offset_frd_m),
                 "settled_s": self._settled_s,
-                "rms_m": float(np.sqrt(np.mean(off * off))) if len(off) else None,
-                "p50_m": p50_m,
-                "p95_m": p95_m,
-                "max_m": float(off.max()) if len(off) else None,
+                **errors,
                 "leader_lost": len(self._lost),
             },
             "warnings": warnings,

@@ -248,6 +248,11 @@ class Preparation(VehicleDriver):
         self._calibration.handle(message)
         self._driver.handle(message)
 
+    @property
+    def ready(self) -> bool:
+        prepared = self._parameters.done and self._mission.done and self._calibration.done
+        return self._view.heard and prepared and self._driver.ready
+
     def progress(self) -> Progress:
         progress = self._driver.progress()
         if not self._held or progress.waits_for:

@@ -5,11 +5,12 @@ that a column goes through the same water and does not cut corners, as it would 
 ahead of the leader is straight on along its course; what is beside it is square to the track. On a straight track all
 of these are the leader's axes along its course over ground.
 
-Velocities go to the autopilot, over ground, and not places: a place that moves all the time is one that a vessel brakes
-for all the time. They point to where the track goes through a circle around the vessel (pure pursuit, Coulter 1992),
-with an integral of what it lies beside the track, since ArduRover makes a heading of a velocity and lets the current
-carry it off. The speed is the leader's and a share of what is to be made up; in a corner no more than half as much
-again as the leader went at there. Where the leader lies still the place is one to go to and to keep.
+Velocities go to the autopilot, and not places: a place that moves all the time is one that a vessel brakes for all the
+time. They point to where the track goes through a circle around the vessel (pure pursuit, Coulter 1992), with an
+integral of what it lies beside the track: they come with their heading, as ArduRover takes them, and an autopilot that
+made good a course of its own would swing against this one. The speed is the leader's, carried on by its acceleration as
+in cooperative cruise control (Ploeg et al. 2011), and a share of what is to be made up; in a corner no more than half
+as much again as the leader went at there. Where the leader lies still the place is one to go to and to keep.
 """
 
 from __future__ import annotations
@@ -23,14 +24,20 @@ from xitl_cli.run.traffic.self_report import Point, SelfReport
 
 STEP_M = 0.5  # between two points of the track
 KEPT_M = 100.0  # of the track behind the place
-SMOOTHED_S = 1.5  # of the leader's speed: what waves do to it is not to be followed
-UNDER_WAY_MPS, STOPPED_MPS = 0.5, 0.25
+SMOOTHED_S, COURSE_SMOOTHED_S = (
+    0.5,
+    1.5,
+)  # of the leader's speed and course: waves are not to be followed
+UNDER_WAY_MPS, STOPPED_MPS = 0.5, 0.25  # ahead
+SILENT_S = 1.5  # a leader that has said nothing for so long may have stopped
+LEAD_S = 1.5  # by which the leader's speed is carried on: as long as a follower takes to change its own
 GAIN_PER_S = 0.25
 INTEGRAL_PER_S = 0.02
 LOOKAHEAD_M = 7.0
+BRAKING_M = 4.5  # before a corner
 FASTEST = 1.5  # of the mission's speed: to make up for what was lost
 SLOWEST = 0.3  # of the leader's speed: with less way on there is no steering
-STRAIGHT = math.cos(math.radians(20.0))  # between where the follower is and where it looks; what bends more is a corner
+STRAIGHT = math.cos(math.radians(20.0))  # between the two halves of the look-ahead; what bends more is a corner
 SLOWED = 0.75  # of the leader's speed now: where it went slower than that it had reason to
 ABOVE_LEADER, LEAST_LIMIT_MPS = 1.5, 1.5  # of what it went at there
 MOVED_M = 1.5  # a place to keep that has moved by so much is another
@@ -45,11 +52,12 @@ class TrackPoint(NamedTuple):
 
 
 class FormationPlace(NamedTuple):
-    """Where a follower ought to be, how far along the track that is, and how fast it moves."""
+    """Where a follower ought to be, how far along the track that is, how fast it moves and how that changes."""
 
     pos_ne_m: Point
     along_m: float
     speed_mps: float
+    acceleration_mps2: float = 0.0
 
 
 class TrackPursuit(NamedTuple):
@@ -72,21 +80,24 @@ class LeaderTrack:
         self._forward_m, self._starboard_m = offset_frd_m
         self._points: deque[TrackPoint] = deque()
         self._course: Point = (1.0, 0.0)
-        self._speed_mps = 0.0
+        self._speed_mps = self._slower_mps = 0.0  # ahead; the second smoothed over twice the time
         self._report: SelfReport | None = None
+        self._was_armed = False
         self.moving = False
 
     def add(self, report: SelfReport) -> None:
         """The newest of the leader; one that was heard already changes nothing.
 
-        Before it is armed it drifts, and has no track: it is taken to have come the way it heads.
+        Before it is armed for the first time it drifts, and has no track: it is taken to have come the way it heads.
+        Later, while it makes no way ahead, it takes its track along with it wherever it drifts, or goes astern: its
+        followers make way for it.
         """
         before, self._report = self._report, report
         if before is not None and report.at_ns <= before.at_ns:
             return
-        speed_mps = math.hypot(*report.vel_ne_mps)
-        if before is None or not before.armed:
-            heading: Point = math.cos(report.yaw_rad), math.sin(report.yaw_rad)
+        heading: Point = math.cos(report.yaw_rad), math.sin(report.yaw_rad)
+        if before is None or not self._was_armed:
+            self._was_armed = report.armed
             back_m = max(-self._forward_m, 0.0) + KEPT_M
             self._points = deque(
                 (TrackPoint(_moved(report.pos_ne_m, heading, -back_m), math.inf, 0.0),
@@ -94,28 +105,44 @@ class LeaderTrack:
             )  # fmt: skip
             self._course = heading
             return
+        rate = report.vel_ne_mps
+        speed_mps = math.hypot(*rate)
+        ahead_mps = rate[0] * heading[0] + rate[1] * heading[1]
+        dt_s = (report.at_ns - before.at_ns) * 1e-9
+        self._speed_mps += (ahead_mps - self._speed_mps) * -math.expm1(-dt_s / SMOOTHED_S)
+        self._slower_mps += (ahead_mps - self._slower_mps) * -math.expm1(-0.5 * dt_s / SMOOTHED_S)
+        self.moving = self._speed_mps > (STOPPED_MPS if self.moving else UNDER_WAY_MPS)
         last = self._points[-1]
         step_m = math.dist(last.pos_ne_m, report.pos_ne_m)
-        if step_m >= STEP_M:
+        if step_m >= STEP_M and self.moving:
             self._points.append(TrackPoint(report.pos_ne_m, speed_mps, last.along_m + step_m))
             self._forget()
-        smoothed = 1.0 - math.exp(-(report.at_ns - before.at_ns) * 1e-9 / SMOOTHED_S)
-        self._speed_mps += (speed_mps - self._speed_mps) * smoothed
-        self.moving = self._speed_mps > (STOPPED_MPS if self.moving else UNDER_WAY_MPS)
+        elif step_m >= STEP_M:
+            north_m, east_m = report.pos_ne_m[0] - last.pos_ne_m[0], report.pos_ne_m[1] - last.pos_ne_m[1]
+            self._points = deque(
+                one._replace(pos_ne_m=(one.pos_ne_m[0] + north_m, one.pos_ne_m[1] + east_m)) for one in self._points
+            )
         if self.moving and speed_mps > STOPPED_MPS:
-            rate = report.vel_ne_mps
+            smoothed = -math.expm1(-dt_s / COURSE_SMOOTHED_S)
             course = [one + (way / speed_mps - one) * smoothed for one, way in zip(self._course, rate, strict=True)]
             length = math.hypot(*course)
             self._course = (course[0] / length, course[1] / length) if length > 1e-6 else self._course
 
     def place(self, now_ns: int) -> FormationPlace | None:
-        """Where the follower ought to be now, the leader going on as it last said; None until it has said anything."""
+        """Where the follower ought to be now, the leader going on as it last said; None until it has said anything.
+
+        A leader that has been silent for SILENT_S is taken to lie where it was heard last.
+        """
         report = self._report
         if report is None:
             return None
-        along_m = self._leader_along_m(now_ns) + self._forward_m
+        moves = self.moving and (now_ns - report.at_ns) * 1e-9 < SILENT_S
+        along_m = (self._leader_along_m(now_ns) if moves else self._points[-1].along_m) + self._forward_m
         pos, _ = self._at(along_m)
-        return FormationPlace(pos, along_m, self._speed_mps if self.moving else 0.0)
+        if not moves:
+            return FormationPlace(pos, along_m, 0.0)
+        # Of a steady change the two lag behind by their times, so that they differ by what it is in one.
+        return FormationPlace(pos, along_m, self._speed_mps, (self._speed_mps - self._slower_mps) / SMOOTHED_S)
 
     def pursuit(self, pos_ne_m: Point) -> TrackPursuit:
         """How a vessel at a place lies to the track. There has to be a report."""
@@ -134,19 +161,17 @@ class LeaderTrack:
             if square <= nearest_m2:  # of places that are as near the one farther on
                 nearest_m2, along_m = square, one.along_m + gone_m
                 left_m = way[1] * beside[0] - way[0] * beside[1]
-        _, here = self._at(along_m)
-        aim, there = self._at(along_m + LOOKAHEAD_M)
+        here, middle, aim = (self._at(along_m + share * LOOKAHEAD_M)[0] for share in (0.0, 0.5, 1.0))
+        way, further = _unit(here, middle, math.dist(here, middle)), _unit(middle, aim, math.dist(middle, aim))
         slowest_mps = math.inf
-        if here[0] * there[0] + here[1] * there[1] < STRAIGHT:
-            first_m, last_m = along_m - STEP_M, along_m + LOOKAHEAD_M + STEP_M
+        if way[0] * further[0] + way[1] * further[1] < STRAIGHT:
+            first_m, last_m = along_m - STEP_M, along_m + BRAKING_M
             slowest_mps = min((one.speed_mps for one in points if first_m <= one.along_m <= last_m), default=math.inf)
         return TrackPursuit(along_m, left_m, aim, slowest_mps)
 
     def _leader_along_m(self, now_ns: int) -> float:
         assert self._report is not None
         last = self._points[-1]
-        if not self._report.armed or not self.moving:
-            return last.along_m
         place = self._report.carried_on(now_ns).pos_ne_m
         off = place[0] - last.pos_ne_m[0], place[1] - last.pos_ne_m[1]
         return last.along_m + max(off[0] * self._course[0] + off[1] * self._course[1], 0.0)
@@ -190,13 +215,14 @@ class FollowLaw:
         if pursuit.leader_mps < SLOWED * place.speed_mps:
             most_mps = min(most_mps, max(ABOVE_LEADER * pursuit.leader_mps, LEAST_LIMIT_MPS))
         least_mps = SLOWEST * place.speed_mps
-        speed_mps = min(max(place.speed_mps + GAIN_PER_S * behind_m, least_mps), max(most_mps, least_mps))
+        wanted_mps = place.speed_mps + LEAD_S * max(place.acceleration_mps2, 0.0) + GAIN_PER_S * behind_m
+        speed_mps = min(max(wanted_mps, least_mps), max(most_mps, least_mps))
+        aim = pursuit.aim_ne_m
+        way = _unit(own.pos_ne_m, aim, math.dist(own.pos_ne_m, aim))
         limit_mps = 0.4 * speed_mps
         if abs(pursuit.left_m) < LOOKAHEAD_M:  # farther off it is a way to go, and nothing that carries it off
             self._integral_mps += INTEGRAL_PER_S * pursuit.left_m * dt_s
         self._integral_mps = min(max(self._integral_mps, -limit_mps), limit_mps)
-        aim = pursuit.aim_ne_m
-        way = _unit(own.pos_ne_m, aim, math.dist(own.pos_ne_m, aim))
         # What it lies to the left is made up to the right.
         right_mps = self._integral_mps
         ahead_mps = math.sqrt(speed_mps * speed_mps - right_mps * right_mps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from sim_core.kinematics import Kinematics
@@ -62,15 +62,20 @@ def report_from_motion(at_ns: int, motion: Kinematics, row: int = 0, armed: bool
     return SelfReport(at_ns, (north_m, east_m), (north_mps, east_mps), yaw_rad, rate_radps, True, armed)
 
 
+SHOWN = 3  # names of vessels in a sentence
+
+
 class VesselVoices:
-    """What each vessel of a run says of itself, by its name, and whether it has done all it was there for."""
+    """What each vessel of a run says of itself, by its name: its motion, whether it is ready and whether it is done."""
 
     def __init__(self) -> None:
-        self._sources: dict[str, tuple[ReportSource, Callable[[], bool]]] = {}
+        self._sources: dict[str, tuple[ReportSource, Callable[[], bool], Callable[[], bool]]] = {}
 
-    def add(self, name: str, source: ReportSource, finished: Callable[[], bool]) -> None:
+    def add(
+        self, name: str, source: ReportSource, finished: Callable[[], bool], ready: Callable[[], bool] = lambda: True
+    ) -> None:
         """One more vessel."""
-        self._sources[name] = source, finished
+        self._sources[name] = source, finished, ready
 
     def said(self, name: str) -> SelfReport | None:
         """The newest of a vessel; None until there is one."""
@@ -79,3 +84,9 @@ class VesselVoices:
     def finished(self, name: str) -> bool:
         """Whether there is nothing more for it to do."""
         return self._sources[name][1]()
+
+    def waited_for(self, names: Sequence[str]) -> str:
+        """Which of these vessels are not ready to set out, for people; empty when all are."""
+        late = [name for name in names if name not in self._sources or not self._sources[name][2]()]
+        more = f" and {len(late) - SHOWN} more" if len(late) > SHOWN else ""
+        return f"{', '.join(late[:SHOWN])}{more} to be ready" if late else ""

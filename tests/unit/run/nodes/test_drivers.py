@@ -81,6 +81,29 @@ def test_an_autopilot_that_never_gets_ready_ends_the_run(boat: Boat) -> None:
         MissionDriver(boat.orders, 2).update(round((READY_TIMEOUT_S + 1) * S))
 
 
+def test_a_mission_waits_moored_for_the_others_of_its_fleet(boat: Boat) -> None:
+    """Its time to arm runs anew once they are ready. It says that it is ready itself: two may wait for each other."""
+    others = "escort to be ready"
+    driver = MissionDriver(boat.orders, 2, READY_TIMEOUT_S, lambda: others)
+    assert (driver.ready, driver.progress().waits_for) == (False, "escort to be ready")
+    boat.view.ready_to_arm = True
+    late = round((READY_TIMEOUT_S + 30.0) * S)
+    for now_ns in (TICK, late):
+        driver.update(now_ns)
+    assert driver.ready
+    assert boat.commands() == []
+    others = ""
+    driver.update(late + TICK)
+    assert boat.commands() == [(ARM, 1.0, 0.0)]
+    assert driver.progress().waits_for == ""
+
+
+def test_a_mission_that_is_not_ready_itself_does_not_wait_for_ever(boat: Boat) -> None:
+    driver = MissionDriver(boat.orders, 2, READY_TIMEOUT_S, lambda: "escort to be ready")
+    with pytest.raises(UserError, match="become ready to arm"):
+        driver.update(round((READY_TIMEOUT_S + 1) * S))
+
+
 STEPS = (
     ScriptStep(at_s=1.0, mode="MANUAL", arm=True, rc_us=(1500, None, 1500)),
     ScriptStep(at_s=2.0, rc_us=(1600, 1234, None, None, None, None, None, None, 1700)),

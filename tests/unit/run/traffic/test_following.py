@@ -129,3 +129,38 @@ def test_a_follower_that_the_current_carries_off_ends_at_its_place(current: Poin
     # Along the track there is no integral: what carries it off over the gain is what is left.
     assert pos[1] == pytest.approx(0.0, abs=0.3)
     assert pos[0] - place.pos_ne_m[0] == pytest.approx(current[0] / 0.25, abs=0.3)
+
+
+def test_a_leader_that_lies_and_drifts_takes_its_track_along() -> None:
+    """It heads north and drifts astern and to the east, faster than what counts as making way."""
+    track = straight((-10.0, 0.0), 0.0)
+    for tick in range(301, 700):
+        since = (tick - 300) / 10
+        track.add(report(tick / 10, (90.0 - 0.6 * since, 0.3 * since), (-0.6, 0.3), yaw_rad=0.0))
+    place = track.place(70 * S)
+    assert not track.moving
+    assert place is not None
+    assert place.speed_mps == 0.0
+    assert place.pos_ne_m == pytest.approx((90.0 - 24.0 - 10.0, 12.0), abs=1.0)
+
+
+def test_a_leader_that_is_silent_is_taken_to_lie_where_it_was_heard_last() -> None:
+    """So that its follower, who would run it down if it had stopped, stops 10 m behind."""
+    track = straight((-10.0, 0.0), 0.0)
+    for silent_s, north_m, speed_mps in ((1.0, 83.0, 3.0), (2.0, 80.0, 0.0), (60.0, 80.0, 0.0)):
+        place = track.place(round((30.0 + silent_s) * S))
+        assert place is not None
+        assert place.pos_ne_m == pytest.approx((north_m, 0.0), abs=0.1)
+        assert place.speed_mps == pytest.approx(speed_mps, abs=0.05)
+
+
+def test_a_leader_that_gets_under_way_is_followed_by_what_it_will_do() -> None:
+    """At 0.8 m/s2: the place says so, and the follower need not lag behind by what it takes to answer."""
+    track, now_s = LeaderTrack((-10.0, 0.0)), 0.0
+    for tick in range(30):
+        now_s = tick / 10
+        track.add(report(now_s, (0.4 * now_s**2, 0.0), (0.8 * now_s, 0.0), yaw_rad=0.0))
+    place = track.place(round(now_s * S))
+    assert place is not None
+    assert place.acceleration_mps2 == pytest.approx(0.8, abs=0.1)
+    assert place.speed_mps == pytest.approx(0.8 * now_s - 0.8 * 0.5, abs=0.1)  # smoothed over half a second
