@@ -194,7 +194,9 @@ def _campaign(group: typer.Typer) -> None:
 def _paper(group: typer.Typer) -> None:
     from xitl_cli.commands import paper
 
+    group.command("4.1")(paper.section_4_1)
     group.command("4.2")(paper.section_4_2)
+    group.command("4.4")(paper.section_4_4)
     group.command("wdri")(paper.wdri)
     group.command("all")(paper.all_sections)
 

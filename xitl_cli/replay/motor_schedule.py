@@ -12,7 +12,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.agents import ReplaySpec, ScriptStep
 from xitl_cli.replay.pulse_log import NO_PULSE_US, PulseLog, read_pulse_log
 
-THROTTLE_LEFT, THROTTLE_RIGHT, GROUND_STEERING, THROTTLE = 73, 74, 26, 70  # SERVOn_FUNCTION
+THROTTLE_LEFT, THROTTLE_RIGHT, GROUND_STEERING, THROTTLE, MOTOR_1 = 73, 74, 26, 70, 33  # SERVOn_FUNCTION
 USUAL_OUTPUTS = (1, 3)
 
 Motors = tuple[float, ...]
@@ -59,22 +59,8 @@ def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec |
     all that steers; of two propellers they are mixed as a skid-steered ArduRover does: port is throttle plus steering.
     """
     outputs, mixed = _outputs(log, replay, vessel)
-    missing = [channel for channel in outputs if channel not in log.pulses_us]
-    if missing:
-        raise UserError(
-            f"{log.source}: has no output C{missing[0]}; it has {_named(sorted(log.pulses_us))}, "
-            "name those of the motors in driver.replay.outputs"
-        )
-    columns = [log.pulses_us[channel] for channel in outputs]
-    rows = list(zip(*columns, strict=True))
-    start_s = _first_armed_s(log, rows, replay.trim_us) if replay.start_s is None else replay.start_s
-    end_s = log.at_s[-1] if replay.end_s is None else min(replay.end_s, log.at_s[-1])
-    if start_s >= end_s:
-        raise UserError(
-            f"{log.source}: ends at {end_s:g} s, not after the start of the replay at {start_s:g} s; "
-            f"the recording goes from {log.at_s[0]:g} to {log.at_s[-1]:g} s, "
-            "set driver.replay.start_s and end_s within it"
-        )
+    start_s, end_s = replayed_span_s(log, replay, vessel)
+    rows = _rows(log, outputs)
     first = max(bisect_right(log.at_s, start_s) - 1, 0)
     last = bisect_right(log.at_s, end_s)
     commands = [tuple(_command(pulse, replay) for pulse in row) for row in rows[first:last]]
@@ -83,6 +69,31 @@ def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec |
         motors=tuple(_by_sticks(vessel, *command) if mixed else command for command in commands),
         end_ns=round((end_s - start_s) * 1e9),
     )
+
+
+def replayed_span_s(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None = None) -> tuple[float, float]:
+    """From when to when of the recording's clock (s) it is replayed. Raises UserError where nothing is between."""
+    rows = _rows(log, _outputs(log, replay, vessel)[0])
+    start_s = _first_armed_s(log, rows, replay.trim_us) if replay.start_s is None else replay.start_s
+    end_s = log.at_s[-1] if replay.end_s is None else min(replay.end_s, log.at_s[-1])
+    if start_s >= end_s:
+        raise UserError(
+            f"{log.source}: ends at {end_s:g} s, not after the start of the replay at {start_s:g} s; "
+            f"the recording goes from {log.at_s[0]:g} to {log.at_s[-1]:g} s, "
+            "set driver.replay.start_s and end_s within it"
+        )
+    return start_s, end_s
+
+
+def _rows(log: PulseLog, outputs: tuple[int, ...]) -> list[tuple[float, ...]]:
+    """Pulses of these channels at each instant."""
+    missing = [channel for channel in outputs if channel not in log.pulses_us]
+    if missing:
+        raise UserError(
+            f"{log.source}: has no output C{missing[0]}; it has {_named(sorted(log.pulses_us))}, "
+            "name those of the motors in driver.replay.outputs"
+        )
+    return list(zip(*(log.pulses_us[channel] for channel in outputs), strict=True))
 
 
 def _by_sticks(vessel: VesselSpec | None, steering: float, throttle: float) -> Motors:
@@ -97,6 +108,9 @@ def _outputs(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None) -> tu
     if replay.outputs is not None:
         return replay.outputs, mixed
     channel_of = {function: channel for channel, function in sorted(log.functions.items(), reverse=True)}
+    motors = range(MOTOR_1, MOTOR_1 + (2 if vessel is None else vessel.commands))
+    if replay.outputs_are != "steering-throttle" and all(function in channel_of for function in motors):
+        return tuple(channel_of[function] for function in motors), False
     pair = vessel is None or vessel.commands == len(vessel.propellers) == len(USUAL_OUTPUTS)
     kinds = {"motors": (THROTTLE_LEFT, THROTTLE_RIGHT)} if pair else {}
     if vessel is None or vessel.moves_by_sticks:

@@ -1,7 +1,8 @@
-"""Recorded pulse widths, read from a table or from a DataFlash log.
+"""Recorded pulse widths, read from a table or from a log.
 
 A table has the columns `time_s` (or `TimeUS`) and C1, C2, … in µs, as `mavlogdump.py --format csv --types RCOU` writes
-it. Of a log RCOU counts, ARM says when it was armed, and PARM what the outputs were used for.
+it. Of a DataFlash log RCOU counts, of telemetry and MCAP SERVO_OUTPUT_RAW or RCOU; the log says when it was armed and
+what the outputs were used for. A recording of ours holds commands, which become pulses of 1500 ± 400 µs.
 """
 
 from __future__ import annotations
@@ -16,11 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
+import xitl_cli.logs.signals as signals
 from agent.files import read_bytes
 from xitl_cli.errors import UserError
+from xitl_cli.logs import open_log
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.signals.states import parameter_values
 
 MOST_BYTES = 256 << 20
 NO_PULSE_US = 0.0
@@ -32,6 +36,8 @@ _OUTPUT = re.compile(r"c([1-9][0-9]?)")
 _SHAPE = "write time_s,C1,C3 (seconds, then one column for each output in µs)"
 _FUNCTION = re.compile(r"SERVO([0-9]{1,2})_FUNCTION")
 _CHANNEL = re.compile(r"C([0-9]{1,2})")
+_COMMAND_TRIM_US, _COMMAND_SPAN_US = 1500.0, 400.0  # the defaults of driver.replay, which take it back
+_PAIR = (73, 74)  # SERVOn_FUNCTION: left and right throttle
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +62,11 @@ def is_pulse(pulse_us: float) -> bool:
 
 
 def read_pulse_log(path: Path) -> PulseLog:
-    """The DataFlash log (`.bin`) or the table at `path`. Raises UserError with what is wrong in it."""
-    return read_dataflash(path) if path.suffix.lower() == ".bin" else read_csv(path)
+    """The log (`.bin`, `.tlog`, `.mcap`) or the table at `path`. Raises UserError with what is wrong in it."""
+    kind = path.suffix.lower()
+    if kind == ".bin":
+        return read_dataflash(path)
+    return read_recording(path) if kind in (".tlog", ".mcap") else read_csv(path)
 
 
 def read_csv(path: Path) -> PulseLog:
@@ -166,6 +175,51 @@ def read_dataflash(path: Path) -> PulseLog:
         }
         at_s = tuple((at_us[rising] * 1e-6).tolist())
         return PulseLog(str(path), at_s, pulses, _armed_s(log), _functions(log))
+
+
+def read_recording(path: Path) -> PulseLog:
+    """Outputs of telemetry or of an MCAP file, in seconds since the log's own zero. Raises UserError without any."""
+    try:
+        opened = open_log(path)
+    except LogError as error:
+        raise UserError(str(error)) from error
+    with opened as log:
+        found, functions = signals.outputs(log), output_functions(log)
+        if not found:
+            raise UserError(f"{path}: holds no servo outputs; give a log with RCOU or SERVO_OUTPUT_RAW")
+        stamp_ns = max((series.stamp_ns for series in found.values()), key=len)
+        in_force = {
+            channel: series.values[np.clip(np.searchsorted(series.stamp_ns, stamp_ns, side="right") - 1, 0, None)]
+            for channel, series in found.items()
+        }
+        commands = all(not series.unit for series in found.values())
+        pulses = {
+            channel: _COMMAND_TRIM_US + _COMMAND_SPAN_US * values if commands else values
+            for channel, values in in_force.items()
+        }
+        armed = signals.armed(log)
+        return PulseLog(
+            str(path),
+            tuple(((stamp_ns - log.zero_ns) * 1e-9).tolist()),
+            {
+                channel: tuple(pulse if is_pulse(pulse) else NO_PULSE_US for pulse in values.tolist())
+                for channel, values in pulses.items()
+            },
+            (armed[0].from_ns - log.zero_ns) * 1e-9 if armed else None,
+            functions,
+        )
+
+
+def output_functions(log: Log) -> dict[int, int]:
+    """SERVOn_FUNCTION by channel, as far as the log tells; of a recording of ours with two propellers, those."""
+    found = {
+        int(match[1]): int(value)
+        for name, value in parameter_values(log).items()
+        if (match := _FUNCTION.fullmatch(name)) and value.is_integer()
+    }
+    if not found and list(signals.output_names(log).values()) == ["propeller 0", "propeller 1"]:
+        return dict(zip((1, 2), _PAIR, strict=True))
+    return found
 
 
 def _armed_s(log: Log) -> float | None:

@@ -296,7 +296,7 @@ def test_values(write: Write, text: str, problem: str) -> None:
         ),
         (
             "extends: mitl\ndriver:\n  kind: replay",
-            "boat.yaml:3: driver.kind = replay has no file; add driver.file, a DataFlash .bin or a .csv",
+            "boat.yaml:3: driver.kind = replay has no file; add driver.file, a log (.bin, .tlog, .mcap) or a .csv",
         ),
         (
             "extends: mitl\ndriver: {kind: replay, file: gone.csv}",
@@ -304,8 +304,8 @@ def test_values(write: Write, text: str, problem: str) -> None:
         ),
         (
             "extends: mitl-replay\ndriver: {file: boat.yaml}",
-            "boat.yaml:2: driver.file = {tmp_shown} is neither a .bin nor a .csv; "
-            "give a DataFlash log or a table of pulse widths",
+            "boat.yaml:2: driver.file = {tmp_shown} is neither a log (.bin, .tlog, .mcap) nor a .csv; "
+            "give a log with servo outputs or a table of pulse widths",
         ),
         (
             "extends: mitl-replay\ndriver: {replay: {start_s: 5, end_s: 5}}",

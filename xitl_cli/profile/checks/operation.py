@@ -16,7 +16,7 @@ from xitl_cli.profile.schema.profile import ground_stations_of
 SHORTEST_PULSE_US = 800
 _STICKS = 2  # steering and throttle, or port and starboard
 _LEVER_M, _ALONG = 1e-3, 1e-3  # less of a lever, or of a thrust ahead, is none
-FILE_SUFFIXES = (".bin", ".csv")
+FILE_SUFFIXES = (".bin", ".tlog", ".mcap", ".csv")
 _ORDERS = ("mode", "arm", "rc_us", "goto_ned_m")
 
 
@@ -171,12 +171,15 @@ def _motors(profile: Profile, path: KeyPath, key: str, motors: tuple[float, ...]
 def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
     replay = driver.replay
     if driver.file is None:
-        yield ("driver", "kind"), "driver.kind = replay has no file; add driver.file, a DataFlash .bin or a .csv"
+        yield (
+            ("driver", "kind"),
+            "driver.kind = replay has no file; add driver.file, a log (.bin, .tlog, .mcap) or a .csv",
+        )
     elif not driver.file.lower().endswith(FILE_SUFFIXES):
         yield (
             ("driver", "file"),
-            f"driver.file = {shown(driver.file)} is neither a .bin nor a .csv; "
-            "give a DataFlash log or a table of pulse widths",
+            f"driver.file = {shown(driver.file)} is neither a log (.bin, .tlog, .mcap) nor a "
+            ".csv; give a log with servo outputs or a table of pulse widths",
         )
     elif not is_file(driver.file):
         yield ("driver", "file"), f"driver.file: {driver.file} does not exist; check the path"

@@ -116,7 +116,9 @@ class DriverSpec(Specification):
     ] = "none"
     stay: Annotated[bool, "with a ground station: go on after its mission has ended"] = False
     script: Annotated[tuple[ScriptStep, ...], "in order of time"] = ()
-    file: Annotated[str | None, "of a replay: a DataFlash log (.bin) or a table of pulse widths (.csv)"] = None
+    file: Annotated[
+        str | None, "of a replay: a log with servo outputs (.bin, .tlog, .mcap) or a table of pulse widths (.csv)"
+    ] = None
     replay: ReplaySpec = ReplaySpec()
     follow: Annotated[FollowSpec | None, AmongVessels()] = None
     departs_with: Annotated[
