@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_core.frames import quat_multiply
 from xitl_cli.view import shapes
@@ -164,12 +165,16 @@ class SceneDrawing:
             self._bodies[number].visible = False
 
 
-def show_atmosphere(api: Any, atmosphere: Atmosphere) -> None:
-    """Sky, light and haze of a server's scene, or of one browser's."""
+def sky_rows(atmosphere: Atmosphere) -> NDArray[np.uint8]:
+    """(192, 3) from the top of a picture to its foot, whatever the camera looks at."""
     share = np.linspace(0.0, 1.0, 96)[:, None] ** 0.8
     sky = np.asarray(atmosphere.zenith) * (1.0 - share) + np.asarray(atmosphere.haze) * share
-    rows = np.concatenate([sky, np.repeat(sky[-1:], 96, axis=0)])
-    api.set_background_image(np.repeat(np.round(rows).astype(np.uint8)[:, None], 4, axis=1), format="png")
+    return np.round(np.concatenate([sky, np.repeat(sky[-1:], 96, axis=0)])).astype(np.uint8)
+
+
+def show_atmosphere(api: Any, atmosphere: Atmosphere) -> None:
+    """Sky, light and haze of a server's scene, or of one browser's."""
+    api.set_background_image(np.repeat(sky_rows(atmosphere)[:, None], 4, axis=1), format="png")
     api.configure_fog(90.0, 1400.0, color=atmosphere.haze)
     api.add_light_directional(
         "/light/sun", color=atmosphere.sun, intensity=atmosphere.sun_intensity, position=(-0.6, -0.75, 0.55)

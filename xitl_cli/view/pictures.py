@@ -30,6 +30,7 @@ from xitl_cli.view.replay_page import View, checked_span
 
 if TYPE_CHECKING:
     import viser
+    from PIL import Image
 
 BROWSER_VARIABLE = "XITL_BROWSER"
 BROWSERS = (
@@ -164,7 +165,7 @@ def find_browser() -> str:
 def _photographer(
     recording: LogScene, size: tuple[int, int], camera: View | Camera, vessel: str | None, dark: bool
 ) -> Iterator[Any]:
-    """A function from an instant to pixels (H, W, 3)."""
+    """A function from an instant to a picture of it."""
     width, height = size
     if not all(LEAST_PIXELS <= side <= MOST_PIXELS for side in size):
         raise UserError(f"{width}x{height}: each side of a picture has {LEAST_PIXELS} to {MOST_PIXELS} pixels")
@@ -177,11 +178,11 @@ def _photographer(
         drawing.draw(recording.instant(recording.span_s[0]))
         with _browser_at(browser, server, size) as client:
 
-            def photograph(at_s: float) -> NDArray[np.uint8]:
+            def photograph(at_s: float) -> Image.Image:
                 instant = recording.instant(at_s)
                 drawing.draw(instant)
                 seen = camera if isinstance(camera, Camera) else camera_view(camera, recording, instant, vessel)
-                return _rendered(client, seen, size)
+                return _under_the_sky(_rendered(client, seen, size), dark)
 
             yield photograph
 
@@ -268,19 +269,27 @@ def _rendered(client: Any, camera: Camera, size: tuple[int, int]) -> NDArray[np.
     return np.ascontiguousarray(pixels)
 
 
-def _png(pixels: NDArray[np.uint8]) -> bytes:
+def _under_the_sky(pixels: NDArray[np.uint8], dark: bool) -> Image.Image:
+    """A browser gives what is in front of the sky alone."""
     from PIL import Image
 
+    from xitl_cli.view.drawing import DAY, NIGHT, sky_rows
+
+    front = Image.fromarray(pixels).convert("RGBA")
+    sky = Image.fromarray(sky_rows(NIGHT if dark else DAY)[:, None]).resize(front.size, Image.Resampling.BILINEAR)
+    return Image.alpha_composite(sky.convert("RGBA"), front).convert("RGB")
+
+
+def _png(image: Image.Image) -> bytes:
     out = io.BytesIO()
-    Image.fromarray(pixels).convert("RGB").save(out, "PNG", optimize=True)
+    image.save(out, "PNG", optimize=True)
     return out.getvalue()
 
 
-def _gif(pictures: Sequence[NDArray[np.uint8]], rate_hz: float) -> bytes:
+def _gif(images: Sequence[Image.Image], rate_hz: float) -> bytes:
     """All with the colours of some of them, so that nothing flickers."""
     from PIL import Image
 
-    images = [Image.fromarray(each).convert("RGB") for each in pictures]
     some = images[:: max(len(images) // 8, 1)]
     width, height = images[0].size
     sheet = Image.new("RGB", (width, height * len(some)))
