@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -9,13 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 sys.path.append(str(Path(__file__).parents[1] / "unit" / "logs"))
 from expression_cases import made_signals
 from report_samples import SECONDS, sample_report
 
+from tests.recorded import LINUX
+from xitl_cli.commands import logs_analyze
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.report import html
+from xitl_cli.logs.report.page import Replay
 from xitl_cli.logs.report.signal_data import held_log
 
 SCREEN = {"width": 1280, "height": 2600}
@@ -61,11 +67,16 @@ class Opened:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+def driver() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
         yield started
-        started.close()
+
+
+@pytest.fixture(scope="module")
+def browser(driver: Any) -> Iterator[Any]:
+    started = driver.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+    yield started
+    started.close()
 
 
 @pytest.fixture(scope="module")
@@ -241,3 +252,58 @@ def test_the_picker_draws_what_the_log_says(browser: Any, tmp_path: Path) -> Non
     assert page.locator("#picked figure").count() == 1
     assert complaints == []
     page.close()
+
+
+FOREIGN = """<!doctype html><html><head><title>x</title></head><body><p id="shown">none</p><script>
+const made = document.createElement("script");
+made.type = "module";
+made.textContent = `addEventListener("message", (event) => {
+  document.querySelector("#shown").textContent = String(event.data.replayGoesTo);
+}); parent.postMessage({ replayShows: 21.5 }, "*");`;
+document.head.append(made);
+</script></body></html>"""
+
+
+def test_the_replay_plays_in_a_frame_and_keeps_step_with_the_page(browser: Any, tmp_path: Path) -> None:
+    """Its scripts, and those that they make, run under the page's policy; hostile text of a log still does not."""
+    path = tmp_path / "replay.html"
+    html.write(sample_report(), path, Replay(FOREIGN, late_s=1.5))
+    page = browser.new_page(viewport=SCREEN)
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda message: complaints.append(message.text))
+    page.goto(path.as_uri())
+    assert page.locator("iframe").count() == 0  # until it is asked for
+    page.locator("#play").click()
+    page.wait_for_function("() => document.querySelector('#now').textContent.startsWith('0:20.0')")
+    page.locator("ol.findings button.at", has_text="PM.MaxT").click()
+    shown = page.frame_locator("#replay iframe").locator("#shown")
+    playwright.expect(shown).to_have_text("44.7")  # 43.2 s of the page
+    assert page.title().startswith("boat<_script><script>")
+    page.locator("#play").click()
+    assert page.locator("iframe").count() == 0
+    assert complaints == []
+    page.close()
+
+
+def test_a_log_is_replayed_in_its_report(driver: Any, tmp_path: Path) -> None:
+    """ArduRover's log in viser's player, from the disk and without a network, by drawing in software."""
+    pytest.importorskip("viser", reason="draws the replay; pip install 'xitl[view]'")
+    path = tmp_path / "report.html"
+    command = typer.Typer()
+    command.command()(logs_analyze.analyze)
+    told = CliRunner().invoke(command, [str(LINUX), "--section", "overview", "--report", str(path)])
+    assert told.exit_code == 0, told.output
+    software = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    started = driver.chromium.launch(executable_path=str(CHROMIUM), args=software)
+    page = started.new_context(offline=True, viewport={"width": 640, "height": 480}).new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(path.as_uri())
+    page.locator("#play").click()
+    frame = page.frame_locator("#replay iframe")
+    playwright.expect(frame.locator(".replay-now")).to_have_text(re.compile(r"\d+:\d\d\.\d"), timeout=60_000)
+    frame.locator("canvas").first.wait_for(timeout=60_000)
+    page.wait_for_function("() => document.querySelector('#now').textContent !== ''", timeout=60_000)
+    assert errors == []
+    started.close()

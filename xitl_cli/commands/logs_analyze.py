@@ -13,10 +13,12 @@ import typer
 from xitl_cli.commands.options import Vessel
 from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse, tell_vessels
 from xitl_cli.errors import UserError
+from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
     from xitl_cli.logs.report.model import Report
+    from xitl_cli.logs.report.page import Replay
 
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
@@ -38,6 +40,9 @@ def analyze(
         bool, typer.Option("--verbose", "-v", help="With a page, print here what is on it as well: all facts.")
     ] = False,
     vessel: Vessel = None,
+    with_replay: Annotated[
+        bool, typer.Option("--replay/--no-replay", help="With a page, put the 3D replay beside its map.")
+    ] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     open_it: Open = False,
 ) -> None:
@@ -48,8 +53,8 @@ def analyze(
     """
     from xitl_cli.commands.terminal import progress
     from xitl_cli.logs.report import html
+    from xitl_cli.logs.report.build import OVERVIEW, sections_named
     from xitl_cli.logs.report.build import build_report as build
-    from xitl_cli.logs.report.build import sections_named
     from xitl_cli.logs.report.json import document
 
     wanted = sections_named(sections or ())
@@ -59,8 +64,12 @@ def analyze(
     with progress("opening") as told:
         found = build(files, wanted, told, vessel or "", signals_held=page is not None)
         if page is not None and found.files:
+            replay = None
+            if with_replay and OVERVIEW in wanted:
+                told("3D replay")
+                replay = _replay(found, vessel)
             told("page")
-            html.write(found, page)
+            html.write(found, page, replay)
     with quiet_pipe():
         if as_json:
             print(json.dumps(document(found), allow_nan=False, ensure_ascii=False))
@@ -75,6 +84,33 @@ def analyze(
             typer.echo(f"error: {file.name}: {failure.sentence}", err=True)
     refuse([refusal.sentence for refusal in found.refusals])
     raise typer.Exit(1 if found.failures else 0)
+
+
+_MOST_REPLAY_BYTES = 12_000_000
+
+
+def _replay(found: Report, vessel: str | None) -> Replay:
+    """Of the report's logs in 3D, or a sentence on why there is none."""
+    from xitl_cli.extras import VIEW
+    from xitl_cli.logs.report.page import Replay
+
+    if VIEW.missing:
+        return Replay(note=f"the 3D replay needs {', '.join(VIEW.missing)}, which is not installed: {VIEW.pip_line}")
+    from xitl_cli.view.recording import open_scene
+    from xitl_cli.view.replay_page import replay_html
+
+    by_path = {file.path: file for file in found.files}
+    recordings = [file.path for file in found.files if file.format == "mcap"][:1]  # logs beside it are of the same run
+    try:
+        with open_scene(recordings or list(by_path)[:1], vessel) as scene:
+            page = replay_html(scene, findings=scene.findings_of(found), at_s=scene.span_s[0])
+            path, second = scene.lead_second(0)
+    except (LogError, UserError) as error:
+        return Replay(note=f"there is no 3D replay: {error}")
+    if len(page) > _MOST_REPLAY_BYTES:
+        size = f"{len(page) / 1e6:.0f} MB, more than {_MOST_REPLAY_BYTES / 1e6:.0f}"
+        return Replay(note=f"the 3D replay is left out: it has {size}; `xitl view LOG --html FILE` writes it")
+    return Replay(page, late_s=second - by_path[path].time_line.second(0))
 
 
 def plot(

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,9 @@ from xitl_cli.view.tracks import (
     forward,
     read_vessel,
 )
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.report.model import Report
 
 SCENE = "/scene"
 PLAIN_LENGTH_M = 2.0
@@ -162,32 +165,42 @@ class LogScene:
         from xitl_cli.logs.report.build import build_report
 
         paths = list(dict.fromkeys(one.log.path for one in self._placed))
-        found: dict[tuple[str, str], SceneFinding] = {}
-        severities: list[SceneFinding] = []
+        found: list[tuple[str, SceneFinding]] = []
         for vessel in dict.fromkeys(one.log.vessel for one in self._placed):
             report = build_report([path for path in paths if vessel in self._vessels_of(path)], vessel=vessel)
-            for each in report.findings:
-                if each.finding.severity is Severity.OK:
-                    continue
-                placed = self._placed_of(each.file.path, vessel)
-                at_ns = next((one.at_ns for one in each.finding.evidence if one.at_ns is not None), None)
-                about = f"{placed.name}: " if placed.name and len(self._placed) > 1 else ""
-                finding = SceneFinding(
+            found += self._of_report(report)
+        return _worst_first(found)
+
+    def findings_of(self, report: Report) -> list[SceneFinding]:
+        """Of a report on logs of this scene, the worst first; those of files that are not in it are left out."""
+        return _worst_first([*self._of_report(report)])
+
+    def lead_second(self, stamp_ns: int) -> tuple[Path, float]:
+        """The log that the others are laid on, and a stamp of it on the time line of the scene."""
+        return self._placed[0].log.path, self._placed[0].second(stamp_ns)
+
+    def _of_report(self, report: Report) -> Iterator[tuple[str, SceneFinding]]:
+        for each in report.findings:
+            placed = self._placed_of(each.file.path, each.file.vessel)
+            if each.finding.severity is Severity.OK or placed is None:
+                continue
+            at_ns = next((one.at_ns for one in each.finding.evidence if one.at_ns is not None), None)
+            about = f"{placed.name}: " if placed.name and len(self._placed) > 1 else ""
+            yield (
+                each.finding.key,
+                SceneFinding(
                     None if at_ns is None else min(max(placed.second(at_ns), self.span_s[0]), self.span_s[1]),
                     each.finding.severity,
                     about + each.finding.sentence,
                     each.finding.next_step,
-                )
-                if (each.finding.key, finding.sentence) not in found:
-                    found[each.finding.key, finding.sentence] = finding
-                    severities.append(finding)
-        return sorted(severities, key=lambda finding: -finding.severity)
+                ),
+            )
 
     def _vessels_of(self, path: Path) -> set[str]:
         return {one.log.vessel for one in self._placed if one.log.path == path}
 
-    def _placed_of(self, path: Path, vessel: str) -> PlacedLog:
-        return next(one for one in self._placed if one.log.path == path and one.log.vessel == vessel)
+    def _placed_of(self, path: Path, vessel: str) -> PlacedLog | None:
+        return next((one for one in self._placed if one.log.path == path and one.log.vessel == vessel), None)
 
     def close(self) -> None:
         """Clouds are read as they are drawn: nothing can be drawn afterwards."""
@@ -208,6 +221,14 @@ class _Recording:
     raw: Log
     profiles: tuple[RunProfile, ...]
     updates: tuple[bytes, ...]
+
+
+def _worst_first(found: Sequence[tuple[str, SceneFinding]]) -> list[SceneFinding]:
+    """Each once, by its key and sentence."""
+    once: dict[tuple[str, str], SceneFinding] = {}
+    for key, finding in found:
+        once.setdefault((key, finding.sentence), finding)
+    return sorted(once.values(), key=lambda finding: -finding.severity)
 
 
 def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:

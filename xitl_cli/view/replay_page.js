@@ -113,6 +113,7 @@
     if (time === shown) return;
     shown = time;
     now.textContent = clock(time);
+    if (window.parent !== window) window.parent.postMessage({ replayShows: time }, "*");
     const vessel = replay.vessels[subject.selectedIndex];
     const mode = vessel.modes.filter((each) => each[0] <= time).pop();
     const armed = vessel.armed.some((each) => each[0] <= time && time <= each[1]);
@@ -204,5 +205,9 @@
       jump(replay.at_s);
     }, 100);
   }
+  /* A page around this one may lead to an instant, and hears of the one that is shown. */
+  window.addEventListener("message", (event) => {
+    if (event.source === window.parent && Number.isFinite(event.data?.replayGoesTo)) jump(event.data.replayGoesTo);
+  });
   frame();
 })();

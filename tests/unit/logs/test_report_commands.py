@@ -41,7 +41,9 @@ def test_no_analysis_fails_on_a_real_log(log: Path) -> None:
     assert told["files"][0]["sections"].keys() >= {"vehicle", "modes", "scheduler", "sensors"}
 
 
-def test_answers_come_first_and_the_page_holds_the_overview(tmp_path: Path) -> None:
+def test_answers_come_first_and_the_page_holds_the_overview(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the extra for it the page says how to have the replay."""
+    monkeypatch.setattr("xitl_cli.extras.find_spec", lambda package: None if package == "viser" else object())
     page = tmp_path / "report.html"
     code, text = run("analyze", CALM, "--report", page)
     assert code == 0
@@ -50,13 +52,26 @@ def test_answers_come_first_and_the_page_holds_the_overview(tmp_path: Path) -> N
     written = page.read_text(encoding="utf-8")
     for title in ("Track", "Speed over ground", "Yaw", "Outputs to motors and servos"):
         assert f"<h3>{title}</h3>" in written
+    assert "The 3D replay needs viser, which is not installed: pip install &#x27;xitl[view]&#x27;" in written
+    assert 'id="signals"' in written
+    assert "at most " in written
+
+
+def test_signals_of_several_messages_are_drawn_with_a_word_on_their_times(tmp_path: Path) -> None:
+    page = tmp_path / "plot.html"
+    code, text = run("plot", CALM, "hypot(XKF1.VN, XKF1.VE) - GPS.Spd", "ATT.Roll", "--out", page)
+    assert (code, text.splitlines()) == (
+        0,
+        [str(page), "hypot(XKF1.VN, XKF1.VE) - GPS.Spd: at the times of XKF1[0], with GPS brought onto them"],
+    )
+    assert "<h3>hypot(XKF1.VN, XKF1.VE) - GPS.Spd</h3>" in page.read_text(encoding="utf-8")
 
 
 def test_with_a_page_the_findings_and_its_name_are_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is not for the eye of a first look is on the page; `:x:` in a name is no picture."""
     monkeypatch.chdir(tmp_path)
     Path("a:x:.bin").symlink_to(CALM)
-    some = ("a:x:.bin", "--section", "vehicle", "--section", "modes", "--section", "power")
+    some = ("a:x:.bin", "--section", "vehicle", "--section", "modes", "--section", "power", "--no-replay")
     code, text = run("analyze", *some, "--report", "b:x:.html", width=60)
     assert code == 0
     assert text.startswith("a:x:.bin  rover")
@@ -136,6 +151,9 @@ def test_all_fields_of_a_message_but_its_time_are_drawn(tmp_path: Path) -> None:
         ((CALM, "IMU[9].AccX"), "IMU has no instance 9; there is IMU[0], IMU[1]"),
         ((CALM, "ATT[1].Roll"), "ATT has no instances; write ATT.FIELD"),
         ((CALM, "MSG.Message"), "MSG.Message is text, which cannot be drawn"),
+        ((CALM, "ATT.DesYaw - ATT.Yew"), "ATT has no field 'Yew'; did you mean 'Yaw'? it has TimeUS, DesRoll, Roll"),
+        ((CALM, "hypot(ATT.Roll"), "'hypot(ATT.Roll' is no expression (it ends where something is missing)"),
+        ((CALM, "RCOU / 2"), "RCOU is 14 signals; write one of them, such as RCOU.C1"),
         ((CALM, "ATT.Roll[3]"), "ATT.Roll is a single number; write it without [3]"),
         ((CALM, "ATT.Roll", "--from", "soon"), "'soon' is no time; write seconds (90.5)"),
         ((CALM, "ATT.Roll", "--from", "90", "--until", "1:00"), "--until 1:00 is not after --from 90; swap them"),

@@ -7,8 +7,11 @@ import hashlib
 import importlib.util
 import itertools
 import os
+import re
+import secrets
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -19,7 +22,7 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Se
 from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import Overview, Report
-from xitl_cli.logs.report.page import FileCard, Page, PageFinding, PageGroup, PagePart, report_page
+from xitl_cli.logs.report.page import FileCard, Page, PageFinding, PageGroup, PagePart, Replay, report_page
 from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plot_payload, signals_payload, thinned_note
 
 _MOST_ROWS = 2000
@@ -197,12 +200,12 @@ _DOCTYPE = "<!doctype html>"
 _BANDS = (("mode", "modes"), ("armed", "arming"), ("finding", "findings"))
 _TOGGLES = (("mode", "Modes", "true"), ("armed", "Armed", "false"), ("finding", "Findings", "true"))
 _PICKER_ID = "signals"
-_SCRIPTS = ("data.js", "plots.js", "time.js", "expressions.js", "picker.js", "page.js")
+_SCRIPTS = ("data.js", "plots.js", "time.js", "expressions.js", "picker.js", "replay.js", "page.js")
 
 
-def write(report: Report, path: Path) -> None:
+def write(report: Report, path: Path, replay: Replay | None = None) -> None:
     """Replaces what is at `path`. Raises LogError when it cannot be written."""
-    write_page(report_page(report), path)
+    write_page(replace(report_page(report), replay=replay), path)
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -261,15 +264,18 @@ def html(page: Page) -> str:
     def next_plot() -> str:
         return f"p{next(numbers)}"
 
-    track = _track(page, next_plot)
+    nonce = secrets.token_urlsafe(16)
+    beside = _track(page, next_plot) + _replay(page.replay, nonce)
     body = [
         _overview(page, next_plot),
         _picker(page),
         *(_part(part, section_id, next_plot) for part, section_id in identified),
     ]
     plotly, script, style = _plotly(), _script(), _asset("page.css")
+    playing = page.replay is not None and page.replay.html
     policy = (
-        f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}; style-src 'unsafe-inline'; "
+        f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}"
+        f"{_replay_sources(nonce) if playing else ''}; style-src 'unsafe-inline'; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     return (
@@ -281,7 +287,7 @@ def html(page: Page) -> str:
         '<a class="skip" href="#main">To the findings</a>\n'
         f"{_bar(page)}\n{_navigation(page, identified, bool(groups), bool(body[0]))}\n"
         f'<main id="main">\n{_head(page, groups)}\n'
-        f"{_findings(groups, page.parts, track)}\n{''.join(body)}\n"
+        f"{_findings(groups, page.parts, beside)}\n{''.join(body)}\n"
         '<p class="none" id="none" hidden>Nothing here matches the filter.</p>\n</main>\n'
         f'<script type="application/json" id="page">{json_text(page_payload(page))}</script>\n'
         f"<script>{plotly}</script>\n<script>{script}</script>\n</body>\n</html>\n"
@@ -337,10 +343,11 @@ def _head(page: Page, groups: Sequence[PageGroup]) -> str:
     return f'<div class="head"><h1>{escape(page.title)}</h1>{subtitle}{summary}</div>{notices}{shown}'
 
 
-def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], track: str) -> str:
-    """With the map beside them."""
+def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], beside: str) -> str:
+    """With map and replay beside them."""
+    side = f'<div class="side">{beside}</div>' if beside else ""
     if not groups:
-        return f'<section id="findings">{track}</section>' if track else ""
+        return f'<section id="findings">{side}</section>' if side else ""
     worse = [group for group in groups if group.worst > Severity.OK]
     fine = [group for group in groups if group.worst == Severity.OK]
     listed = f'<ol class="findings">{finding_items(worse, parts)}</ol>' if worse else ""
@@ -349,8 +356,8 @@ def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], track: str
             f"<details{'' if worse else ' open'}><summary>{len(fine)} looked at, and fine</summary>"
             f'<ol class="findings">{finding_items(fine, parts)}</ol></details>'
         )
-    beside = ' class="beside"' if track else ""
-    return f'<section id="findings"{beside}><h2>Findings</h2><div class="list">{listed}</div>{track}</section>'
+    laid = ' class="beside"' if side else ""
+    return f'<section id="findings"{laid}><h2>Findings</h2><div class="list">{listed}</div>{side}</section>'
 
 
 def _track(page: Page, next_plot: Callable[[], str]) -> str:
@@ -360,6 +367,41 @@ def _track(page: Page, next_plot: Callable[[], str]) -> str:
     origin = overview.origin
     note = "" if origin is None else f"metres about {origin[0]:.6f}°, {origin[1]:.6f}°"
     return plot_markup(next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview))
+
+
+def _replay(replay: Replay | None, nonce: str) -> str:
+    """A frame of its own, made when it is asked for: it takes a graphics context and the time to unpack it."""
+    if replay is None:
+        return ""
+    if not replay.html:
+        return f'<p class="replay-lack">{escape(wording.sentence_text(replay.note))}</p>' if replay.note else ""
+    data = json_text({"html": _with_nonce(replay.html, nonce), "lateS": replay.late_s})
+    return (
+        f'<figure class="replay" id="replay"><figcaption><h3>Replay in 3D</h3>'
+        '<button type="button" id="play" aria-expanded="false">Show</button>'
+        f'<span class="note">{len(data) / 1e6:.1f} MB of this page</span></figcaption><div class="stage"></div>'
+        f'<script type="application/json" id="replay-page">{data}</script></figure>'
+    )
+
+
+def _with_nonce(html: str, nonce: str) -> str:
+    """Fit for a frame of the page, whose policy it inherits: each of its scripts, and those that they make, has the
+    nonce, which no text of a log can know."""
+    lets_make = (
+        f'<script nonce="{nonce}">(() => {{ const make = document.createElement; '
+        "document.createElement = function (name, ...rest) { const made = make.call(this, name, ...rest); "
+        f'if (String(name).toLowerCase() === "script") made.nonce = "{nonce}"; return made; }}; }})();</script>'
+    )
+    known = re.sub(r"<script(?=[\s>])", f'<script nonce="{nonce}"', html)
+    return re.sub(r"<head[^>]*>", lambda head: head[0] + lets_make, known, count=1)
+
+
+def _replay_sources(nonce: str) -> str:
+    """The player has a module of WebAssembly, whose glue makes functions of strings."""
+    return (
+        f" 'nonce-{nonce}' 'unsafe-eval'; worker-src blob:; connect-src data: blob:; font-src data:; "
+        "frame-src 'self' about: blob:"
+    )
 
 
 def _overview(page: Page, next_plot: Callable[[], str]) -> str:

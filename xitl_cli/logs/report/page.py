@@ -65,6 +65,18 @@ class PageMark:
 
 
 @dataclass(frozen=True, slots=True)
+class Replay:
+    """A page that plays the logs in 3D, to stand beside the map; made elsewhere, as the logs know nothing of drawing.
+
+    html: "" where there is none, and `note` says why. late_s: what its seconds are ahead of those of the report's page.
+    """
+
+    html: str = ""
+    note: str = ""
+    late_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Page:
     """notices: sentences about the page as a whole, such as a file that could not be opened.
 
@@ -81,6 +93,7 @@ class Page:
     overview: Overview | None = None
     groups: tuple[PageGroup, ...] | None = None
     signals: tuple[HeldLog, ...] = ()
+    replay: Replay | None = None
 
     @property
     def grouped(self) -> tuple[PageGroup, ...]:

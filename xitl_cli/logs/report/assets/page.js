@@ -47,6 +47,7 @@ const adopt = (figure, data) => {
     const at = overTime(plot) ? timeUnder(plot, event) : plot.kind === "track" ? trackUnder(plot, event) : null;
     if (at !== null) setCursor(at);
   });
+  plot.canvas.addEventListener("click", () => { if (state.at !== null) replayAt(state.at); });
   plot.canvas.addEventListener("mouseleave", () => setCursor(null));
   if (overTime(plot)) figure.addEventListener("keydown", key);
   find("select", figure)?.addEventListener("change", () => render(plot));
@@ -76,6 +77,7 @@ for (const button of all(".toggle")) {
 find("#theme").onclick = () => {
   state.theme = { auto: "light", light: "dark", dark: "auto" }[state.theme];
   stored(state.theme); applyTheme(); renew();
+  if (replay.frame) { showReplay(); showReplay(); }
 };
 find("#whole").onclick = () => setRange(whole);
 find("#filter").oninput = filter;
@@ -88,4 +90,5 @@ let resized;
 addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => renew(), 120); });
 for (const figure of all("figure.plot")) adopt(figure);
 picker();
+prepareReplay();
 for (const section of all("main > section")) reading.observe(section);

@@ -82,6 +82,7 @@ const goTo = (button) => {
   const room = Math.max(until - from, Math.min(10, (whole[1] - whole[0]) * 0.1), 1e-3);
   setRange([Math.max(whole[0], from - room), Math.min(whole[1], until + room)]);
   setCursor(from, true);
+  replayAt(from);
   const section = document.getElementById(button.dataset.section);
   const target = find("figure.time", section) ?? find("#overview figure.bands, #overview figure.time") ?? section;
   target.scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth", block: "center" });
