@@ -54,6 +54,12 @@ def test_every_page_has_a_picture_that_is_there(page: Path) -> None:
         assert (page.parent / address).is_file(), f"{page}: {address} is missing; run `make pictures`"
 
 
+def test_the_readme_begins_with_a_moving_picture() -> None:
+    beginning = (ROOT / "README.md").read_text(encoding="utf-8").split("\n\n")[1]
+    assert re.search(r"^!\[[^\]]{20,}\]\((docs/img/[\w-]+\.gif)\)$", beginning)
+    assert (IMAGES / "make-run.gif").read_bytes()[:6] == b"GIF89a"
+
+
 def test_every_picture_is_made_and_shown() -> None:
     shown = {Path(address).name for page in [*PAGES, ROOT / "README.md"] for _, address in pictures(page)}
     kept = {file.name for file in IMAGES.iterdir()}

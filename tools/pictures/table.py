@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from tools.pictures import boundary, drawings, pages, plots, terminal
+from tools.pictures import boundary, drawings, pages, plots, scenes, terminal
 from tools.pictures.drawing import Drawing
 from tools.pictures.workplace import Workplace
 
@@ -47,6 +47,8 @@ PICTURES: dict[str, Maker] = {
     "forces.svg": drawn(drawings.vessel_forces),
     "first-run.svg": typed(FIRST_RUN),
     "vehicle-check.svg": typed("xitl init my-boat", "xitl vehicle check my-boat"),
+    "make-run.gif": scenes.first_run,
+    "view.png": scenes.view,
     "report.png": pages.first_report,
     "findings.png": pages.cut_report,
     "validation.png": pages.validation,
