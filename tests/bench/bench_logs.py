@@ -256,9 +256,9 @@ def info_command_s(kind: Kind) -> list[float]:
 
 
 def analyze_command_s(kind: Kind) -> list[float]:
-    """`xitl logs analyze --report` as a process of its own."""
+    """`xitl logs analyze --report` without the replay, as a process of its own."""
     page = large_log(kind).with_suffix(".html")
-    return timed(lambda: xitl("logs", "analyze", str(large_log(kind)), "--report", str(page)), 3)
+    return timed(lambda: xitl("logs", "analyze", str(large_log(kind)), "--no-replay", "--report", str(page)), 3)
 
 
 def xitl(*arguments: str) -> None:
