@@ -49,6 +49,7 @@ PICTURES: dict[str, Maker] = {
     "vehicle-check.svg": typed("xitl init my-boat", "xitl vehicle check my-boat"),
     "make-run.gif": scenes.first_run,
     "view.png": scenes.view,
+    "wdri-graphs.png": pages.wdri_graphs,
     "report.png": pages.first_report,
     "findings.png": pages.cut_report,
     "validation.png": pages.validation,
