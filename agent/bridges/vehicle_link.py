@@ -19,6 +19,7 @@ GROUND_SYSTEM_ID, GROUND_COMPONENT_ID = 255, 190  # whose RC overrides an ArduPi
 REACH_STEP_S = 0.05
 SAMPLES_WAITING = 8  # 60 ms of them on a line of 115200 baud
 HEARTBEAT_NS = 1_000_000_000
+OTHERS_NS = 2_500_000_000
 SILENT_NS = 3_000_000_000
 UNHEARD_NS = 5_000_000_000
 _ERROR, _WARNING, _NOTICE = 3, 4, 5  # MAV_SEVERITY
@@ -77,7 +78,8 @@ class VehicleLink:
     """The line to the autopilot, open until `close`.
 
     `send` is for injectors and host; what the autopilot sends goes to every tap, and from `receive` to the caller.
-    vessel: the MAVLink system that it should be, None for any: another one is heard all the same, and told.
+    vessel: the MAVLink system that it should be, None for any: another one is taken, and told, when that one is not
+    heard with it. Of a fleet an autopilot may pass on what it hears of the others.
     Raises TransportError at construction.
     """
 
@@ -93,12 +95,14 @@ class VehicleLink:
         self._clear(0)
 
     def _clear(self, now_ns: int) -> None:
-        self.system_id = self.component_id = 1
+        self.system_id = 1 if self._vessel is None else self._vessel
+        self.component_id = 1
         self.armed = False
         self.heard = False
         self.reboots = 0
         self._type: int | None = None
         self._heard_ns = now_ns
+        self._other_ns: int | None = None
         self._beat_ns: int | None = None
         self._boot_ms = 0
         self._silent = False
@@ -200,6 +204,8 @@ class VehicleLink:
         if message.autopilot == mav.MAV_AUTOPILOT_INVALID or message.type == mav.MAV_TYPE_GCS:
             return
         if not self.heard:
+            if self._is_another(message.get_srcSystem(), now_ns):
+                return
             self.system_id, self.component_id = message.get_srcSystem(), message.get_srcComponent()
             if self._vessel not in (None, self.system_id):
                 self._say(
@@ -219,6 +225,14 @@ class VehicleLink:
             if message.type not in (mav.MAV_TYPE_GROUND_ROVER, mav.MAV_TYPE_SURFACE_BOAT):
                 name = _NAMES.get(message.type, "another vehicle")
                 self._say(_ERROR, f"the autopilot is {name} (MAV_TYPE {message.type}), no rover or boat")
+
+    def _is_another(self, system_id: int, now_ns: int) -> bool:
+        """Whether it is not who is waited for, who says so once a second too."""
+        if self._vessel in (None, system_id):
+            return False
+        if self._other_ns is None:
+            self._other_ns = now_ns
+        return now_ns - self._other_ns < OTHERS_NS
 
     def _unheard(self) -> str:
         address, link = self.address, self._link.counters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
@@ -80,13 +81,34 @@ def test_its_ids_are_those_of_its_heartbeat(double: VehicleDouble, bench: Bench)
 def test_one_of_another_number_is_heard_and_told_of_once(double: VehicleDouble, vessel: int | None, said: int) -> None:
     bench = Bench(double.url, vessel)
     double.link.receive(0.01)
-    for _ in range(2):
+    seconds = itertools.count()
+
+    def beat() -> list[Any]:
         double.beat()
-        bench.serve(0)
+        return bench.link.receive(next(seconds) * S)
+
+    until(beat)
+    until(beat)
     bench.link.close()
+    assert vessel != 3 or next(seconds) > 3  # by then its own would have been heard
     assert bench.link.system_id == 7
     assert [severity for severity, _ in bench.said] == [4] * said
     assert all("is MAVLink system 7 and this vessel 3; give one of them the other's" in text for _, text in bench.said)
+
+
+def test_its_own_autopilot_may_pass_on_the_heartbeats_of_others_first(double: VehicleDouble) -> None:
+    """A PX4 that meets the others of its fleet at the ground stations' router does."""
+    bench = Bench(double.url, 7)
+    double.link.receive(0.01)
+    other = Packer(8, 3)
+    beat = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GROUND_ROVER, mav.MAV_AUTOPILOT_PX4, 0, 0, 4, 3)
+    place = mav.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0)
+    double.transport.send(other.pack(beat) + other.pack(place))
+    double.beat()
+    bench.serve(0)
+    bench.link.close()
+    assert (bench.link.system_id, bench.said) == (7, [])
+    assert [message.get_srcSystem() for message in bench.tapped] == [7]
 
 
 def test_others_on_the_same_line_are_not_heard(double: VehicleDouble, bench: Bench) -> None:
