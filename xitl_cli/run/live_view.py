@@ -299,10 +299,9 @@ class LiveViewNode(RunNode):
         operator = self._operator
         operated = operator is not None
         faults = () if operator is None else tuple(operator.faults.items())
-        start = ViewStart(
-            lead.name, self._address, self._spec.dark, tuple(updates), self._profiles, operated, lockstep, faults
-        )
-        self._send(start)
+        own = lead.name, self._address, self._spec.dark, tuple(updates), self._profiles
+        pace = self._spec.pace if operator is None or operator.factor is None else operator.factor
+        self._send(ViewStart(*own, operated, lockstep, faults, pace))
         if self._opened and lockstep:
             until_s = self._now_s() + FIRST_BROWSER_S
             while self._pipe is not None and not self._looking and self._now_s() < until_s and not self._interrupted():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -42,7 +43,8 @@ class Controls:
     """Controls of a run beside its picture; each asks for an action with `act`.
 
     profiles: of each vessel. lockstep: it can stand still and keep a pace. faults: that can be switched, by vessel.
-    level_m: of the water. `refused` shows why something was not done.
+    level_m: of the water. pace: times real time at first, None for as fast as it can. `refused` shows why something was
+    not done.
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class Controls:
         lockstep: bool = True,
         faults: Mapping[str, Sequence[str]] | None = None,
         level_m: float = 0.0,
+        pace: float | None = None,
     ) -> None:
         self._server = server
         self._act = act
@@ -63,19 +66,19 @@ class Controls:
         gui = server.gui
         with gui.add_folder("Run", order=2.0):
             self._refusal = gui.add_html("", visible=False, order=0.0)
-            self._state = self._add_pace(lockstep)
+            self._state = self._add_pace(lockstep, pace)
         names = [profile.vessel for profile in profiles]
-        with gui.add_folder("Water and wind", order=5.0, expand_by_default=False):
+        with gui.add_folder("Water and wind", order=2.1, expand_by_default=False):
             self._add_surroundings(profiles[0])
         piloted = [profile for profile in profiles if profile.autopilot.kind != "none"]
-        with gui.add_folder("Debris and orders", order=5.1, expand_by_default=False):
+        with gui.add_folder("Debris and orders", order=2.2, expand_by_default=False):
             if len(names) > 1:
                 self._vessel = gui.add_dropdown("Vessel", tuple(names), initial_value=names[0])
             self._add_clicks(bool(piloted))
             if piloted:
                 self._add_orders(any(profile.autopilot.kind == "px4" for profile in piloted))
         if piloted:
-            with gui.add_folder("Links and faults", order=5.2, expand_by_default=False):
+            with gui.add_folder("Links and faults", order=2.3, expand_by_default=False):
                 self._add_link(piloted[0], lockstep)
                 self._add_faults(faults or {})
 
@@ -89,9 +92,7 @@ class Controls:
 
     def refused(self, text: str) -> None:
         """Stays until something else is asked for."""
-        import html
-
-        self._refusal.content = f"<div style='color:#e03131;font-size:12px'>Not done: {html.escape(text)}</div>"
+        self._refusal.content = _note(f"Not done: {html.escape(text)}", "color:#e03131")
         self._refusal.visible = True
 
     def _ask(self, name: str, /, **keys: Any) -> None:
@@ -111,19 +112,20 @@ class Controls:
         timer.daemon = True
         timer.start()
 
-    def _add_pace(self, lockstep: bool) -> tuple[Any, Any, Any] | None:
+    def _add_pace(self, lockstep: bool, pace: float | None) -> tuple[Any, Any, Any] | None:
         gui = self._server.gui
         if not lockstep:
-            gui.add_html("<div style='font-size:12px;opacity:.7'>In real time it cannot stand still.</div>")
+            gui.add_html(_note("In real time it cannot stand still.", "opacity:.7"))
             return None
         pause = gui.add_button("Pause")
         step = gui.add_button(f"Step {STEP_S:g} s", disabled=True)
         resume = gui.add_button("Resume", disabled=True)
-        paces = gui.add_dropdown("Pace", tuple(PACES), initial_value=FASTEST)
+        named = PACES | {label: pace for label in [_pace_label(pace)] if label not in PACES}
+        paces = gui.add_dropdown("Pace", tuple(named), initial_value=_pace_label(pace))
         pause.on_click(lambda event: self._ask("pause"))
         step.on_click(lambda event: self._ask("step", seconds=STEP_S))
         resume.on_click(lambda event: self._ask("resume"))
-        paces.on_update(lambda event: self._ask("pace", factor=PACES[paces.value]))
+        paces.on_update(lambda event: self._ask("pace", factor=named[paces.value]))
         return pause, step, resume
 
     def _add_surroundings(self, profile: RunProfile) -> None:
@@ -243,3 +245,11 @@ class Controls:
         begin, end = gui.add_button("Begin"), gui.add_button("End")
         begin.on_click(lambda event: self._of_vessel("fault", name=fault.value, on=True))
         end.on_click(lambda event: self._of_vessel("fault", name=fault.value, on=False))
+
+
+def _note(text: str, style: str) -> str:
+    return f"<div style='font-size:12px;padding:0 10px 4px;{style}'>{text}</div>"
+
+
+def _pace_label(pace: float | None) -> str:
+    return FASTEST if pace is None else f"{pace:g} ×"

@@ -28,7 +28,7 @@ class ViewStart:
     """The first thing down the pipe. updates: SceneUpdates as they are recorded. profiles: of each vessel.
 
     operated: the run does what is asked of it at the page, and `faults` names what can be switched there by vessel.
-    lockstep: it can pause, step and change its pace.
+    lockstep: it can pause, step and change its pace, which is `pace` times real time while somebody looks.
     """
 
     title: str
@@ -39,6 +39,7 @@ class ViewStart:
     operated: bool = False
     lockstep: bool = True
     faults: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    pace: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

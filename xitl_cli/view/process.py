@@ -47,7 +47,8 @@ class ViewProcess:
         self._controls: Controls | None = None
         if start.operated:
             level_m = scene.water.level_m
-            self._controls = Controls(server, self.act, start.profiles, start.lockstep, dict(start.faults), level_m)
+            faults = dict(start.faults)
+            self._controls = Controls(server, self.act, start.profiles, start.lockstep, faults, level_m, start.pace)
         self._add_options(start.dark)
         self._meshes: dict[int, SceneMesh] = {}
         self._browsers = self._joined = 0

@@ -1,0 +1,123 @@
+"""The page of a run in headless Chromium: what is clicked there is done, recorded, and given again."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import payloads
+
+from xitl_cli.profile import load_profile
+from xitl_cli.run.operator.operation import Operation
+from xitl_cli.run.operator.replay import read_events
+from xitl_cli.run.session import Result, run
+from xitl_cli.run.status_display import NoDisplay
+
+WAIT_S = 120.0
+SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
+LAUNCHES = "launches debris"
+
+
+@contextmanager
+def page_at(url: str) -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(SOFTWARE))
+        page = browser.new_page(viewport={"width": 1100, "height": 1000})
+        page.set_default_timeout(WAIT_S * 1000)
+        page.goto(url)
+        yield page
+        browser.close()
+
+
+def until(true: Callable[[], object]) -> None:
+    until_s = time.monotonic() + WAIT_S
+    while not true():
+        assert time.monotonic() < until_s, "it does not come"
+        time.sleep(0.1)
+
+
+def time_shown_s(page: Any) -> tuple[float, bool]:
+    """As the table beside the picture has it, and whether it says that the run stands still."""
+    found = re.search(r"(\d+\.\d) s( · paused)?", page.locator("table").first.inner_text())
+    return (float(found[1]), found[2] is not None) if found else (0.0, False)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs Chromium")
+def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    pytest.importorskip("playwright")
+    profile = load_profile("sitl", ["view.show=true", "view.open=false", "clock.duration_s=40.0"])
+    told: list[str] = []
+    results: list[Result] = []
+
+    def sail() -> None:
+        operation = Operation(pace=0.5)  # there is somebody before it is over, however slow the browser
+        results.append(run(profile, tmp_path / "run", False, NoDisplay, operation=operation, tell=told.append))
+
+    sailing = threading.Thread(target=sail)
+    sailing.start()
+    try:
+        until(lambda: any(text.startswith("view: ") for text in told))
+        with page_at(told[-1].removeprefix("view: ")) as page:
+
+            def click(name: str) -> None:
+                page.get_by_role("button", name=name, exact=True).click()
+
+            click("Pause")
+            until(lambda: time_shown_s(page)[1])
+            stood_s, _ = time_shown_s(page)
+            click("Step 0.1 s")
+            until(lambda: time_shown_s(page)[0] >= round(stood_s + 0.1, 1))
+            assert time_shown_s(page) == (pytest.approx(stood_s + 0.1, abs=0.051), True)
+
+            page.get_by_text("Debris and orders", exact=True).click()
+            page.get_by_label("A click on the water").click()
+            page.get_by_role("option", name=LAUNCHES).click()
+            said = page.get_by_text("that is not on the water")
+
+            def click_on_the_sky() -> bool:
+                """Until the page listens for clicks on the picture."""
+                page.mouse.click(550, 60)
+                page.wait_for_timeout(500)
+                return bool(said.is_visible())
+
+            until(click_on_the_sky)
+            page.mouse.click(300, 400)
+            click("Arm")
+            click("Resume")
+            until(lambda: not time_shown_s(page)[1])
+            page.get_by_text("trunk 0 of 4.0 m in the water").first.wait_for()
+            before = page.screenshot()
+            shown_s, _ = time_shown_s(page)
+            until(lambda: time_shown_s(page)[0] > shown_s + 1.0)
+            assert page.screenshot() != before
+            page.get_by_label("Pace").click()
+            page.get_by_role("option", name="as fast as it can").click()
+            until(lambda: not sailing.is_alive())
+    finally:
+        sailing.join(WAIT_S)
+    result = results[0]
+    summary = result.summary
+    assert summary["debris"]["by"] == {"trunk": 1}
+    actions = {name: summary["operator"]["actions"][name] for name in ("pause", "step", "resume", "launch", "arm")}
+    assert actions == dict.fromkeys(actions, 1)
+    assert summary["view"]["actions"] == sum(summary["operator"]["actions"].values())
+    recorded = payloads(result.recording)
+    assert any(b'"launch"' in payload and b"view" in payload for _, payload in recorded["/operator/action"])
+    assert len(recorded["/truth/bodies"]) > 10
+
+    operation = Operation(events=read_events(result.directory))
+    unseen = load_profile("sitl", ["clock.duration_s=40.0"])
+    again = run(unseen, tmp_path / "again", False, NoDisplay, operation=operation)
+    repeated = payloads(again.recording)
+    assert [topic for topic in recorded if recorded[topic] != repeated[topic]] == []
