@@ -13,6 +13,7 @@ from textwrap import dedent
 from typing import Any
 
 import xitl
+from xitl_cli.experiments.report import ExperimentReport
 from xitl_cli.graph.wdri import Wdri
 from xitl_cli.logs.compare.comparison import Comparison
 from xitl_cli.logs.model.log import Log
@@ -21,8 +22,10 @@ from xitl_cli.logs.report.model import Report
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, EXAMPLE = ROOT / "docs" / "api.md", "examples/plot_a_run.py"
-FUNCTIONS = (xitl.simulate, xitl.load_profile, xitl.wdri, xitl.open_log, xitl.analyze, xitl.compare, xitl.campaign)
-RESULTS = (xitl.Result, Log, Table, Report, Comparison, Wdri)
+FUNCTIONS = (
+    xitl.simulate, xitl.load_profile, xitl.wdri, xitl.open_log, xitl.analyze, xitl.compare, xitl.campaign, xitl.paper,
+)  # fmt: skip
+RESULTS = (xitl.Result, Log, Table, Report, Comparison, Wdri, ExperimentReport)
 ERRORS = (xitl.UserError, xitl.LogError)
 _SPECIAL = ("__getitem__", "__len__", "__iter__")
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from agent import __version__
 
 if TYPE_CHECKING:
-    from xitl_cli.api import Result, analyze, campaign, compare, load_profile, open_log, simulate, wdri
+    from xitl_cli.api import Result, analyze, campaign, compare, load_profile, open_log, paper, simulate, wdri
     from xitl_cli.errors import UserError
     from xitl_cli.logs.model.errors import LogError
 
@@ -32,6 +32,7 @@ __all__ = [
     "compare",
     "load_profile",
     "open_log",
+    "paper",
     "simulate",
     "wdri",
 ]

@@ -196,6 +196,7 @@ def _paper(group: typer.Typer) -> None:
 
     group.command("4.1")(paper.section_4_1)
     group.command("4.2")(paper.section_4_2)
+    group.command("4.3")(paper.section_4_3)
     group.command("4.4")(paper.section_4_4)
     group.command("wdri")(paper.wdri)
     group.command("all")(paper.all_sections)

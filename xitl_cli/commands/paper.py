@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -161,10 +160,9 @@ def all_sections(
 def _setup(
     out: Path | None, section: str, seed: int, duration_s: float | None, overwrite: bool, **more: Any
 ) -> ExperimentSetup:
-    from xitl_cli.experiments.setup import ExperimentSetup
+    from xitl_cli.experiments.setup import ExperimentSetup, default_directory
 
-    name = "-".join(filter(None, ("paper", section, datetime.now(UTC).strftime("%Y%m%d-%H%M%S"))))
-    return ExperimentSetup(out or Path("runs") / name, seed, duration_s, overwrite, **more)
+    return ExperimentSetup(out or default_directory(section), seed, duration_s, overwrite, **more)
 
 
 def _carry_out(sections: Sequence[str], setup: ExperimentSetup, page: bool, as_json: bool) -> None:

@@ -12,6 +12,7 @@ from xitl_cli.experiments.setup import ExperimentSetup
 EXPERIMENTS: Mapping[str, str] = {
     "4.1": "xitl_cli.experiments.recorded_outputs:recorded_outputs_report",
     "4.2": "xitl_cli.experiments.departure:departure_report",
+    "4.3": "xitl_cli.experiments.two_loops:two_loops_report",
     "4.4": "xitl_cli.experiments.two_ranges:two_ranges_report",
     "wdri": "xitl_cli.experiments.realism:realism_report",
 }

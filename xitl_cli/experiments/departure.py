@@ -368,6 +368,7 @@ def _seconds(value_s: float | None) -> str:
 
 _Pairs = Sequence[tuple[DepartureRun, DepartureTraces]]
 _WINDOW_S = 30.0
+_WIDTHS = {IDEAL: 3.2, WAVES: 1.9, GUSTS: 0.9}  # where they lie on each other all can be seen
 
 
 def _colours() -> Mapping[str, str]:
@@ -393,7 +394,8 @@ def _draw_departures(figure: Figure, pairs: _Pairs) -> None:
                 continue
             colour = _colours()[one.environment]
             if traces.speed is not None:
-                axes.plot(traces.speed.time_s, traces.speed.values, color=colour, label=ENVIRONMENTS[one.environment])
+                words, width = ENVIRONMENTS[one.environment], _WIDTHS[one.environment]
+                axes.plot(traces.speed.time_s, traces.speed.values, color=colour, label=words, linewidth=width)
             if (started := one.times_s[MOTION]) is not None:
                 axes.axvline(started, color=colour, linewidth=0.9, linestyle="-.")
             if (origin := one.times_s["time_to_origin_s"]) is not None:
@@ -404,7 +406,8 @@ def _draw_departures(figure: Figure, pairs: _Pairs) -> None:
             axes.axvline(ideal + LATE_S, color=PAPER, linestyle="--", linewidth=1.0, label="paper: gusts start here")
         axes.set_title(WAYS[way])
         axes.set_ylabel("speed (m/s)")
-        name_lines(axes, loc="upper left")
+        axes.set_ylim(-0.2, 5.0)
+        name_lines(axes, loc="upper left", ncols=2)
     panels[-1].set_xlabel("time since the autopilot's start (s)")
 
 
@@ -437,7 +440,8 @@ def _draw_scheduler(figure: Figure, pairs: _Pairs) -> None:
     panels = figure.subplots(2 if heights else 1, 1, sharex=True, squeeze=False)[:, 0]
     styles = dict(zip(_ways_in(pairs), ("-", "--", ":"), strict=False))
     for one, traces in pairs:
-        look = {"color": _colours()[one.environment], "linestyle": styles[one.sensors]}
+        look: dict[str, Any] = {"color": _colours()[one.environment], "linestyle": styles[one.sensors]}
+        look["linewidth"] = _WIDTHS[one.environment]
         label = f"{ENVIRONMENTS[one.environment]}, {WAYS[one.sensors]}"
         if traces.max_t is not None:
             panels[0].plot(traces.max_t.time_s, traces.max_t.values * 1e-3, marker=".", label=label, **look)

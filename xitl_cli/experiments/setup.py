@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,11 @@ class ExperimentSetup:
         if result.exit_code == INTERRUPTED:
             raise InterruptedRunError
         return result
+
+
+def default_directory(section: str = "") -> Path:
+    """Where runs of a section go when nobody says: runs/paper-<section>-<time>."""
+    return Path("runs") / "-".join(filter(None, ("paper", section, datetime.now(UTC).strftime("%Y%m%d-%H%M%S"))))
 
 
 def write_profile(path: Path, text: str, overwrite: bool) -> Path:
