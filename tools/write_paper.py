@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import sys
 from pathlib import Path
 from typing import Any
+
+from PIL import Image
 
 from xitl_cli.experiments.catalogue import EXPERIMENTS
 from xitl_cli.experiments.report import told_text
@@ -51,7 +52,8 @@ def main() -> None:
         found = json.loads(told.read_text(encoding="utf-8"))
         text = with_table(text, section, table_lines(found))
         for name in found["figures"]:
-            shutil.copyfile(told.parent / f"{name}.png", IMAGES / f"paper-{name}.png")
+            with Image.open(told.parent / f"{name}.png") as picture:  # few colours do: a quarter of the size
+                picture.convert("RGB").quantize(96).save(IMAGES / f"paper-{name}.png", optimize=True)
     PAGE.write_text(text, encoding="utf-8")
     print(f"{PAGE}: the tables and figures of {folder}")
 

@@ -399,11 +399,12 @@ def _rows(
         "All tasks and loops of the run, not of arming alone.",
     )
     for side in sides:
+        kind = "simulated" if side.name == SITL else "real"
         for base in side.bases:
             printed_base = "straight" if side.name == HITL else "varies"
             yield PaperRow(
                 f"{base.name} off a line, {side.name.upper()}", printed_base, round(1e3 * base.rms_s, 3), "ms",
-                f"At {base.rate_hz:.3f} Hz over {base.time_s[-1]:.0f} s of {'simulated' if side.name == SITL else 'real'} time.",
+                f"At {base.rate_hz:.3f} Hz over {base.time_s[-1]:.0f} s of {kind} time.",
             )  # fmt: skip
     for side, one in zip(sides, maps, strict=False):
         online = (one.report["online"] or {}).get("mapping", {})

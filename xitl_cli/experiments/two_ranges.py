@@ -321,12 +321,12 @@ def _scatter(axes: Axes, cloud: FusedCloud, across: int) -> None:
     """Lidar on the water, lidar above it, sonar. across: 1 for a view from above, 2 for one from the side."""
     from xitl_cli.experiments.figures import OTHER, OURS
 
-    water = cloud.water()
+    above = cloud.height_m > _ABOVE_M
     lifted = cloud.lidar_ned_m - np.array([0.0, 0.0, cloud.water_down_m])
     echoes = cloud.sonar_ned_m - np.array([0.0, 0.0, cloud.water_down_m])
     for points, colour, words, size in (
-        (lifted[water], "#b8d4e8", "lidar, water plane", 0.3),
-        (lifted[~water], OURS, "lidar, above it", 1.2),
+        (lifted[~above], "#b8d4e8", "lidar, water plane", 0.3),
+        (lifted[above], OURS, "lidar, above it", 1.2),
         (echoes, OTHER, "sonar", 1.2),
     ):
         inside = points[(np.abs(points[:, 1]) < 10.0) & (points[:, 0] > -1.0) & (points[:, 0] < 16.0)]
