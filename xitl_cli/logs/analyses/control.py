@@ -384,9 +384,7 @@ def _lacks(log: Log, kind: VehicleKind, found: Sequence[Tracking]) -> Iterator[s
 
 def _plots(found: Sequence[Tracking]) -> Iterator[Plot]:
     for each in found:
-        demanded, achieved = each.demanded, each.achieved
-        if each.turns and each.key == "heading":
-            achieved = demanded + each.error  # no stroke across the plot where 360 becomes 0
+        demanded, achieved = _unturned(each) if each.key == "heading" else (each.demanded, each.achieved)
         traces = (
             Trace("demanded", each.stamp_ns, demanded.astype(np.float64), "steps"),
             Trace("achieved", each.stamp_ns, achieved.astype(np.float64)),

@@ -17,6 +17,7 @@ _SHIFT_S, _MOST_ROWS = 0.05, 20_000
 _STEP_WITHIN_S, _BEGINS_SHARE = 1.0, 0.1
 _HOLD_S, _HOLD_SHARE = 4.0, 0.15
 _SETTLED_SHARE = 0.1
+_ANSWER_S = 20.0  # after a step; what comes later is of the water and the wind
 _LEAST_ROWS = 20
 
 
@@ -25,7 +26,7 @@ class StepResponse:
     """What a step of the demand from `begin` to `end`, held until until_ns, was answered with.
 
     rise_s: from 10 to 90 % of the way, None where it was not reached. overshoot_percent: of the step, beyond its end.
-    settled_s: from the step until it stayed within a tenth of it; None where it did not.
+    settled_s: from the step until it stayed within a tenth of it; None where it did not. All within twenty seconds.
     """
 
     at_ns: int
@@ -99,26 +100,30 @@ def _responses(
         end = settled_at + int(moved[0]) if len(moved) else len(seconds)
         if seconds[end - 1] - seconds[settled_at] < _HOLD_S:
             continue
-        found = _answered(stamp_ns[part][at:end], wanted[at:end], there[at:end], least)
+        found = _answered(stamp_ns[part][at:end], wanted[at:end], there[at:end], settled_at - at, least)
         if found is not None:
             yield found
         done = end - 1
 
 
-def _answered(stamp_ns: Stamps, wanted: Floats, there: Floats, least: float) -> StepResponse | None:
-    final, begin = float(wanted[-1]), float(there[0])
+def _answered(
+    stamp_ns: Stamps, wanted: Floats, there: Floats, reached: int, least: float
+) -> StepResponse | None:  # fmt: skip
+    """reached: the row from which the demand is held; where it drifts a little, the answer is measured from it."""
+    final, begin = float(wanted[reached]), float(there[0])
     if abs(final - begin) < least:
         return None
     seconds = (stamp_ns - stamp_ns[0]) * 1e-9
-    way = (there - begin) / (final - begin)
-    high = np.flatnonzero(way >= 0.9)
+    held = np.where(np.arange(len(wanted)) < reached, final, wanted)
+    way = 1.0 + (there - held) / (final - begin)
+    first = seconds <= _ANSWER_S
     rise_s = None
-    if len(high):
+    if (way[first] >= 0.9).any():
         rise_s = _crossing(seconds, way, 0.9) - _crossing(seconds, way, 0.1)
-    outside = np.flatnonzero(np.abs(way - 1.0) > _SETTLED_SHARE)
-    settled = len(outside) == 0 or outside[-1] < len(way) - 1
+    outside = np.flatnonzero(np.abs(way[first] - 1.0) > _SETTLED_SHARE)
+    settled = len(outside) == 0 or outside[-1] < first.sum() - 1
     settled_s = float(seconds[outside[-1] + 1]) if settled and len(outside) else None
-    overshoot = 100.0 * max(float(way.max()) - 1.0, 0.0)
+    overshoot = 100.0 * max(float(way[first].max()) - 1.0, 0.0)
     return StepResponse(int(stamp_ns[0]), int(stamp_ns[-1]), begin, final, rise_s, overshoot, settled_s)
 
 
