@@ -161,7 +161,6 @@ def perception(workplace: Workplace, path: Path) -> None:
     import trimesh
 
     workplace.typed(RIVER)
-    workplace.typed("xitl map runs/river/run.mcap --out runs/river")
     points_m = np.asarray(trimesh.load(workplace.folder / "runs/river/map.ply").vertices)
     track_m = np.loadtxt(workplace.folder / "runs/river/trajectory.tum")[:, 1:4]
 
@@ -169,12 +168,12 @@ def perception(workplace: Workplace, path: Path) -> None:
         drawn = axes.scatter(points_m[:, 0], points_m[:, 1], c=points_m[:, 2], s=0.4, cmap="viridis", vmin=-4, vmax=6)
         axes.plot(track_m[:, 0], track_m[:, 1], color=RED, linewidth=1.2, label="way of the vessel, by its odometry")
         axes.set(
-            xlabel="m", ylabel="m", aspect="equal", title="Map of xitl map, from lidar and sonar of sitl-perception"
+            xlabel="m", ylabel="m", aspect="equal", title="The companion's map of sitl-perception, from lidar and sonar"
         )
         axes.figure.colorbar(drawn, ax=axes, label="height (m)")
         axes.legend()
 
-    figure(path, draw, height=5.0)
+    figure(path, draw, height=3.2)
 
 
 def documented(page: str, name: str) -> str:
