@@ -6,8 +6,8 @@ from pathlib import Path
 
 from tools.pictures.workplace import Workplace
 
-FROM_S, TO_S = 56.0, 92.0
-"""Of the first run: along the boom, and the turn at its end."""
+FROM_S, TO_S = 56.0, 83.0
+"""Of the first run: along the boom, and into the turn at its end."""
 
 
 def first_run(workplace: Workplace, path: Path) -> None:
