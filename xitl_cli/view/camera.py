@@ -62,7 +62,7 @@ def usual_pose(mode: str, length_m: float) -> CameraPose:
     distance_m = max(DISTANCE_LENGTHS * length_m, LEAST_M)
     if mode == ABOVE:
         return CameraPose(5.0 * distance_m, -0.5 * math.pi, 1.55)
-    return CameraPose(distance_m * (1.5 if mode == ORBIT else 1.0), math.pi - 0.45, 0.3)
+    return CameraPose(distance_m * (1.5 if mode == ORBIT else 1.0), math.pi - 0.45, 0.24)
 
 
 @dataclass(slots=True)

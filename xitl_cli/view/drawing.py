@@ -68,12 +68,17 @@ class Atmosphere:
     water: Colour
     sun: Colour
     sun_intensity: float
+    sky_light: Colour
     sky_intensity: float
     ground_light: Colour
 
 
-DAY = Atmosphere((104, 158, 209), (214, 227, 236), (28, 92, 112), (255, 244, 224), 2.6, 1.7, (92, 98, 84))
-NIGHT = Atmosphere((13, 20, 34), (46, 60, 78), (16, 50, 68), (255, 214, 170), 1.25, 0.9, (30, 34, 40))
+DAY = Atmosphere(
+    (88, 148, 205), (214, 227, 236), (30, 96, 118), (255, 244, 224), 2.1, (214, 227, 236), 2.3, (150, 152, 140)
+)
+NIGHT = Atmosphere(
+    (10, 16, 30), (46, 61, 82), (26, 66, 88), (190, 208, 255), 0.95, (150, 172, 205), 1.15, (84, 94, 110)
+)
 
 
 class SceneDrawing:
@@ -107,7 +112,7 @@ class SceneDrawing:
         self._water = _WaterDrawing(api, scene.water, waves, water)
         self.dark = dark
         for name, vessel in scene.vessels.items():
-            self._vessels[name] = _VesselDrawing(api, name, vessel, scene.water.level_m)
+            self._vessels[name] = _VesselDrawing(api, name, vessel, scene.water)
 
     @property
     def dark(self) -> bool:
@@ -132,7 +137,7 @@ class SceneDrawing:
             for name in instant.vessels:
                 if name not in self._vessels:
                     plain = view_vessels(self.scene, [name])[name]
-                    self._vessels[name] = _VesselDrawing(self._server.scene, name, plain, self.scene.water.level_m)
+                    self._vessels[name] = _VesselDrawing(self._server.scene, name, plain, self.scene.water)
             for name, vessel in instant.vessels.items():
                 self._vessels[name].draw(vessel, elapsed_s, self._tracks)
             self._draw_bodies(instant.bodies)
@@ -166,22 +171,23 @@ class SceneDrawing:
 
 
 def sky_rows(atmosphere: Atmosphere) -> NDArray[np.uint8]:
-    """(192, 3) from the top of a picture to its foot, whatever the camera looks at."""
-    share = np.linspace(0.0, 1.0, 96)[:, None] ** 0.8
+    """(192, 3) from the top of a picture to its foot, whatever the camera looks at: the horizon is in its upper half."""
+    share = np.linspace(0.0, 1.0, 72)[:, None] ** 0.9
     sky = np.asarray(atmosphere.zenith) * (1.0 - share) + np.asarray(atmosphere.haze) * share
-    return np.round(np.concatenate([sky, np.repeat(sky[-1:], 96, axis=0)])).astype(np.uint8)
+    return np.round(np.concatenate([sky, np.repeat(sky[-1:], 120, axis=0)])).astype(np.uint8)
 
 
 def show_atmosphere(api: Any, atmosphere: Atmosphere) -> None:
     """Sky, light and haze of a server's scene, or of one browser's."""
     api.set_background_image(np.repeat(sky_rows(atmosphere)[:, None], 4, axis=1), format="png")
-    api.configure_fog(90.0, 1400.0, color=atmosphere.haze)
-    api.add_light_directional(
-        "/light/sun", color=atmosphere.sun, intensity=atmosphere.sun_intensity, position=(-0.6, -0.75, 0.55)
-    )
+    api.configure_fog(60.0, 1100.0, color=atmosphere.haze)
+    sun, strength = atmosphere.sun, atmosphere.sun_intensity
+    api.add_light_directional("/light/sun", color=sun, intensity=strength, position=(-0.6, -0.75, 0.6))
+    # A second one so low that waves show: the material of a mesh has no gloss.
+    api.add_light_directional("/light/glance", color=sun, intensity=0.75 * strength, position=(-0.9, 0.5, 0.13))
     api.add_light_hemisphere(
         "/light/sky",
-        sky_color=atmosphere.haze,
+        sky_color=atmosphere.sky_light,
         ground_color=atmosphere.ground_light,
         intensity=atmosphere.sky_intensity,
         position=(0.0, 0.0, 1.0),
@@ -220,11 +226,17 @@ class _WaterDrawing:
 class _VesselDrawing:
     """One vessel: its hull and what belongs to it."""
 
-    def __init__(self, api: Any, name: str, vessel: SceneVessel, level_m: float) -> None:
+    def __init__(self, api: Any, name: str, vessel: SceneVessel, water: SceneWater) -> None:
         self.show_estimate = self.show_clouds = True
         self._api = api
         self._path = f"/vessels/{name or 'vessel'}"
-        self._level_m = level_m
+        self._level_m = water.level_m
+        # Half the significant height is what crests reach on average.
+        self._lift_m = (
+            0.1
+            if water.waves is None
+            else 0.1 + 0.5 * 4.0 * math.sqrt(0.5) * float(np.linalg.norm(water.waves.amplitude_m))
+        )
         self._vessel = vessel
         self._hull = api.add_frame(self._path, show_axes=False)
         for number, mesh in enumerate(vessel.meshes):
@@ -252,7 +264,7 @@ class _VesselDrawing:
         if len(places) < 2:
             return []
         line = places.copy()
-        line[:, 2] = self._level_m + 0.15
+        line[:, 2] = self._level_m + self._lift_m
         path = f"{self._path.replace('/vessels', '/missions', 1)}"
         _add_line(self._api, f"{path}/line", line, MISSION, 2.0)
         size = min(max(self._vessel.length_m, 0.6), 6.0)
@@ -321,7 +333,7 @@ class _VesselDrawing:
             _place(self._estimate, place, vessel.attitude_wxyz if attitude is None else attitude)
 
     def _draw_track(self, place: Array) -> None:
-        point = [float(place[0]), float(place[1]), self._level_m + 0.12]
+        point = [float(place[0]), float(place[1]), self._level_m + self._lift_m + 0.03]
         if self._places and math.dist(point, self._places[-1]) < TRACK_STEP_M:
             return
         self._places.append(point)
@@ -329,7 +341,9 @@ class _VesselDrawing:
         if count < 2:
             return
         path = f"{self._path.replace('/vessels', '/tracks', 1)}"
-        segments = np.array(list(zip(self._places[:-1], self._places[1:], strict=True)), dtype=np.float32)
+        # A browser keeps the number of segments that it was given first: those to come stand at the last place.
+        places = np.array([*self._places, *[point] * (TRACK_PIECE + 1 - count)], dtype=np.float32)
+        segments = np.stack([places[:-1], places[1:]], axis=1)
         if count == 2:
             number = int(self._track[-1].name.rpartition("/")[2]) + 1 if self._track else 0
             self._track.append(
@@ -372,7 +386,7 @@ class _VesselDrawing:
                 known[1].points = some
                 self._clouds[name] = points, known[1]
             elif len(some):
-                size = {"sonar": 0.35, "map": 0.12}.get(name, 0.16)
+                size = {"sonar": 0.25, "map": 0.06}.get(name, 0.07)
                 node = self._api.add_point_cloud(
                     f"{self._path.replace('/vessels', '/clouds', 1)}/{name}",
                     some,

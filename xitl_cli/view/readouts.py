@@ -22,6 +22,12 @@ REFRESH_S = 0.2
 PLOTS = ("speed m/s", "cross-track m", "estimate off m", "links lost", "deadline misses", "clock offset ms")
 """Plotted where an instant has them, in this order; the numbers beside them are all that it has."""
 COLOURS = ("#e8590c", "#1c7ed6", "#0ca678", "#d6336c", "#7048e8", "#f08c00")
+AXIS: Any = {
+    "stroke": "#868e96",
+    "grid": {"stroke": "rgba(134,142,150,.25)", "width": 1},
+    "ticks": {"stroke": "rgba(134,142,150,.5)", "width": 1, "size": 4},
+}
+"""Seen by day and by night."""
 WARNING = 4  # MAV_SEVERITY
 
 
@@ -104,7 +110,7 @@ class Readouts:
             series=({"label": "s"}, {"label": label, "stroke": colour, "width": 2, "points": {"show": False}}),
             title=label,
             scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
-            axes=({"stroke": "#868e96", "size": 24}, {"stroke": "#868e96", "size": 46}),
+            axes=({"size": 24, **AXIS}, {"size": 46, **AXIS}),
             legend={"show": False},
             height=110,
             order=order,
@@ -133,7 +139,10 @@ def table_html(instant: ViewInstant, vessel: VesselInstant) -> str:
         f"<td style='text-align:right;width:100%;font-variant-numeric:tabular-nums'>{html.escape(text)}</td></tr>"
         for name, text in rows
     )
-    return f"<table style='width:100%;font-size:13px;line-height:1.35;border-collapse:collapse'>{cells}</table>"
+    return (
+        "<div style='padding:0 12px;font-size:13px;line-height:1.35'>"
+        f"<table style='width:100%;border-collapse:collapse'>{cells}</table></div>"
+    )
 
 
 UNITS = ("m/s", "m", "s", "ms", "µs", "°", "ppm", "Hz")
@@ -154,4 +163,4 @@ def events_html(events: list[ViewEvent]) -> str:
         )
         for event in reversed(events)
     )
-    return f"<div style='font-size:12px;line-height:1.3;overflow-wrap:anywhere'>{lines}</div>"
+    return f"<div style='padding:0 12px;font-size:12px;line-height:1.3;overflow-wrap:anywhere'>{lines}</div>"

@@ -211,7 +211,7 @@ addEventListener("DOMContentLoaded", () => {{
   const note = document.createElement("div");
   note.id = "xitl-no-webgl";
   note.setAttribute("role", "alert");
-  note.style.cssText = "position:fixed;left:0;right:0;top:0;z-index:99999;padding:14px 18px;background:#b3261e;"
+  note.style.cssText = "position:fixed;left:0;right:0;bottom:0;z-index:99999;padding:14px 18px;background:#b3261e;"
     + "color:#fff;font:15px/1.4 system-ui,sans-serif";
   note.textContent = "This browser has no WebGL 2, without which the 3D view cannot be drawn. Switch on hardware "
     + "acceleration in its settings, or use another browser. The run goes on without it.";

@@ -78,7 +78,9 @@ def test_waypoints_that_were_reached_change_their_colour(drawing: SceneDrawing) 
 def test_the_track_grows_and_begins_anew_when_time_goes_back(drawing: SceneDrawing) -> None:
     for step in range(5):
         draw(drawing, float(step), replace(AT_START, position_enu_m=np.array([2.0 * step, 0.0, 0.0])))
-    assert len(node(drawing, "/tracks/vessel/0").points) == 4
+    points = node(drawing, "/tracks/vessel/0").points
+    assert points[:4, :, 0].tolist() == [[0.0, 2.0], [2.0, 4.0], [4.0, 6.0], [6.0, 8.0]]
+    assert (points[4:, :, 0] == 8.0).all()
     draw(drawing, 1.0, AT_START)
     assert drawing._server.scene.get_handle_by_name("/tracks/vessel/0") is None
 

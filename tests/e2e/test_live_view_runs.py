@@ -1,0 +1,212 @@
+"""A run with its view: by a browser, by many that vanish, without any, and after its process was killed."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+viser = pytest.importorskip("viser")
+msgspec = pytest.importorskip("msgspec")
+connect = pytest.importorskip("websockets.sync.client").connect
+
+CHROMIUM = Path("/usr/bin/chromium")
+SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PATIENCE_S = 120.0
+pytestmark = pytest.mark.slow
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (3.0, 3.0, 3.0),
+    "fov": 1.0,
+    "near": 0.1,
+    "far": 1000.0,
+    "image_height": 360,
+    "image_width": 640,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+
+class Viewed:
+    """A run of `xitl sim` with a view. address: of its page."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.folder = folder
+        self._log = folder.with_suffix(".txt")
+        command = ["-c", "from xitl_cli.main import main; main()", "sim", "--out", str(folder), *arguments]
+        with self._log.open("w") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, *command], stdout=log, stderr=subprocess.STDOUT, env=os.environ | {"CI": "1"}
+            )
+        self.address = self._wait_for(r"view: (http://\S+)")
+
+    @property
+    def said(self) -> str:
+        return self._log.read_text()
+
+    def _wait_for(self, pattern: str) -> str:
+        wait_until(lambda: bool(re.search(pattern, self.said)) or self.process.poll() is not None)
+        found = re.findall(pattern, self.said)
+        assert found, self.said
+        return found[0]
+
+    def summary(self) -> dict[str, Any]:
+        self.process.wait(PATIENCE_S)
+        found: dict[str, Any] = json.loads((self.folder / "summary.json").read_text())
+        return found
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.terminate()
+        self.process.wait(PATIENCE_S)
+
+    def page_process(self) -> int:
+        """Number of the process that serves the page."""
+        (child,) = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        assert b"xitl_cli.view.process" in Path(f"/proc/{child}/cmdline").read_bytes()
+        return int(child)
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    until_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def started(tmp_path: Path) -> Iterator[Callable[..., Viewed]]:
+    runs: list[Viewed] = []
+
+    def start(*arguments: str) -> Viewed:
+        runs.append(Viewed(tmp_path / f"run{len(runs)}", *arguments))
+        return runs[-1]
+
+    yield start
+    for run in runs:
+        run.end()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api")
+    if not CHROMIUM.exists():
+        pytest.skip(f"{CHROMIUM} is not there; apt install chromium")
+    with playwright.sync_playwright() as driver:
+        made = driver.chromium.launch(executable_path=str(CHROMIUM), args=SOFTWARE)
+        yield made
+        made.close()
+
+
+def picture(page: Any) -> np.ndarray:
+    """(H, W, 3) of the part of the page beside the panel."""
+    image = pytest.importorskip("PIL.Image")
+    shown = image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    return np.asarray(shown, dtype=np.float64)[:, : 5 * shown.width // 8]
+
+
+def told(page: Any, name: str) -> str:
+    """The text of a row of the table beside the picture."""
+    row = page.locator("tr", has=page.locator("td", has_text=re.compile(f"^{name}$"))).first
+    return str(row.locator("td").nth(1).inner_text())
+
+
+def seconds(page: Any) -> float:
+    return float(told(page, "time").split()[0])
+
+
+def test_a_browser_sees_the_vessel_move_by_day_and_by_night(started: Callable[..., Viewed], browser: Any) -> None:
+    run = started("sitl", "--view", "--set", "view.rate_hz=5")
+    page = browser.new_page(viewport={"width": 960, "height": 540})
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(run.address)
+    page.locator("td", has_text="waypoint").wait_for(timeout=PATIENCE_S * 1e3)
+    assert page.title() == "sitl"
+    wait_until(lambda: told(page, "mode") == "AUTO · armed")
+    page.get_by_label("Camera").click()
+    page.get_by_role("option", name="free").click()
+    wait_until(lambda: picture(page).std() > 10.0)
+    before, at_s = picture(page), seconds(page)
+    wait_until(lambda: seconds(page) > at_s + 1.0)
+    wait_until(lambda: bool((np.abs(picture(page) - before).max(axis=2) > 40.0).mean() > 0.001))
+    page.get_by_text("Show", exact=True).click()
+    page.get_by_label("Night").click()
+    wait_until(lambda: bool(picture(page).mean() < 0.6 * before.mean()))
+    assert all(url.startswith((run.address, "data:", "blob:")) for url in asked)
+    page.close()
+    run.end()
+    view = run.summary()["view"]
+    assert view["browsers"] == 1
+    assert view["shown"] > 5
+
+
+def test_browsers_that_do_not_read_and_vanish_change_nothing(started: Callable[..., Viewed]) -> None:
+    run = started("sitl", "--duration", "60", "--view", "--set", "view.pace=null")
+    address = run.address.replace("http", "ws", 1)
+    joined = []
+    for _ in range(10):
+        one = connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, proxy=None)
+        one.send(msgspec.msgpack.encode(CAMERA))
+        joined.append(one)
+    for one in joined:
+        one.socket.close()
+    summary = run.summary()
+    assert run.process.returncode == 0
+    assert summary["view"]["browsers"] == 10
+    assert summary["duration_s"] == pytest.approx(60.0)
+
+
+def test_a_view_that_is_killed_is_told_once(started: Callable[..., Viewed]) -> None:
+    run = started("sitl", "--duration", "60", "--view", "--pace", "10")
+    os.kill(run.page_process(), signal.SIGKILL)
+    summary = run.summary()
+    assert run.process.returncode == 0
+    assert summary["duration_s"] == pytest.approx(60.0)
+    assert run.said.count("the 3D view has ended") == 2  # when it did, and among the warnings at the end
+    assert sum("the 3D view has ended" in text for text in summary["warnings"]) == 1
+
+
+def test_a_view_that_hangs_holds_nothing_up(started: Callable[..., Viewed]) -> None:
+    run = started("sitl", "--duration", "30", "--view")
+    page = run.page_process()
+    os.kill(page, signal.SIGSTOP)
+    summary = run.summary()
+    assert run.process.returncode == 0
+    assert summary["duration_s"] == pytest.approx(30.0)
+    assert not Path(f"/proc/{page}").exists()
+
+
+def test_another_address_has_a_token(started: Callable[..., Viewed]) -> None:
+    run = started("sitl", "--duration", "1", "--view-host", "0.0.0.0")
+    assert re.fullmatch(r"http://[^/]+:\d+/[\w-]{20,}/", run.address)
+    token = run.address.rstrip("/").rpartition("/")[2]
+    assert token not in json.dumps(run.summary())
+
+
+def test_a_port_that_is_taken_is_an_error_before_anything_runs(started: Callable[..., Viewed], tmp_path: Path) -> None:
+    run = started("sitl", "--view", "--pace", "1")
+    port = run.address.rstrip("/").rpartition(":")[2]
+    arguments = ["sim", "sitl", "--view-port", port, "--out", str(tmp_path / "other")]
+    other = subprocess.run(
+        [sys.executable, "-c", "from xitl_cli.main import main; main()", *arguments], capture_output=True, text=True
+    )
+    assert other.returncode == 2
+    assert f"view.port = {port}: somebody else listens there" in other.stderr
+    assert not (tmp_path / "other").exists()
+    free = started("sitl", "--duration", "1", "--view")
+    if port == "8470":
+        assert "port 8470 is taken" in free.said
+    assert free.address != run.address
