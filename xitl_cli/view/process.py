@@ -51,7 +51,9 @@ class ViewProcess:
             self._controls = Controls(server, self.act, start.profiles, start.lockstep, faults, level_m, start.pace)
         self._add_options(start.dark)
         self._meshes: dict[int, SceneMesh] = {}
-        self._browsers = self._joined = 0
+        self._browsers = 0
+        self._came: set[int] = set()  # by number: those that come at once do so in several threads
+        self._told = (0, 0)
         self._asked = False
         server.on_client_connect(self._join)
 
@@ -70,8 +72,8 @@ class ViewProcess:
 
         night.on_update(change)
 
-    def _join(self, client: object) -> None:
-        self._joined += 1
+    def _join(self, client: Any) -> None:
+        self._came.add(client.client_id)
 
     def act(self, action: Mapping[str, Any]) -> None:
         """Have the run carry out an action."""
@@ -102,10 +104,11 @@ class ViewProcess:
     def _tell(self) -> None:
         """How many look; and that the next instant is wanted, if somebody does."""
         browsers = len(self._server.get_clients())
-        if browsers != self._browsers:
-            self._browsers = browsers
+        joined = len(self._came)
+        if (browsers, joined) != self._told:
+            self._browsers, self._told = browsers, (browsers, joined)
             self._asked = self._asked and browsers > 0
-            self._pipe.send({"browsers": browsers, "joined": self._joined})
+            self._pipe.send({"browsers": browsers, "joined": joined})
         if browsers and not self._asked:
             self._asked = True
             self._pipe.send({"ask": True})
