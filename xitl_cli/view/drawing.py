@@ -171,7 +171,7 @@ class SceneDrawing:
 
 
 def sky_rows(atmosphere: Atmosphere) -> NDArray[np.uint8]:
-    """(192, 3) from the top of a picture to its foot, whatever the camera looks at, with the horizon above the middle."""
+    """(192, 3) from the top of a picture to its foot, whatever the camera looks at; the horizon is above the middle."""
     share = np.linspace(0.0, 1.0, 72)[:, None] ** 0.9
     sky = np.asarray(atmosphere.zenith) * (1.0 - share) + np.asarray(atmosphere.haze) * share
     return np.round(np.concatenate([sky, np.repeat(sky[-1:], 120, axis=0)])).astype(np.uint8)
