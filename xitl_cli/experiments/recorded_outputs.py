@@ -42,6 +42,12 @@ _DRAWN = {
     "mass_kg": (), "damping_linear": ("surge", "sway", "yaw"), "damping_quadratic": ("surge", "sway", "yaw"),
 }  # fmt: skip
 _ALIGNED_S = 15.0
+_STICKS = (  # seconds after arming, what else, steering and throttle (µs): away straight, then an arc
+    (0.0, "arm: true, mode: MANUAL, ", 1500, 1500),
+    (1.0, "", 1500, 1640),
+    (5.0, "", 1560, 1640),
+    (20.0, "", 1570, 1650),
+)
 _ALIKE = 0.2
 
 
@@ -139,6 +145,11 @@ def stand_in_profile(vehicle: str, setup: ExperimentSetup, factors: Mapping[str,
         damping += f"  {group}: {{{', '.join(values)}}}\n" if axes else ""
     drive_s = min(setup.duration_s or ARC_S, ARC_S)
     end_s = _ALIGNED_S + drive_s
+    steps = "".join(
+        f"    - {{at_s: {_ALIGNED_S + after_s:g}, {more}rc_us: [{steering_us}, null, {throttle_us}]}}\n"
+        for after_s, more, steering_us, throttle_us in _STICKS
+        if after_s < drive_s
+    )
     return (
         "# Section 4.1 of the paper: stands in for the real boat. Parameters drawn 5 % about the model's, light wind,\n"
         "# a weak current; a person steers an arc by the sticks.\n"
@@ -157,10 +168,7 @@ def stand_in_profile(vehicle: str, setup: ExperimentSetup, factors: Mapping[str,
         "driver:\n"
         "  kind: script\n"
         "  script:\n"
-        f"    - {{at_s: {_ALIGNED_S:g}, arm: true, mode: MANUAL, rc_us: [1500, null, 1500]}}\n"
-        f"    - {{at_s: {_ALIGNED_S + 1:g}, rc_us: [1500, null, 1640]}}\n"
-        f"    - {{at_s: {_ALIGNED_S + 5:g}, rc_us: [1560, null, 1640]}}\n"
-        f"    - {{at_s: {_ALIGNED_S + 20:g}, rc_us: [1570, null, 1650]}}\n"
+        f"{steps}"
         f"    - {{at_s: {end_s:g}, end: true}}\n"
         f"clock: {{seed: {setup.seed}, duration_s: {end_s + 60.0:g}}}\n"
     )

@@ -11,6 +11,7 @@ from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.errors import UserError
 from xitl_cli.experiments import recorded_outputs
 from xitl_cli.experiments.recorded_outputs import (
+    ARC_S,
     FARTHEST_M,
     ReplayComparison,
     _rows,
@@ -87,6 +88,17 @@ def test_a_log_without_places_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(recorded_outputs.signals, "position_geodetic", lambda log: None)
     with open_log(CALM) as log, pytest.raises(UserError, match="tells no position"):
         start_pose(log, 50.0)
+
+
+@pytest.mark.parametrize("duration_s", [1.0, 5.0, 12.0, 100.0])
+def test_a_short_arc_ends_in_time(duration_s: float, tmp_path: Path) -> None:
+    setup = ExperimentSetup(tmp_path, duration_s=duration_s)
+    path = tmp_path / "stand-in.yaml"
+    path.write_text(stand_in_profile("vehicles/asv-third", setup, drawn_factors(1)))
+    steps = load_profile(str(path)).driver.script
+    assert steps[0].arm
+    assert steps[-1].end
+    assert steps[-1].at_s - steps[0].at_s == min(duration_s, ARC_S)
 
 
 def test_a_vessel_that_two_propellers_do_not_steer(tmp_path: Path) -> None:
