@@ -31,9 +31,9 @@ from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.status_display import RunStatus
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scene import make_debris_scene, make_scripted_scene
-from xitl_cli.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewInstant
+from xitl_cli.view.model import Array, BodyInstant, Points, SceneWaves, VesselInstant, ViewEvent, ViewInstant
 from xitl_cli.view.pipe import Pipe, PipeClosedError, ViewEnd, ViewRefusal, ViewStart, ViewUpdate
-from xitl_cli.view.scene import foxglove_type
+from xitl_cli.view.scene import NO_WAVES, foxglove_type, scene_waves
 from xitl_cli.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
 
 SOURCE = "view"
@@ -243,6 +243,7 @@ class LiveViewNode(RunNode):
         if isinstance(plant.simulation, Fleet):
             self._traffic = tuple(plant.simulation.traffic)
         self._bodies_told = 0
+        self._waves_told = plant.simulation.environment.waves
         self._next_s = 0.0
         self._asked = False
         self._looking = self._joined = self._shown = self._skipped = self._actions = self._refused = 0
@@ -407,7 +408,16 @@ class LiveViewNode(RunNode):
             tuple(events),
             self._paceable and self._pace.paused,
             pace,
+            self._other_waves(),
         )
+
+    def _other_waves(self) -> SceneWaves | None:
+        """Those that an operator has changed since the last instant."""
+        field = self._plant.simulation.environment.waves
+        if field is self._waves_told:
+            return None
+        self._waves_told = field
+        return scene_waves(field) or NO_WAVES
 
     def _tell_bodies(self) -> None:
         """New debris, to be drawn from now on."""

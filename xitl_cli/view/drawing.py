@@ -26,6 +26,7 @@ from xitl_cli.view.model import (
     SceneMesh,
     SceneVessel,
     SceneWater,
+    SceneWaves,
     VesselInstant,
     ViewInstant,
     ViewScene,
@@ -144,6 +145,8 @@ class SceneDrawing:
             if instant.vessels:
                 first = next(iter(instant.vessels))
                 place = instant.vessels[first].position_enu_m
+                if instant.waves is not None:
+                    self._water.change(instant.waves)
                 self._water.draw(instant.time_s, place[:2])
                 self._vessels[first].draw_streams(place, instant.wind_en_mps, instant.current_en_mps)
 
@@ -196,21 +199,34 @@ def show_atmosphere(api: Any, atmosphere: Atmosphere) -> None:
 
 class _WaterDrawing:
     def __init__(self, api: Any, water: SceneWater, moving: bool, resolution: WaterResolution) -> None:
+        self._api = api
         self._level_m = water.level_m
+        self._resolution = resolution
         self._grid = WaterGrid(water.waves if moving else None, resolution=resolution)
         self._middle = self._grid.middle(np.asarray(water.centre_en_m, dtype=np.float64))
-        self._node = api.add_mesh_simple(
+        self._node = self._add()
+
+    def _add(self) -> Any:
+        return self._api.add_mesh_simple(
             "/water",
             self._grid.vertices_m,
             self._grid.faces,
             opacity=0.86,
             cast_shadow=False,
             receive_shadow=False,
-            position=(*self._middle, water.level_m),
+            position=(*self._middle, self._level_m),
         )
 
     def colour(self, colour: Colour) -> None:
         self._node.color = colour
+
+    def change(self, waves: SceneWaves) -> None:
+        """Other waves. A plane becomes a grid that waves can move."""
+        corners, colour = len(self._grid.vertices_m), self._node.color
+        self._grid = WaterGrid(waves, resolution=self._resolution)
+        if len(self._grid.vertices_m) != corners:
+            self._node = self._add()
+            self._node.color = colour
 
     def draw(self, time_s: float, place_en_m: Array) -> None:
         middle = self._grid.middle(place_en_m)

@@ -142,6 +142,7 @@ class ViewInstant:
     """The world at time_s. wind_en_mps, current_en_mps: where they blow and flow to, at the first vessel.
 
     bodies: by number. events: since the instant before. paused: the run stands still. pace: times real time.
+    waves: others than those of the scene, or of an instant before; None while they stay the same.
     """
 
     time_s: float
@@ -152,3 +153,4 @@ class ViewInstant:
     events: tuple[ViewEvent, ...] = ()
     paused: bool = False
     pace: float = float("nan")
+    waves: SceneWaves | None = None

@@ -192,6 +192,10 @@ def waves_of(profile: RunProfile) -> SceneWaves | None:
     return scene_waves(realise_waves(environment.waves, environment.water, rng, environment.current.mean_ne_mps))
 
 
+NO_WAVES = SceneWaves(np.empty(0), np.empty((0, 2)), np.empty(0), np.empty(0))
+"""Where there were some before."""
+
+
 def scene_waves(field: object) -> SceneWaves | None:
     """A WaveField in the map's axes, None of flat water."""
     if not isinstance(field, WaveField):

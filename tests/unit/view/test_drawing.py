@@ -10,7 +10,16 @@ import pytest
 
 from xitl_cli.view import shapes
 from xitl_cli.view.drawing import MISSION, REACHED, SceneDrawing
-from xitl_cli.view.model import BodyInstant, SceneThruster, SceneVessel, VesselInstant, ViewInstant, ViewScene
+from xitl_cli.view.model import (
+    BodyInstant,
+    SceneThruster,
+    SceneVessel,
+    SceneWaves,
+    VesselInstant,
+    ViewInstant,
+    ViewScene,
+)
+from xitl_cli.view.scene import NO_WAVES
 
 viser = pytest.importorskip("viser")
 
@@ -125,3 +134,16 @@ def test_a_vessel_that_no_scene_has_is_a_plain_boat(drawing: SceneDrawing) -> No
 
 def test_nothing_outside_is_asked_for(drawing: SceneDrawing) -> None:
     assert drawing._server._share_tunnel is None
+
+
+def test_water_takes_up_waves_that_somebody_raises_and_lies_flat_again(drawing: SceneDrawing) -> None:
+    draw(drawing, 0.0, AT_START)
+    assert len(node(drawing, "/water").vertices) == 4
+    swell = SceneWaves(np.array([0.4]), np.array([[0.1, 0.0]]), np.array([1.0]), np.array([0.0]))
+    draw(drawing, 1.0, AT_START, waves=swell)
+    heights = np.array(node(drawing, "/water").vertices)[:, 2]
+    assert heights.max() == pytest.approx(0.4, rel=0.05)
+    draw(drawing, 1.1, AT_START)
+    assert not np.array_equal(np.asarray(node(drawing, "/water").vertices)[:, 2], heights)
+    draw(drawing, 2.0, AT_START, waves=NO_WAVES)
+    assert not np.asarray(node(drawing, "/water").vertices)[:, 2].any()
