@@ -33,16 +33,22 @@ def cost(work: Callable[[], None]) -> tuple[float, float]:
     return processor_s, time.perf_counter() - begun_s
 
 
-def call(*arguments: str) -> None:
+def call(duration_s: float | None, *arguments: str) -> None:
+    """Exits with what a command has said that did not do its work, whose time would be no run's.
+
+    Runs that are cut short are not completed, which is exit code 1.
+    """
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    subprocess.run([*PROGRAM, *arguments], env=environment, capture_output=True, check=False)
+    told = subprocess.run([*PROGRAM, *arguments], env=environment, capture_output=True, text=True, check=False)
+    if told.returncode not in ((0,) if duration_s is None else (0, 1)):
+        sys.exit(f"xitl {' '.join(arguments)}: exit code {told.returncode}\n{told.stdout}{told.stderr}")
 
 
 def bare_runs(folder: Path, runs: int, duration_s: float | None) -> None:
     """Seeds 1 to `runs`."""
     limit = [] if duration_s is None else ["--set", f"clock.duration_s={duration_s}"]
     for seed in range(1, runs + 1):
-        call("sim", "sitl", *limit, "--seed", str(seed), "--out", str(folder / f"{seed}"))
+        call(duration_s, "sim", "sitl", *limit, "--seed", str(seed), "--out", str(folder / f"{seed}"))
 
 
 def campaign(folder: Path, runs: int, duration_s: float | None) -> None:
@@ -50,7 +56,7 @@ def campaign(folder: Path, runs: int, duration_s: float | None) -> None:
     limit = "" if duration_s is None else f"set: {{clock.duration_s: {duration_s}}}\n"
     plan = folder / f"plan-{runs}.yaml"
     plan.write_text(f"base: sitl\n{limit}seeds: {runs}\nrecordings: all\n", encoding="utf-8")
-    call("campaign", str(plan), "--workers", "1", "--out", str(folder / f"campaign-{runs}"))
+    call(duration_s, "campaign", str(plan), "--workers", "1", "--out", str(folder / f"campaign-{runs}"))
 
 
 def overheads(runs: int, duration_s: float | None, rounds: int) -> Iterator[tuple[float, float, float]]:

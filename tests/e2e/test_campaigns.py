@@ -28,10 +28,11 @@ SHORT = "extends: mitl\nclock: {duration_s: 0.4}\nrecording: {scene: false}\n"
 PLAN = """
 base: short.yaml
 axes: {environment.wind.mean_mps: [0, 6]}
-seeds: 1-4
+seeds: 1-3
 verdicts: [mission.cross_track_rms_m < 0.2, duration_s > 0.3]
 recordings: failures
 """
+RUNS = 6
 Process = subprocess.Popen[str]
 
 
@@ -49,9 +50,14 @@ def command(*arguments: str) -> list[str]:
 
 @contextmanager
 def begun(words: Sequence[str]) -> Iterator[Process]:
-    process = subprocess.Popen(
-        words, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    # A shell starts what goes on in the background with SIGINT ignored, and whoever is started by that inherits it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen(
+            words, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
     try:
         yield process
     finally:
@@ -140,34 +146,34 @@ def test_a_plan_from_the_command_line(undisturbed: list[dict[str, Any]]) -> None
     told = campaign("plan.yaml", "--workers", "4", "--out", "out", "--json", code=0)
     document = json.loads(told[: told.rindex("\n}") + 2])
     assert document["complete"] is True
-    assert document["runs"] == document["statuses"]["incomplete"] == 8
+    assert document["runs"] == document["statuses"]["incomplete"] == RUNS
     assert document["verdicts"][-1]["low"] < 1.0 <= document["verdicts"][-1]["high"]
     assert compared("out") == undisturbed
-    assert len({row["mission.cross_track_rms_m"] for row in undisturbed}) == 8  # seeds and winds do something
+    assert len({row["mission.cross_track_rms_m"] for row in undisturbed}) == RUNS  # seeds and winds do something
     parquet = pytest.importorskip("pyarrow.parquet")
-    assert parquet.read_table("out/results.parquet")["number"].to_pylist() == list(range(1, 9))
+    assert parquet.read_table("out/results.parquet")["number"].to_pylist() == list(range(1, RUNS + 1))
     assert "holds a campaign already" in campaign("plan.yaml", "--out", "out", code=2)
-    assert campaign("plan.yaml", "--out", "out", "--resume").count("8 of 8") >= 1
-    assert rows_in("out") == 8
+    assert campaign("plan.yaml", "--out", "out", "--resume").count(f"{RUNS} of {RUNS}") >= 1
+    assert rows_in("out") == RUNS
 
 
 def test_a_client_that_is_killed_is_resumed_and_leaves_no_run(
     undisturbed: list[dict[str, Any]], tmp_path: Path
 ) -> None:
     with begun(command("plan.yaml", "--workers", "2", "--out", "out")) as client:
-        wait_for(lambda: rows_in("out") >= 3 and runs_in(tmp_path))
+        wait_for(lambda: rows_in("out") >= 2 and runs_in(tmp_path))
         client.kill()
         wait_for(lambda: not runs_in(tmp_path))
     before = rows_in("out")
-    assert 3 <= before < 8
+    assert 2 <= before < RUNS
     campaign("plan.yaml", "--resume", "--out", "out")
     assert compared("out") == undisturbed
-    assert rows_in("out") == 8
+    assert rows_in("out") == RUNS
 
 
 def test_workers_and_runs_that_are_killed_change_nothing(undisturbed: list[dict[str, Any]], tmp_path: Path) -> None:
     with begun(command("plan.yaml", "--workers", "2", "--out", "out")) as client:
-        wait_for(lambda: rows_in("out") >= 2 and runs_in(tmp_path))
+        wait_for(lambda: rows_in("out") >= 1 and runs_in(tmp_path))
         first = wait_for(lambda: workers_of(client.pid))[0]
         os.kill(first, signal.SIGKILL)
         wait_for(lambda: len(set(workers_of(client.pid)) - {first}) == 2)  # replaced
@@ -193,9 +199,9 @@ def test_an_interrupted_one_ends_cleanly_and_goes_on(undisturbed: list[dict[str,
     assert compared(folder) == undisturbed
 
 
+GOOD = "from agent.fcu.control.heading_speed import HeadingSpeedController as Good"
 KINDS = {
-    "good.py:Good": "from agent.fcu.control.heading_speed import HeadingSpeedController as Good",
-    "hang.py:X": "import time; time.sleep(1e4)",
+    "good.py:Good": GOOD,
     "crash.py:X": "import os; os._exit(7)",
     "segv.py:X": "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
     "memory.py:X": "import subprocess, sys, time\n"
@@ -206,6 +212,27 @@ KINDS = {
 }
 
 
+def controllers(folder: Path) -> dict[str, dict[str, Any]]:
+    """Rows by the controller of each."""
+    return {row["autopilot.controller"].split("/")[-1]: row for row in ResultTable.read(folder).rows}
+
+
+def test_what_hangs_is_ended_and_tried_again(tmp_path: Path) -> None:
+    """The other is there for the first run, which is tried before. Whether it makes its 4 s is the machine's affair."""
+    Path("good.py").write_text(GOOD, encoding="utf-8")
+    Path("hang.py").write_text("import time; time.sleep(1e4)", encoding="utf-8")
+    Path("sail.yaml").write_text("extends: sitl\nclock: {duration_s: 0.2}\n", encoding="utf-8")
+    Path("hang.yaml").write_text(
+        "base: sail.yaml\naxes: {autopilot.controller: ['good.py:Good', 'hang.py:X']}\n"
+        "limits: {time_s: 4, attempts: 2}\n",
+        encoding="utf-8",
+    )
+    campaign("hang.yaml", "--workers", "2", "--out", "out", code=1)
+    row = controllers(Path("out"))["hang.py:X"]
+    assert (row["status"], row["attempts"]) == ("timeout", 2)
+    assert runs_in(tmp_path) == []
+
+
 def test_what_misbehaves_is_told_as_what_it_is(tmp_path: Path) -> None:
     for name, text in KINDS.items():
         if text:
@@ -213,14 +240,13 @@ def test_what_misbehaves_is_told_as_what_it_is(tmp_path: Path) -> None:
     Path("sail.yaml").write_text("extends: sitl\nclock: {duration_s: 0.2}\n", encoding="utf-8")
     Path("kinds.yaml").write_text(
         f"base: sail.yaml\naxes:\n  autopilot.controller: [{', '.join(KINDS)}]\n"
-        "limits: {time_s: 20, memory_mb: 500, attempts: 2}\nrecordings: all\n",
+        "limits: {memory_mb: 500, attempts: 2}\nrecordings: all\n",
         encoding="utf-8",
     )
     told = campaign("kinds.yaml", "--workers", "2", "--out", "out", code=1)
-    rows = {row["command"].split("/")[-1].split()[0]: row for row in ResultTable.read(Path("out")).rows}
+    rows = controllers(Path("out"))
     assert {name: (rows[name]["status"], rows[name]["attempts"]) for name in KINDS} == {
         "good.py:Good": ("incomplete", 1),
-        "hang.py:X": ("timeout", 2),
         "crash.py:X": ("crashed", 2),
         "segv.py:X": ("crashed", 2),
         "memory.py:X": ("memory", 2),
@@ -248,7 +274,7 @@ def scheduler(*before: str, host: str = "127.0.0.1", port: int = 0) -> Iterator[
 def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]]) -> None:
     with scheduler() as (process, address):
         with begun(command("plan.yaml", "--on", address, "--out", "out")) as client:
-            wait_for(lambda: rows_in("out") >= 2)
+            wait_for(lambda: rows_in("out") >= 1)
             process.kill()
             _, errors = client.communicate(timeout=ENOUGH_S)
             assert client.returncode == 2, errors
@@ -256,7 +282,7 @@ def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]
             assert "Traceback" not in errors
         away = campaign("plan.yaml", "--on", address, "--out", "out", "--resume", code=2)
         assert f"--on {address}: does not answer" in " ".join(away.split())
-    assert 2 <= rows_in("out") < 8
+    assert 1 <= rows_in("out") < RUNS
     with scheduler() as (_, address):
         campaign("plan.yaml", "--on", address, "--out", "out", "--resume")
     assert compared("out") == undisturbed
@@ -286,14 +312,16 @@ def test_a_scheduler_in_another_network_namespace(undisturbed: list[dict[str, An
                 pytest.skip(f"no link into a network namespace can be made here: {done.stderr.strip()}")
         with scheduler(*inside, host=there, port=8786) as (_, address):
             assert address == f"tcp://{there}:8786"
+            Path("plan.yaml").write_text(PLAN.replace("1-3", "1"), encoding="utf-8")
             campaign("plan.yaml", "--on", address, "--out", "out")
     finally:
         subprocess.run(["ip", "netns", "delete", name], check=False)
-    assert compared("out") == undisturbed
+    first = [row for row in undisturbed if row["seed"] == 1]
+    assert [row | {"number": 0} for row in compared("out")] == [row | {"number": 0} for row in first]
 
 
 def test_a_million_runs_by_accident_are_refused() -> None:
-    text = PLAN.replace("[0, 6]", "{from: 0, to: 20, count: 1000}").replace("1-4", "1-1000")
+    text = PLAN.replace("[0, 6]", "{from: 0, to: 20, count: 1000}").replace("1-3", "1-1000")
     Path("plan.yaml").write_text(text, encoding="utf-8")
     told = " ".join(campaign("plan.yaml", "--out", "out", code=2).split())
     assert "1000000 runs (1000 of environment.wind.mean_mps × 1000 seeds); add --yes if that is meant" in told

@@ -394,3 +394,18 @@ def _layers(axis: Axis, samples: int, seed: int) -> list[float]:
     rng = axis_generator(seed, axis.key)
     shares: list[float] = ((rng.permutation(samples) + rng.random(samples)) / max(samples, 1)).tolist()
     return shares
+
+
+def short(value: float) -> float | int:
+    """A number as people read it."""
+    rounded = float(f"{value:.4g}")
+    return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
+
+
+def value_text(value: Any) -> str:
+    """A value of an axis as a plan has it, numbers by four figures."""
+    if isinstance(value, float) and math.isfinite(value):
+        return str(short(value))
+    if isinstance(value, (tuple, list)):
+        return ", ".join(map(value_text, value))
+    return value if isinstance(value, str) else json.dumps(value)

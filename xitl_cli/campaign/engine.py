@@ -200,7 +200,7 @@ class Campaign:
             }
         if found["status"] == FAILED and any(text in (found["error"] or "") for text in _NO_ROOM):
             kept = f"{len(self.folder.done)} runs are kept; --resume goes on with the others"
-            raise FullDiskError(f"{self.folder.path}: no room for a run ({found['error']}); free space: {kept}")
+            raise FullDiskError(f"{self.folder.path}: {found['error']}: {kept}")
         self._check_figures(found.pop("summary", None), found["status"])
         values = {**plan.base_values, **point.values}
         verdicts = self._verdicts(found)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections import Counter
@@ -15,6 +14,7 @@ import numpy as np
 
 from sim_core.keys import unit_of
 from xitl_cli.campaign import pictures
+from xitl_cli.campaign.axes import short, value_text
 from xitl_cli.campaign.bisection import BoundaryFinding, Outcome
 from xitl_cli.campaign.compare import CampaignComparison, counted_statuses
 from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
@@ -140,7 +140,7 @@ def figures_section(table: ResultTable) -> Section:
             of = spread(np.array([float(row[figure]) for row in known]))
             worst = (max if upper else min)(known, key=lambda row, figure=figure: row[figure])  # type: ignore[misc]
             cells = (of.median, of.p95 if upper else of.p5, worst[figure])
-            row = (name if len(groups) > 1 else figure, of.runs, *map(_short, cells), worst["seed"])
+            row = (name if len(groups) > 1 else figure, of.runs, *map(short, cells), worst["seed"])
             by_figure.setdefault(figure, []).append(row)
     columns = ("runs", "median", "95 %", "worst", "of seed")
     if len(groups) > 1:
@@ -164,7 +164,7 @@ def _figure_plots(table: ResultTable, told: Sequence[Limit]) -> Iterable[Plot]:
             by_value: dict[str, list[float]] = {}
             for row in table.rows:
                 if _is_number(row.get(figure)):
-                    by_value.setdefault(_text(row.get(axis)), []).append(float(row[figure]))
+                    by_value.setdefault(value_text(row.get(axis)), []).append(float(row[figure]))
             if 2 <= len(by_value) <= _MOST_GROUPS:
                 yield pictures.boxes(figure, axis, by_value, at)
         values = [float(row[figure]) for row in table.rows if _is_number(row.get(figure))]
@@ -204,7 +204,7 @@ def boundary_sentence(search: Search, found: BoundaryFinding, axis: str, where: 
     ways = ("pass" if not found.rising else "fail", "fail" if not found.rising else "pass")
     runs = plural(int(found.counts.runs.sum()), "run")
     silent = f"; {plural(found.silent, 'run')} had no verdict and count neither way" if found.silent else ""
-    rates = ", ".join(f"{p} of {n} at {_short(x)}" for x, n, p in _rows(found))
+    rates = ", ".join(f"{p} of {n} at {short(x)}" for x, n, p in _rows(found))
     if found.outcome == Outcome.WITHOUT_VERDICT or found.estimate is None:
         return Finding.critical(
             key, f"Runs along {axis}{where} have no verdict: nothing can be said", (), "See what became of the runs."
@@ -229,7 +229,7 @@ def boundary_sentence(search: Search, found: BoundaryFinding, axis: str, where: 
     interval = found.estimate.interval
     within = f"{sure} interval {_interval_text(interval, unit)}"
     crosses = "Half of the runs fail" if search.spec.pass_rate == 0.5 else f"The pass rate crosses {rate}"
-    place = f"{axis} = {_short(found.estimate.value)}{unit}{where}"
+    place = f"{axis} = {short(found.estimate.value)}{unit}{where}"
     sentence = f"{crosses} at {place} ({within}, {runs}): they {ways[0]} below and {ways[1]} above"
     if found.outcome == Outcome.UNDECIDED:
         return Finding.notice(
@@ -270,7 +270,7 @@ def exploration_sentence(search: Search, found: ExplorationFinding, where: str, 
     place = _place_text(search, found.nearest)
     estimate = found.along.estimate
     sentence = (
-        f"Nearest to nominal ({at_home}) it begins to fail{where} at {place}: {_short(estimate.value)} of the ranges "
+        f"Nearest to nominal ({at_home}) it begins to fail{where} at {place}: {short(estimate.value)} of the ranges "
         f"away ({100 * search.spec.confidence:g} % interval {_interval_text(estimate.interval, '')}, {runs})"
     )
     if found.outcome == Outcome.UNDECIDED:
@@ -280,14 +280,14 @@ def exploration_sentence(search: Search, found: ExplorationFinding, where: str, 
 
 def _place_text(search: Search, shares: Sequence[float]) -> str:
     named = ((one.key, one.value(share), unit_of(one.key)) for one, share in zip(search.ranges, shares, strict=True))
-    return ", ".join(f"{key} = {_short(value)} {unit}".rstrip() for key, value, unit in named)
+    return ", ".join(f"{key} = {short(value)} {unit}".rstrip() for key, value, unit in named)
 
 
 def _points_grid(key: str, title: str, search: Search, found: BoundaryFinding) -> Grid:
     rows = []
     for at, runs, passed in _rows(found):
         interval = wilson_interval(passed, runs, search.spec.confidence)
-        rows.append((_short(at), runs, passed, round(passed / runs, 3), _interval_text(interval, "")))
+        rows.append((short(at), runs, passed, round(passed / runs, 3), _interval_text(interval, "")))
     unit = unit_of(search.ranges[0].key)
     columns = (f"value ({unit})" if unit else "value", "runs", "passed", "rate", "interval (Wilson)")
     return Grid(key, title, columns, tuple(rows))
@@ -300,7 +300,7 @@ def _exploration_grid(key: str, search: Search, found: ExplorationFinding, where
     nearest = sorted(failing, key=lambda point: math.dist(point.place, home))[:_WORST]
     rows = tuple(
         (
-            *(_short(one.value(share)) for one, share in zip(search.ranges, point.place, strict=True)),
+            *(short(one.value(share)) for one, share in zip(search.ranges, point.place, strict=True)),
             round(math.dist(point.place, home), 3),
             point.runs,
             point.passed,
@@ -325,7 +325,7 @@ def sensitivity_section(table: ResultTable, spec: SensitivitySpec, places: Seque
 
 def _strongest(told: Sensitivity, spec: SensitivitySpec) -> Finding:
     first = told.effects[0]
-    share = f"total index {_short(first.total)}" if told.method == "sobol" else f"mu* = {_short(first.total)}"
+    share = f"total index {short(first.total)}" if told.method == "sobol" else f"mu* = {short(first.total)}"
     left_out = f"; {plural(told.dropped, 'group')} of runs without the figure left out" if told.dropped else ""
     sure = f"{100 * spec.confidence:g} % interval {_interval_text(first.total_interval, '')}"
     close = [one.axis for one in told.effects[1:] if one.total_interval.high >= first.total_interval.low]
@@ -344,10 +344,10 @@ def _effects_grid(told: Sensitivity) -> Grid:
     rows = tuple(
         (
             one.axis,
-            _short(one.total),
+            short(one.total),
             _interval_text(one.total_interval, ""),
-            _short(one.main),
-            _interval_text(one.main_interval, "") if one.main_interval is not None else _short(one.interaction or 0.0),
+            short(one.main),
+            short(one.interaction or 0.0) if one.main_interval is None else _interval_text(one.main_interval, ""),
         )
         for one in told.effects
     )
@@ -371,8 +371,8 @@ def elasticity_section(table: ResultTable) -> Section:
 
 
 def _elasticity_row(one: Elasticity) -> tuple[Value, ...]:
-    shown = "" if one.elasticity is None else _short(one.elasticity)
-    return one.axis, shown, _short(one.slope), _interval_text(one.interval, "") if one.interval else "", one.seeds
+    shown = "" if one.elasticity is None else short(one.elasticity)
+    return one.axis, shown, short(one.slope), _interval_text(one.interval, "") if one.interval else "", one.seeds
 
 
 def _series(
@@ -423,11 +423,11 @@ def worst_section(table: ResultTable) -> Section:
     rows = tuple(
         (
             row["number"],
-            _short(row[figure]) if _is_number(row.get(figure)) else "",
+            short(row[figure]) if _is_number(row.get(figure)) else "",
             str(row.get("status")) if not row.get("error") else f"{row['status']}: {row['error']}",
             {True: "yes", False: "no", None: ""}[row.get("passed")],
             row["seed"],
-            ", ".join(f"{axis} = {_text(row.get(axis))}" for axis in table.axes),
+            ", ".join(f"{axis} = {value_text(row.get(axis))}" for axis in table.axes),
             str(row.get("command") or ""),
         )
         for row in worst
@@ -460,7 +460,7 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
         of = one.difference
         interval = "" if of.interval is None else _interval_text(of.interval, "")
         effect = None if of.effect is None else round(of.effect, 2)
-        means = (_short(of.mean_a), _short(of.mean_b), _short(of.mean))
+        means = (short(of.mean_a), short(of.mean_b), short(of.mean))
         figures.append(
             (one.figure, *means, interval, _p_text(one.adjusted), effect, _p_text(of.wilcoxon_p_value), of.pairs)
         )
@@ -471,7 +471,7 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
             findings.append(
                 Finding.notice(
                     f"compare.{one.figure}",
-                    f"{one.figure} is {way} in B by {_short(abs(of.mean))}{unit} in the mean ({sure} interval "
+                    f"{one.figure} is {way} in B by {short(abs(of.mean))}{unit} in the mean ({sure} interval "
                     f"{_interval_text(size, unit)}), p {_p_text(one.adjusted)} over {plural(of.pairs, 'pair')}",
                     (),
                     _LOOK_AT_A_PAIR,
@@ -561,7 +561,7 @@ def _groups(table: ResultTable) -> dict[str, list[Row]]:
 def _group_text(group: Mapping[str, Any]) -> str:
     """`wind.mean_mps = 4`; of files and parts only what tells them apart."""
     return ", ".join(
-        value.rpartition("/")[2] if isinstance(value, str) else f"{'.'.join(key.split('.')[-2:])} = {_text(value)}"
+        value.rpartition("/")[2] if isinstance(value, str) else f"{'.'.join(key.split('.')[-2:])} = {value_text(value)}"
         for key, value in group.items()
     )
 
@@ -582,10 +582,10 @@ def _rows(found: BoundaryFinding) -> list[tuple[float, int, int]]:
 
 def _interval_text(interval: Interval, unit: str) -> str:
     if math.isinf(interval.low):
-        return f"below {_short(interval.high)}{unit}"
+        return f"below {short(interval.high)}{unit}"
     if math.isinf(interval.high):
-        return f"above {_short(interval.low)}{unit}"
-    return f"{_short(interval.low)} to {_short(interval.high)}{unit}"
+        return f"above {short(interval.low)}{unit}"
+    return f"{short(interval.low)} to {short(interval.high)}{unit}"
 
 
 def _p_cell(value: float | None) -> str:
@@ -596,18 +596,6 @@ def _p_text(value: float | None) -> str:
     if value is None:
         return ""
     return "< 0.0001" if value < 1e-4 else f"= {value:.2g}"
-
-
-def _short(value: float) -> float | int:
-    """Four figures."""
-    rounded = float(f"{value:.4g}")
-    return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
-
-
-def _text(value: Any) -> str:
-    if _is_number(value):
-        return str(_short(value))
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _is_number(value: Any) -> bool:

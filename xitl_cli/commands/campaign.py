@@ -229,6 +229,8 @@ def _report(table: ResultTable) -> Path:
 
 def _show_points(plan: CampaignPlan, as_json: bool) -> None:
     """`--dry-run`."""
+    from xitl_cli.campaign.axes import value_text
+
     keys = (*plan.axis_keys, "seed")
     points = plan.points()
     if as_json:
@@ -256,17 +258,6 @@ def _show_points(plan: CampaignPlan, as_json: bool) -> None:
     first = next(plan.points(), None)
     if first is not None:
         console.print(f"the first: {plan.base.command(first)}", soft_wrap=True)
-
-
-def value_text(value: Any) -> str:
-    """A value of an axis or a figure, as tables show it."""
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return ", ".join(map(value_text, value)) if isinstance(value, (tuple, list)) else str(value)
 
 
 def result_document(table: ResultTable, complete: bool, page: Path | None) -> dict[str, Any]:

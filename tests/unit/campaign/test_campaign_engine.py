@@ -193,10 +193,14 @@ def test_a_full_disk_stops_it_and_loses_nothing(plan: CampaignPlan, tmp_path: Pa
 
 def test_a_run_that_found_no_room_is_not_told_as_a_failure_of_the_boat(plan: CampaignPlan, tmp_path: Path) -> None:
     def full(task: RunTask, attempt: int) -> Row:
-        return {**ended(task, FAILED, began=False), "error": "no room for a run (No space left on device)"}
+        return {
+            **ended(task, FAILED, began=False),
+            "error": "run.mcap: the recording cannot be written (No space left on device); free space and run again",
+        }
 
-    with pytest.raises(FullDiskError, match="free space"):
+    with pytest.raises(FullDiskError, match="free space and run again: 0 runs are kept") as told:
         carried_out(plan, tmp_path / "a", ImaginedWorkers(full))
+    assert str(told.value).count("free space") == 1
     assert len(ResultTable.read(tmp_path / "a")) == 0
 
 
