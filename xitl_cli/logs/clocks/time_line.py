@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -176,6 +176,9 @@ class AlignedLog(Log):
 
     def frame_tables(self, topic: str) -> Mapping[str, Table]:
         return self.inner.frame_tables(topic)
+
+    def payloads(self, topic: str) -> Iterator[bytes]:
+        return self.inner.payloads(topic)
 
     def close(self) -> None:
         self.inner.close()
