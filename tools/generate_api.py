@@ -23,8 +23,9 @@ from xitl_cli.logs.report.model import Report
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, EXAMPLE = ROOT / "docs" / "api.md", "examples/plot_a_run.py"
 FUNCTIONS = (
-    xitl.simulate, xitl.load_profile, xitl.wdri, xitl.open_log, xitl.analyze, xitl.compare, xitl.campaign, xitl.paper,
-)  # fmt: skip
+    *(xitl.simulate, xitl.load_profile, xitl.wdri, xitl.open_log, xitl.analyze, xitl.compare, xitl.campaign),
+    *(xitl.paper, xitl.replay_html, xitl.picture),
+)
 RESULTS = (xitl.Result, Log, Table, Report, Comparison, Wdri, ExperimentReport)
 ERRORS = (xitl.UserError, xitl.LogError)
 _SPECIAL = ("__getitem__", "__len__", "__iter__")

@@ -18,7 +18,19 @@ from typing import TYPE_CHECKING, Any
 from agent import __version__
 
 if TYPE_CHECKING:
-    from xitl_cli.api import Result, analyze, campaign, compare, load_profile, open_log, paper, simulate, wdri
+    from xitl_cli.api import (
+        Result,
+        analyze,
+        campaign,
+        compare,
+        load_profile,
+        open_log,
+        paper,
+        picture,
+        replay_html,
+        simulate,
+        wdri,
+    )
     from xitl_cli.errors import UserError
     from xitl_cli.logs.model.errors import LogError
 
@@ -33,6 +45,8 @@ __all__ = [
     "load_profile",
     "open_log",
     "paper",
+    "picture",
+    "replay_html",
     "simulate",
     "wdri",
 ]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from xitl_cli.commands.output import tell_damage
 from xitl_cli.end_signals import end_signals_handled
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import duration_text, printable
@@ -53,7 +54,9 @@ def view(
     host: Annotated[
         str, typer.Option("--view-host", metavar="HOST", help="Where to listen; with a token unless 127.0.0.1.")
     ] = "127.0.0.1",
-    port: Annotated[int | None, typer.Option("--port", metavar="N", help="At this port; else a free one.")] = None,
+    port: Annotated[
+        int | None, typer.Option("--port", metavar="N", min=1, max=65535, help="At this port; else a free one.")
+    ] = None,
     open_page: Annotated[
         bool, typer.Option("--open/--no-open", help="Open a browser where there is a desktop.")
     ] = True,
@@ -74,6 +77,7 @@ def view(
     with open_scene([_log_in(path) for path in logs], vessel) as recording:
         for note in recording.scene.notes:
             typer.echo(printable(f"note: {note}"), err=True)
+        tell_damage(*recording.logs)
         if html is None and png is None and gif is None:
             _serve(recording, host, port, at_s, dark, open_page)
             return

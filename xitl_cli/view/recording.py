@@ -139,6 +139,11 @@ class LogScene:
         """Of the vessels that a log is of."""
         return tuple(one.name for one in self._placed)
 
+    @property
+    def logs(self) -> tuple[Log, ...]:
+        """One of each file."""
+        return tuple({one.log.path: one.log for one in self._placed}.values())
+
     def track(self, name: str) -> VesselTrack:
         """What is known of one vessel over time."""
         return next(one.track for one in self._placed if one.name == name)
@@ -258,6 +263,8 @@ def _open_vessels(path: Path, vessel: str | None, opened: ExitStack) -> Iterator
     """The log, or of a recording of several vessels one of each."""
     log = opened.enter_context(open_log(path))
     if not log.vessels:
+        if vessel and log.base == "simulation":
+            open_log(path, vessel)  # which refuses it
         yield log
         return
     for name in (vessel,) if vessel else log.vessels:
