@@ -5,4 +5,7 @@ scene.py       the scene that a run records, and its profile, to a ViewScene
 shapes.py      triangles: cylinders, boxes, arrows, propellers, a plain boat
 water.py       the surface as a grid that the waves of the run move
 drawing.py     SceneDrawing: a ViewScene and its instants as nodes of a viser server
+recording.py   LogScene: logs of runs and vehicles on one time line and in one map -> ViewScene, ViewInstant at any time
+tracks.py      what a log tells of one vessel over time
+replay.py      a LogScene on a server; timeline.py: its page; replay_page: one file that plays it; pictures.py: PNG, GIF
 """
