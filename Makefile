@@ -5,7 +5,7 @@ AGENT_PYTHON ?= python3.9
 AGENT_VENV := build/agent-python
 BIN := $(VENV)/bin
 
-.PHONY: run package test test-fast test-agent lint format types dialect check-dialect pages docs pictures bench figures paper soak wheel lock clean
+.PHONY: run package test test-fast test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -83,6 +83,10 @@ bench: $(VENV)/.dev  ## measure; asserts nothing
 figures: $(VENV)/.dev  ## the three environments with twenty seeds each, and their table in README.md
 	$(BIN)/xitl campaign environments --out runs/figures --report || test $$? = 1
 	$(BIN)/python tools/write_figures.py runs/figures README.md
+
+figures-of-vehicles: $(VENV)/.dev  ## every vessel in the three environments with twenty seeds each, an hour or more, and the table in docs/vehicles.md
+	$(BIN)/xitl campaign vehicles --out runs/figures-of-vehicles --report || test $$? = 1
+	$(BIN)/python tools/write_figures.py runs/figures-of-vehicles docs/vehicles.md
 
 paper: $(VENV)/.dev  ## the paper's experiments, and their tables and figures in docs/paper.md
 	$(BIN)/xitl paper all --out runs/paper --overwrite --report || test $$? = 1

@@ -1,4 +1,4 @@
-"""The figures of a campaign as a table in a page, between two marks. `make figures` does it for README.md.
+"""The figures of a campaign as a table in a page, between two marks. `make figures` does it for README.md, `make figures-of-vehicles` for a page.
 
     python tools/write_figures.py runs/figures README.md
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from xitl_cli.campaign.statistics import spread
 
 BEGIN, END = "<!-- figures -->", "<!-- end of figures -->"
 COLUMNS = {
+    "time": ("duration_s", "s"),
     "cross-track RMS": ("mission.cross_track_rms_m", "m"),
     "at most": ("mission.cross_track_max_m", "m"),
     "estimate off, RMS": ("estimation.position_rms_m", "m"),
@@ -28,24 +30,34 @@ COLUMNS = {
 
 
 def figures_table(table: ResultTable) -> str:
-    """A row for each value of the first axis, in Markdown."""
-    (axis, *_) = table.axes
-    groups: dict[str, list[Row]] = {}
+    """A row for each combination of the axes beside the seed, in Markdown; of COLUMNS those that were kept."""
+    axes = [axis for axis in table.axes if axis != "seed"]
+    columns = {head: column for head, column in COLUMNS.items() if any(column[0] in row for row in table.rows)}
+    groups: dict[tuple[str, ...], list[Row]] = {}
     for row in table.rows:
-        groups.setdefault(str(row[axis]).rpartition("/")[2], []).append(row)
-    head = ["", "completed", *COLUMNS]
+        groups.setdefault(tuple(str(row[axis]).rpartition("/")[2] for axis in axes), []).append(row)
+    head = [*("" for _ in axes), "completed", *columns]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     statuses = counted_statuses(table.verdicts)
-    for name, rows in groups.items():
+    for names, rows in groups.items():
         completed = sum(row["status"] == "completed" for row in rows)
-        cells = [name, f"{completed} of {len(rows)}"]
-        for figure, unit in COLUMNS.values():
-            values = [row[figure] for row in rows if row["status"] in statuses and row.get(figure) is not None]
-            told = spread(np.array(values, dtype=np.float64)) if values else None
-            between = "" if unit == "°" else " "
-            cells.append("–" if told is None else f"{told.median:.2f}{between}{unit}, {told.p95:.2f}{between}{unit}")
+        counted = [row for row in rows if row["status"] in statuses]
+        cells = [
+            *names,
+            f"{completed} of {len(rows)}",
+            *(_spread_cell(counted, *column) for column in columns.values()),
+        ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _spread_cell(rows: Sequence[Row], figure: str, unit: str) -> str:
+    values = [row[figure] for row in rows if row.get(figure) is not None]
+    if not values:
+        return "–"
+    told = spread(np.array(values, dtype=np.float64))
+    digits, between = (0, " ") if unit == "s" else (2, "" if unit == "°" else " ")
+    return ", ".join(f"{value:.{digits}f}{between}{unit}" for value in (told.median, told.p95))
 
 
 def with_table(page: str, table: str) -> str:

@@ -1,6 +1,6 @@
 """Every shipped vessel under way in the third of the three environments, by the autopilot's own allocation and gains.
 
-The whole missions in all environments are `python examples/vessels_and_weather.py`; docs/vehicles.md has their figures.
+The whole missions in all environments are `xitl campaign vehicles`; docs/vehicles.md has their figures.
 """
 
 from __future__ import annotations
