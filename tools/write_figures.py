@@ -1,4 +1,4 @@
-"""The figures of a campaign as a table in a page, between two marks. `make figures` does it for README.md, `make figures-of-vehicles` for a page.
+"""The figures of a campaign as a table in a page, between two marks: `make figures`, `make figures-of-vehicles`.
 
     python tools/write_figures.py runs/figures README.md
 
