@@ -24,6 +24,7 @@ from tests.bench import (
     bench_logs_mcap,
     bench_logs_tlog,
     bench_rays,
+    bench_view,
 )
 from tests.bench.bench_ground import attitude_gap_ms, parameter_list_s
 from tests.bench.bench_link import agent_cpu_percent, lost_messages, round_trip_ratios
@@ -153,6 +154,7 @@ FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("one vessel step with environment, N = 1", "< 150, aim 73", "us", one_vessel_us),
     ("a vessel of 1024 is cheaper by", ">= 50", "x", batch_ratios),
     *bench_fleet_step.FIGURES,
+    *bench_view.FIGURES,
     ("xitl --help", "< 0.5", "s", help_s),
     ("agent process until it listens", "< 0.5", "s", agent_start_s),
     ("all parameters to a ground station", "< 2", "s", parameter_list_s),
