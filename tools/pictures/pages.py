@@ -63,10 +63,3 @@ def example(workplace: Workplace, path: Path) -> None:
     )  # fmt: skip
     path.write_bytes((workplace.folder / "plot_a_run.png").read_bytes())
     fewer_colours(path)
-
-
-def wdri_graphs(workplace: Workplace, path: Path) -> None:
-    """The paper's eight."""
-    workplace.typed("xitl paper wdri --out runs/wdri")
-    path.write_bytes((workplace.folder / "runs/wdri/wdri-graphs.png").read_bytes())
-    fewer_colours(path)

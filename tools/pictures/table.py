@@ -1,4 +1,4 @@
-"""Every picture of docs/img, and what makes it. No other file belongs there."""
+"""Every picture of docs/img, and what makes it; those of the paper's page, paper-…, are made by `make paper`."""
 
 from __future__ import annotations
 
@@ -49,7 +49,6 @@ PICTURES: dict[str, Maker] = {
     "vehicle-check.svg": typed("xitl init my-boat", "xitl vehicle check my-boat"),
     "make-run.gif": scenes.first_run,
     "view.png": scenes.view,
-    "wdri-graphs.png": pages.wdri_graphs,
     "report.png": pages.first_report,
     "findings.png": pages.cut_report,
     "validation.png": pages.validation,
