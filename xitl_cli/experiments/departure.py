@@ -34,7 +34,7 @@ ENVIRONMENTS = {
 IDEAL, WAVES, GUSTS = ENVIRONMENTS
 OWN, OURS, EMBEDDED = "own", "ours", "embedded"
 PROFILES = {OWN: "sitl-ardupilot", OURS: "sitl-ardupilot-ahrs", EMBEDDED: "sitl"}
-WAYS = {OWN: "own sensors", OURS: "our sensors", EMBEDDED: "embedded autopilot"}
+WAYS = {OWN: "own sensors", OURS: "our sensors", EMBEDDED: "embedded"}
 EVENTS = {
     "time_to_origin_s": "EKF origin set",
     "time_to_ready_s": "ready to arm",
@@ -228,7 +228,7 @@ def _traces(directory: Path) -> DepartureTraces:
 def _report(departures: Sequence[DepartureRun], traces: Sequence[DepartureTraces], note: str) -> ExperimentReport:
     pairs = list(zip(departures, traces, strict=True))
     firmware = departures[0].firmware
-    whose = f"ArduPilot {firmware}" if firmware else f"the {WAYS[departures[0].sensors]}"
+    whose = f"ArduPilot {firmware}" if firmware else "the embedded autopilot"
     return ExperimentReport(
         section="4.2",
         title=f"Departure of {whose} in three environments",

@@ -107,8 +107,12 @@ class LoopSide:
 
 @dataclass(frozen=True, slots=True)
 class BoomMap:
-    """online_ned_m, offline_ned_m (N, 3): the map by the true pose where it began. boom_ne_m (K, 2): of its floats."""
+    """name: of its side. online_ned_m, offline_ned_m (N, 3): its map by the true pose where it began.
 
+    boom_ne_m (K, 2): middles of the boom's floats. report: as of `xitl map`.
+    """
+
+    name: str
     online_ned_m: Floats
     offline_ned_m: Floats
     boom_ne_m: Floats
@@ -135,7 +139,8 @@ def two_loops_report(setup: ExperimentSetup) -> ExperimentReport:
     boom_maps: list[BoomMap] = []
     if maps:
         setup.tell("odometry and maps again, from the recordings")
-        boom_maps = [measured for result in results if (measured := boom_map(result.recording)) is not None]
+        measured = [boom_map(name, result.recording) for name, result in zip((SITL, HITL), results, strict=True)]
+        boom_maps = [one for one in measured if one is not None]
     note = f"SITL in lockstep; HITL: {hardware.said}"
     without = "" if maps else f" No maps: {', '.join(PERCEPTION.missing)} not installed; {PERCEPTION.pip_line}."
     figures = [
@@ -270,7 +275,7 @@ def loop_side(name: str, directory: Path) -> LoopSide:
         )
 
 
-def boom_map(recording: Path) -> BoomMap | None:
+def boom_map(name: str, recording: Path) -> BoomMap | None:
     """The map of the run and the one from its recording; None where the run made none."""
     from xitl_cli.mapping.clouds import map_points
     from xitl_cli.mapping.rebuild import measure, profile_of
@@ -284,6 +289,7 @@ def boom_map(recording: Path) -> BoomMap | None:
         profile = profile_of(log)
         boom = None if profile is None else Scenery(profile).boom
         return BoomMap(
+            name,
             _placed(found, found.online.stamp_ns[0], online),
             _placed(found, found.rebuilt.trajectory.stamp_ns[0], found.rebuilt.points_odom_m),
             np.empty((0, 2)) if boom is None else np.asarray(boom.centre_ned_m[:, :2], dtype=np.float64),
@@ -406,19 +412,19 @@ def _rows(
                 f"{base.name} off a line, {side.name.upper()}", printed_base, round(1e3 * base.rms_s, 3), "ms",
                 f"At {base.rate_hz:.3f} Hz over {base.time_s[-1]:.0f} s of {kind} time.",
             )  # fmt: skip
-    for side, one in zip(sides, maps, strict=False):
+    for one in maps:
         online = (one.report["online"] or {}).get("mapping", {})
         yield PaperRow(
-            f"boom's points off it, {side.name.upper()}", None, _number(online.get("boom_rms_m")), "m",
+            f"boom's points off it, {one.name.upper()}", None, _number(online.get("boom_rms_m")), "m",
             "Of the map made during the run, RMS; the paper shows its maps.",
         )  # fmt: skip
         apart = (one.report["difference"] or {}).get("map_rms_m")
         yield PaperRow(
-            f"offline map apart, {side.name.upper()}",
-            "slightly" if side.name == SITL else "alike",
+            f"offline map apart, {one.name.upper()}",
+            "slightly" if one.name == SITL else "alike",
             _number(apart),
             "m",
-            _map_said(side.name, _number(apart)),
+            _map_said(one.name, _number(apart)),
         )
 
 
@@ -554,12 +560,12 @@ def _draw_bases(figure: Figure, sides: Sequence[LoopSide]) -> None:
 def _draw_maps(figure: Figure, maps: Sequence[BoomMap]) -> None:
     """A row for each run: online and offline."""
     panels = figure.subplots(len(maps), 2, sharex=True, sharey=True, squeeze=False)
-    for row, (one, name) in enumerate(zip(maps, (SITL, HITL), strict=False)):
+    for row, one in enumerate(maps):
         for axes, words, points in zip(
             panels[row], ("online", "offline"), (one.online_ned_m, one.offline_ned_m), strict=True
         ):
-            _draw_map(axes, points, one.boom_ne_m, _colours()[name])
-            axes.set_title(f"{name.upper()}, {words}")
+            _draw_map(axes, points, one.boom_ne_m, _colours()[one.name])
+            axes.set_title(f"{one.name.upper()}, {words}")
     for axes in panels[-1]:
         axes.set_xlabel("east (m)")
     for axes in panels[:, 0]:
