@@ -22,7 +22,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "CONTRIBUTING.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")))
-NEEDS = ("board", "firmware", "network", "ground station", "vehicle", "perception", "superuser", "a running simulation")
+NEEDS = (
+    "board",
+    "firmware",
+    "network",
+    "ground station",
+    "vehicle",
+    "perception",
+    "superuser",
+    "a running simulation",
+    "browser",
+)
 PROGRAMS = ("xitl", "make", "pip", "git", "cd", "echo", "ip", "python", "python3", "ardurover", "mavproxy.py", "px4")
 COMMANDS, CONSOLE, FILE, CODE, SIGNATURE, PATCH = "commands", "console", "file", "code", "signature", "patch"
 OUTPUT, SHAPE, TYPED, DRAWING = "output of", "shape of", "typed", "drawing"

@@ -29,7 +29,7 @@ NOTHING = DeploySettings(service=False, options=None, files={})
 def archive(program: str = "print('xitl agent 1')") -> bytes:
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w") as opened:
-        opened.writestr("__main__.py", program)
+        opened.writestr(zipfile.ZipInfo("__main__.py"), program)  # without the time of day
     return made.getvalue()
 
 
