@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -46,7 +47,8 @@ def test_a_cut_link_and_a_clock_that_leapt_are_reported_with_their_times(tmp_pat
     told = {(finding["key"], finding["file"]): finding for finding in found["findings"]}
     for file in ("autopilot.bin", "run.mcap"):
         step = told["time_bases.step", file]
-        assert "0.500 s ahead" in step["sentence"]
+        (ahead_s,) = re.findall(r"stepped ([\d.]+) s ahead", step["sentence"])
+        assert float(ahead_s) == pytest.approx(0.5, abs=0.01)  # what delays a message on a busy machine is in it
         assert step["evidence"][0]["at_s"] == pytest.approx(4.0, abs=0.25)  # clocks are read ten times a second
     assert told["links.silence", "run.mcap"]["evidence"][0]["at_s"] == pytest.approx(1.0, abs=0.2)
     assert "sensors.recording_pauses" not in keys(found, "warning", "critical")
