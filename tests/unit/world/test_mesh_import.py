@@ -75,7 +75,7 @@ def test_what_looks_like_millimetres_is_warned_of(tmp_path: Path) -> None:
         ("none.ply", b"", "cannot be read as ply"),
         ("noise.glb", bytes(range(256)), "cannot be read as glb"),
         ("noise.dae", b"<COLLADA>", "cannot be read as dae"),
-        ("short.stl", b"\0" * 80 + b"\xff\xff\0\0" + b"\1" * 500, "cannot be read as stl"),
+        ("short.stl", b"\0" * 80 + b"\xff\xff\0\0" + b"\1" * 500, "cannot be read as stl|has no triangles"),
         ("nan.obj", b"v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "has vertices that are not numbers"),
         ("wild.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 900\n", "cannot be read as obj|has no triangles"),
         ("model.step", b"", "is not of a known format; use one of stl, dae"),
