@@ -125,7 +125,7 @@ def _serve(recording: LogScene, host: str, port: int | None, at_s: float | None,
     from xitl_cli.view.server import has_desktop, listen, open_browser
     from xitl_cli.view.timeline import RecordingPage
 
-    listener, address = listen(host, port)
+    listener, address = listen(host, port, "--view-host", "--port")
     ended = threading.Event()
     with end_signals_handled(lambda number, frame: ended.set(), signal.SIGINT):
         page = RecordingPage(recording, listener, address, at_s=at_s, dark=dark)

@@ -72,10 +72,12 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def listen(host: str, port: int | None, named: str = "view") -> tuple[socket.socket, ViewAddress]:
+def listen(
+    host: str, port: int | None, host_key: str = "view.host", port_key: str = "view.port"
+) -> tuple[socket.socket, ViewAddress]:
     """A socket that listens, so that a browser may come before the page is there.
 
-    port: None for the usual one, or another where that is taken. named: of the keys, for the errors.
+    port: None for the usual one, or another where that is taken. host_key, port_key: what the errors call them.
 
     Raises UserError for an address that this machine has not, and for a given port that is taken.
     """
@@ -89,15 +91,15 @@ def listen(host: str, port: int | None, named: str = "view") -> tuple[socket.soc
                 continue
             if error.errno == errno.EADDRINUSE:
                 raise UserError(
-                    f"{named}.port = {port}: somebody else listens there; leave it out to have a free one"
+                    f"{port_key} = {port}: somebody else listens there; leave it out to have a free one"
                 ) from error
             reason = error.strerror or str(error)
             raise UserError(
-                f"{named}.host = {host}: cannot listen there at port {tried} ({reason}); "
+                f"{host_key} = {host}: cannot listen there at port {tried} ({reason}); "
                 "use an address of this machine, such as 127.0.0.1"
             ) from error
         return listener, ViewAddress(host, tried, token, first if tried != first else None)
-    raise UserError(f"{named}: no port from {first} to {first + TRIED - 1} is free; give one by {named}.port")
+    raise UserError(f"no port from {first} to {first + TRIED - 1} is free for the view; give one by {port_key}")
 
 
 def _bound(host: str, port: int) -> socket.socket:

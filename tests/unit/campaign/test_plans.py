@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import xitl
 from xitl_cli.campaign.axes import RunPoint
 from xitl_cli.campaign.engine import check_figures
 from xitl_cli.campaign.plan import CampaignPlan, PlanError, find_plan, read_plan, seeds_of
 from xitl_cli.errors import UserError
 from xitl_cli.profile.load import load_with_origins
 
+CAMPAIGNS = Path(__file__).parents[3] / "campaigns"
 BASE = "base: mitl\n"
 
 
@@ -192,3 +197,22 @@ def test_a_figure_that_no_summary_has(text: str, said: str, tmp_path: Path) -> N
         check_figures(found, SUMMARY)
     assert said in str(error.value)
     check_figures(plan(tmp_path, BASE + "verdicts: [links.0.lost == 0, driver.completed]"), SUMMARY)
+
+
+@pytest.fixture(scope="module")
+def summary_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str, Any]]:
+    @cache
+    def ran(base: str) -> dict[str, Any]:
+        own = {"clock.mode": "lockstep", "clock.duration_s": 0.5}
+        return xitl.simulate(base, overrides=own, out=tmp_path_factory.mktemp("runs") / base).summary
+
+    return ran
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(path.stem for path in CAMPAIGNS.glob("*.yaml")))
+def test_a_shipped_plan_asks_for_figures_that_there_are(name: str, summary_of: Callable[[str], dict[str, Any]]) -> None:
+    shipped = read_plan(find_plan(name))
+    # What differs with stock firmware is not kept by the plan that compares two.
+    base = "sitl" if shipped.base.name == "sitl-ardupilot" else shipped.base.name
+    check_figures(shipped, summary_of(base))
