@@ -79,7 +79,7 @@ class ObstacleAvoidance:
     margin_m: water kept between hull and obstacle. horizon_s: how far ahead collisions are looked for. speed_mps: of
     the vessel where its mission does not say. length_m, width_m: of the vessel. waterline_m: the water below the
     body's origin. range_m: obstacles farther away are ignored. avoids: False only detects and tracks. view_yaw_rad:
-    direction of the lidar, clockwise from the bow.
+    direction of the lidar, clockwise from the bow. vessels: long things may be other vessels.
     """
 
     def __init__(
@@ -93,9 +93,10 @@ class ObstacleAvoidance:
         range_m: float = 60.0,
         avoids: bool = True,
         view_yaw_rad: float = 0.0,
+        vessels: bool = False,
     ) -> None:
         self.vehicle = AutopilotState()
-        self.tracker = ObstacleTracker()
+        self.tracker = ObstacleTracker(vessels)
         self.detector = ObstacleDetector(range_m, waterline_m)
         self._current = CurrentEstimator()
         begin_m = TUNED.begin_share * margin_m

@@ -97,6 +97,7 @@ class CompanionRole(Role):
             waterline_m=settings["HULL_WATER"],
             range_m=settings["AVD_RANGE"],
             avoids=bool(settings["AVD_ENABLE"]),
+            vessels=bool(settings["AVD_VESSELS"]),
             view_yaw_rad=math.radians(settings["LIDAR_YAW"]),
         )
         return Perception(settings, avoidance, self._lockstep, lambda text: self.add_event(_WARNING, text))

@@ -15,6 +15,7 @@ TABLE = (
     Parameter("AVD_HORIZON", 12.0, 2.0, 60.0, "s", "how far ahead collisions are looked for"),
     Parameter("AVD_MARGIN", 3.0, 0.5, 30.0, "m", "water kept between hull and obstacle"),
     Parameter("AVD_RANGE", 60.0, 5.0, 260.0, "m", "obstacles farther away are ignored"),
+    Parameter("AVD_VESSELS", 0, 0, 1, "", "1 takes what is long and moves for another vessel, 0 for structure"),
     Parameter("HULL_LENGTH", 2.3, 0.2, 100.0, "m", "of the vessel"),
     Parameter("HULL_WATER", 0.15, -5.0, 10.0, "m", "from the body's origin down to the water at rest"),
     Parameter("HULL_WIDTH", 1.6, 0.1, 50.0, "m", "of the vessel"),

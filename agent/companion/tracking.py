@@ -400,9 +400,13 @@ class ObstacleTrack:
 
 
 class ObstacleTracker:
-    """`update` with the clusters of each look; `confirmed` are the tracks to avoid."""
+    """`update` with the clusters of each look; `confirmed` are the tracks to avoid.
 
-    def __init__(self) -> None:
+    vessels: what is long and seen to move is another vessel; without, all that is long is structure.
+    """
+
+    def __init__(self, vessels: bool = False) -> None:
+        self._vessels = vessels
         self.structure = StructureMap()
         self.total = 0  # confirmed so far
         self._tracks: list[ObstacleTrack] = []
@@ -464,7 +468,7 @@ class ObstacleTracker:
         if thing.stamp_ns <= track.seen_ns + 20_000_000:
             return
         track.correct(thing, view)
-        if track.hits_needed < TUNED.track_wet_hits and track.note_motion(thing, view):
+        if self._vessels and track.hits_needed < TUNED.track_wet_hits and track.note_motion(thing, view):
             if track.is_vessel:
                 self.structure.forget_swept(track.first_ns, track)
             if not track.number:

@@ -299,7 +299,7 @@ def in_view(points: np.ndarray, pos: np.ndarray, range_m: float = 60.0) -> np.nd
 @pytest.mark.parametrize("length_m", [12.0, 24.0, 40.0])
 def test_a_long_thing_that_moves_is_a_vessel(length_m: float) -> None:
     """It crosses from starboard at 1 m/s, on a course to be met at 2 m/s; its stern is out of sight if it is long."""
-    tracks = ObstacleTracker()
+    tracks = ObstacleTracker(vessels=True)
     side = np.arange(0.0, length_m, 0.4)
     hull = np.concatenate([np.column_stack([np.full_like(side, lateral), side]) for lateral in (-2.0, 2.0)])
     for tick in range(60):
@@ -319,7 +319,7 @@ def test_a_long_thing_that_moves_is_a_vessel(length_m: float) -> None:
 @pytest.mark.parametrize("reach_m", [30.0, 45.0])
 def test_a_boom_of_which_more_and_more_comes_into_sight_is_no_vessel(reach_m: float) -> None:
     """Along a boom 9 m abeam at 3 m/s: its far end is wherever sight ends, its near one where the view does."""
-    tracks = ObstacleTracker()
+    tracks = ObstacleTracker(vessels=True)
     boom = np.column_stack([np.arange(0.0, 200.0, 0.4), np.full(500, 9.0)])
     for tick in range(100):
         pos, stamp_ns = np.array((0.6 * tick, 0.0)), tick * 200_000_000
@@ -330,7 +330,7 @@ def test_a_boom_of_which_more_and_more_comes_into_sight_is_no_vessel(reach_m: fl
 
 def test_a_vessel_seen_from_ahead_may_be_longer_than_its_bow() -> None:
     """A flat bow 8 m wide comes on at 2 m/s: what is planned around reaches 32 m astern of it, and not ahead."""
-    tracks = ObstacleTracker()
+    tracks = ObstacleTracker(vessels=True)
     bow = np.column_stack([np.zeros(21), np.linspace(-4.0, 4.0, 21)])
     for tick in range(40):
         stamp_ns = tick * 200_000_000

@@ -57,6 +57,7 @@ def companion_parameters(profile: RunProfile) -> dict[str, float]:
         "HULL_WIDTH": vessel.width_m,
         "HULL_WATER": -floating_pose(vessel, water).depth_m,
         "WP_SPEED": profile.mission.speed_mps,
+        "AVD_VESSELS": float(bool(profile.vessel)),
     }
     if profile.sensors is not None and profile.sensors.lidar is not None:
         values["LIDAR_YAW"] = profile.sensors.lidar.yaw_deg
