@@ -4,6 +4,8 @@ VENV := .venv
 AGENT_PYTHON ?= python3.9
 AGENT_VENV := build/agent-python
 BIN := $(VENV)/bin
+# Many tests wait for processes that they started.
+WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 
 .PHONY: run package test test-fast test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
 .DEFAULT_GOAL := run
@@ -32,12 +34,12 @@ package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
 	$(BIN)/xitl agent package
 
 test: $(VENV)/.dev  ## all tests; those that keep real time one at a time
-	$(BIN)/python -m pytest -m "not slow and not realtime" -n auto
-	$(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadfile
+	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
+	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadfile
 	$(BIN)/python -m pytest -m realtime
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
-	PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
+	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
 
 $(AGENT_VENV)/.made: Makefile
 	$(AGENT_PYTHON) -m venv $(AGENT_VENV)
