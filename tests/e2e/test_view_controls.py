@@ -90,7 +90,7 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
 
             def click_on_the_water() -> bool:
                 """Until the page listens for clicks on the picture."""
-                page.mouse.click(250, 350)
+                page.mouse.click(345, 190)  # beside what is told at the left, and ahead of the vessel
                 page.wait_for_timeout(2000)
                 return bool(launched.is_visible())
 
