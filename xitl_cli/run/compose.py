@@ -39,10 +39,10 @@ from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, TruthRecord
 from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
 from xitl_cli.run.nodes.scripted import ScriptedRecorder
 from xitl_cli.run.nodes.track import TrackNode
+from xitl_cli.run.operator.environment_changes import EnvironmentChanges
 from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import VesselOrders
-from xitl_cli.run.operator.surroundings import Surroundings
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
 from xitl_cli.run.status_display import DisplayNode, StatusDisplay, StatusSource
@@ -206,9 +206,9 @@ def compose_world(
         river = river_from_profile(profile, seeds, plant, lambda: leading.control.progress)
         opened.callback(river.close)
         if first.operated:
-            surroundings = Surroundings(plant, profile.environment, seeds)
+            changes = EnvironmentChanges(plant, profile.environment, seeds)
             names = [setup.profile.vessel for setup in setups]
-            operator = OperatorNode(surroundings, river, names, first.orders, operation.events)
+            operator = OperatorNode(changes, river, names, first.orders, operation.events)
             for meet in operation.people:
                 meet(operator)
     display = DisplayNode(make_display, warnings, profile.clock, [vessel.status for vessel in vessels])

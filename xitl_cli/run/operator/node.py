@@ -37,9 +37,9 @@ from xitl_cli.run.operator.actions import (
     action_name,
     read_action,
 )
+from xitl_cli.run.operator.environment_changes import EnvironmentChanges
 from xitl_cli.run.operator.orders import VesselOrders, link_fault_name
 from xitl_cli.run.operator.replay import TimedAction
-from xitl_cli.run.operator.surroundings import Surroundings
 
 SOURCE = "operator"
 WARNING, INFO = 4, 6  # MAV_SEVERITY
@@ -57,20 +57,20 @@ class _Asked(NamedTuple):
 class OperatorNode(RunNode):
     """Carries out actions: see the package. Nothing is carried out that was refused.
 
-    surroundings, river: what the world's own are asked of. orders: of the vessels, by name; those without an autopilot
+    changes, river: what the world's own are asked of. orders: of the vessels, by name; those without an autopilot
     have none. events: of an earlier run, given again at their instants; those of the pace are recorded again and do
     nothing else. paused, factor: how the run goes by now; factor None is as fast as it can.
     """
 
     def __init__(
         self,
-        surroundings: Surroundings,
+        changes: EnvironmentChanges,
         river: RiverNode,
         vessels: Sequence[str],
         orders: Mapping[str, VesselOrders],
         events: Sequence[TimedAction] = (),
     ) -> None:
-        self._surroundings = surroundings
+        self._changes = changes
         self._river = river
         self._vessels = tuple(vessels)
         self._orders = orders
@@ -101,7 +101,7 @@ class OperatorNode(RunNode):
     @property
     def environment(self) -> EnvironmentSpec:
         """As it was asked for."""
-        return self._surroundings.asked
+        return self._changes.asked
 
     @property
     def faults(self) -> dict[str, tuple[str, ...]]:
@@ -137,7 +137,7 @@ class OperatorNode(RunNode):
             asked = self._asked.popleft()
             asked.carry_out()
             self._record(asked.action, asked.source)
-        self._surroundings.update(step.now_ns)
+        self._changes.update(step.now_ns)
         for vessel, orders in self._orders.items():
             orders.update(step.now_ns, partial(self._say, vessel))
 
@@ -185,7 +185,7 @@ class OperatorNode(RunNode):
         name = action_name(action)
         assert isinstance(action, Mapping)
         if name in ENVIRONMENT:
-            return partial(self._surroundings.ask, name, self._surroundings.read(name, action))
+            return partial(self._changes.ask, name, self._changes.read(name, action))
         asked = read_action(action)
         if name in OF_PACE:
             return (lambda: None) if again else self._pace_carrier(name, asked)

@@ -22,7 +22,7 @@ from xitl_cli.run.world.plant import Plant
 from xitl_cli.seeds import Seeds
 
 
-class Surroundings:
+class EnvironmentChanges:
     """The environment of a plant that began with `spec`; `seeds` are those that its waves were drawn from.
 
     asked: what it is to be. What is asked for goes over from what is within sim_core's `Transition`; meanwhile
