@@ -434,7 +434,8 @@ class ObstacleTracker:
         for cluster in found:
             if cluster.length_m > TUNED.track_longest_m:
                 self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
-                long.append(cluster)
+                if self._vessels:
+                    long.append(cluster)
             else:
                 small.append(cluster)
         self.structure.prune(now_ns, pos_ne_m, bow_rad, (water_reach_m + 2.0, 30.0))
