@@ -61,7 +61,7 @@ OTHER_CLOUD: Colour = (240, 240, 90)
 
 
 @dataclass(frozen=True, slots=True)
-class Atmosphere:
+class Lighting:
     """Light and colours around the scene. The sky goes from zenith down to haze, which everything far away fades to."""
 
     zenith: Colour
@@ -74,10 +74,10 @@ class Atmosphere:
     ground_light: Colour
 
 
-DAY = Atmosphere(
+DAY = Lighting(
     (88, 148, 205), (214, 227, 236), (30, 96, 118), (255, 244, 224), 2.1, (214, 227, 236), 2.3, (150, 152, 140)
 )
-NIGHT = Atmosphere(
+NIGHT = Lighting(
     (10, 16, 30), (46, 61, 82), (26, 66, 88), (190, 208, 255), 0.95, (150, 172, 205), 1.15, (84, 94, 110)
 )
 
@@ -123,9 +123,9 @@ class SceneDrawing:
     @dark.setter
     def dark(self, dark: bool) -> None:
         self._dark = dark
-        atmosphere = NIGHT if dark else DAY
-        show_atmosphere(self._server.scene, atmosphere)
-        self._water.colour(atmosphere.water)
+        lighting = NIGHT if dark else DAY
+        show_lighting(self._server.scene, lighting)
+        self._water.colour(lighting.water)
 
     def draw(self, instant: ViewInstant) -> None:
         """Everything as it is at an instant, in one go. Of an earlier one than the last tracks begin anew."""
@@ -173,26 +173,26 @@ class SceneDrawing:
             self._bodies[number].visible = False
 
 
-def sky_rows(atmosphere: Atmosphere) -> NDArray[np.uint8]:
+def sky_rows(lighting: Lighting) -> NDArray[np.uint8]:
     """(192, 3) from the top of a picture to its foot, whatever the camera looks at; the horizon is above the middle."""
     share = np.linspace(0.0, 1.0, 72)[:, None] ** 0.9
-    sky = np.asarray(atmosphere.zenith) * (1.0 - share) + np.asarray(atmosphere.haze) * share
+    sky = np.asarray(lighting.zenith) * (1.0 - share) + np.asarray(lighting.haze) * share
     return np.round(np.concatenate([sky, np.repeat(sky[-1:], 120, axis=0)])).astype(np.uint8)
 
 
-def show_atmosphere(api: Any, atmosphere: Atmosphere) -> None:
+def show_lighting(api: Any, lighting: Lighting) -> None:
     """Sky, light and haze of a server's scene, or of one browser's."""
-    api.set_background_image(np.repeat(sky_rows(atmosphere)[:, None], 4, axis=1), format="png")
-    api.configure_fog(60.0, 1100.0, color=atmosphere.haze)
-    sun, strength = atmosphere.sun, atmosphere.sun_intensity
+    api.set_background_image(np.repeat(sky_rows(lighting)[:, None], 4, axis=1), format="png")
+    api.configure_fog(60.0, 1100.0, color=lighting.haze)
+    sun, strength = lighting.sun, lighting.sun_intensity
     api.add_light_directional("/light/sun", color=sun, intensity=strength, position=(-0.6, -0.75, 0.6))
     # A second one so low that waves show: the material of a mesh has no gloss.
     api.add_light_directional("/light/glance", color=sun, intensity=0.75 * strength, position=(-0.9, 0.5, 0.13))
     api.add_light_hemisphere(
         "/light/sky",
-        sky_color=atmosphere.sky_light,
-        ground_color=atmosphere.ground_light,
-        intensity=atmosphere.sky_intensity,
+        sky_color=lighting.sky_light,
+        ground_color=lighting.ground_light,
+        intensity=lighting.sky_intensity,
         position=(0.0, 0.0, 1.0),
     )
 

@@ -101,7 +101,7 @@ class PlacedLog:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BodyTrack:
+class DriftingBody:
     """Drifting debris, from when it is first told of."""
 
     pose: PoseTrack
@@ -120,7 +120,7 @@ class LogScene:
         scene: ViewScene,
         placed: Sequence[PlacedLog],
         others: Mapping[str, PoseTrack],
-        bodies: Mapping[int, BodyTrack],
+        bodies: Mapping[int, DriftingBody],
     ) -> None:
         self.scene = scene
         self._placed = placed
@@ -383,7 +383,7 @@ def _origin(log: Log) -> tuple[float, float, float] | None:
 
 def _surroundings(
     placed: Sequence[PlacedLog], recordings: Mapping[Path, _Recording], notes: list[str]
-) -> tuple[ViewScene, dict[str, PoseTrack], dict[int, BodyTrack]]:
+) -> tuple[ViewScene, dict[str, PoseTrack], dict[int, DriftingBody]]:
     """The first one's, with everybody's vessels."""
     lead = placed[0]
     recording = recordings[lead.log.path]
@@ -468,7 +468,7 @@ def _poses(table: Table, rows: NDArray[np.intp], seconds: Seconds) -> PoseTrack 
     return PoseTrack(at_s, place, at_s, continuous(turn))
 
 
-def _bodies(recording: _Recording, lead: PlacedLog) -> dict[int, BodyTrack]:
+def _bodies(recording: _Recording, lead: PlacedLog) -> dict[int, DriftingBody]:
     table = recording.raw.tables.get("/truth/bodies")
     if table is None or "number" not in table.columns:
         return {}
@@ -480,7 +480,7 @@ def _bodies(recording: _Recording, lead: PlacedLog) -> dict[int, BodyTrack]:
     for number in np.unique(numbers).tolist():
         pose = _poses(table, np.flatnonzero(numbers == number), lead.seconds)
         if pose is not None:
-            found[number] = BodyTrack(pose, meshes.get(number))
+            found[number] = DriftingBody(pose, meshes.get(number))
     return found
 
 

@@ -20,7 +20,7 @@ from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME
 from xitl_cli.seeds import Seeds
 from xitl_cli.view import shapes
 from xitl_cli.view.model import Array, Colour, SceneMesh, SceneThruster, SceneVessel, SceneWater, SceneWaves, ViewScene
-from xitl_cli.view.shapes import Shape
+from xitl_cli.view.shapes import Geometry
 
 BODY = "body_"
 
@@ -69,7 +69,7 @@ def foxglove_type(name: str) -> Any:
 
 
 def _entity(entity: Any) -> DrawnEntity:
-    by_colour: dict[tuple[Colour, float], list[Shape]] = {}
+    by_colour: dict[tuple[Colour, float], list[Geometry]] = {}
     lines, cylinders, boxes = [], [], []
     for cylinder in entity.cylinders:
         size, (position, attitude) = _vector(cylinder.size), _pose(cylinder.pose)
@@ -87,7 +87,7 @@ def _entity(entity: Any) -> DrawnEntity:
         points = np.array([_vector(point) for point in triangles.points], dtype=np.float32).reshape(-1, 3)
         numbers = np.array(triangles.indices, dtype=np.uint32)
         faces = numbers if len(numbers) else np.arange(len(points), dtype=np.uint32)
-        drawn = shapes.shape(points, faces[: len(faces) // 3 * 3]).placed(*_pose(triangles.pose))
+        drawn = shapes.geometry(points, faces[: len(faces) // 3 * 3]).placed(*_pose(triangles.pose))
         by_colour.setdefault(_colour(triangles.color), []).append(drawn)
     for line in entity.lines:
         position, attitude = _pose(line.pose)

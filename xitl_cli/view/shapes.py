@@ -13,45 +13,45 @@ from sim_core.frames import quat_to_matrix
 from xitl_cli.view.model import Array, Colour, Faces, Points, SceneMesh
 
 
-class Shape(NamedTuple):
+class Geometry(NamedTuple):
     """Triangles without a colour."""
 
     vertices_m: Points
     faces: Faces
 
-    def placed(self, position_m: Sequence[float], attitude_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Shape:
+    def placed(self, position_m: Sequence[float], attitude_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Geometry:
         """Turned, then moved."""
         turned = self.vertices_m @ quat_to_matrix(np.asarray(attitude_wxyz, dtype=np.float64)).T
-        return Shape((turned + np.asarray(position_m)).astype(np.float32), self.faces)
+        return Geometry((turned + np.asarray(position_m)).astype(np.float32), self.faces)
 
     def mesh(self, name: str, colour: Colour, opacity: float = 1.0) -> SceneMesh:
         """The same with a name and a colour."""
         return SceneMesh(name, self.vertices_m, self.faces, colour, opacity)
 
 
-def shape(vertices_m: object, faces: object) -> Shape:
+def geometry(vertices_m: object, faces: object) -> Geometry:
     """Of anything like arrays."""
-    return Shape(
+    return Geometry(
         np.ascontiguousarray(vertices_m, dtype=np.float32).reshape(-1, 3),
         np.ascontiguousarray(faces, dtype=np.uint32).reshape(-1, 3),
     )
 
 
-EMPTY = shape([], [])
+EMPTY = geometry([], [])
 
 
-def merged(shapes: Sequence[Shape]) -> Shape:
+def merged(shapes: Sequence[Geometry]) -> Geometry:
     """All of them as one."""
     if not shapes:
         return EMPTY
     first = np.cumsum([0, *(len(each.vertices_m) for each in shapes)])
     faces = [each.faces + np.uint32(offset) for each, offset in zip(shapes, first[:-1].tolist(), strict=True)]
-    return shape(np.concatenate([each.vertices_m for each in shapes]), np.concatenate(faces))
+    return geometry(np.concatenate([each.vertices_m for each in shapes]), np.concatenate(faces))
 
 
 def frustum(
     size_m: tuple[float, float, float], bottom_scale: float = 1.0, top_scale: float = 1.0, sides: int = 20
-) -> Shape:
+) -> Geometry:
     """An upright cylinder about the origin of diameters size_m x and y and height z, as Foxglove defines it; its ends
     are scaled, so that 1, 0 is a cone.
     """
@@ -74,21 +74,21 @@ def frustum(
             np.stack([np.full(sides, middle + 1), first + sides + here, first + sides + following], -1),
         ]
     )
-    return shape(np.concatenate([low, high, low, high, ends]), np.concatenate([side, caps]))
+    return geometry(np.concatenate([low, high, low, high, ends]), np.concatenate([side, caps]))
 
 
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
-def cuboid(size_m: tuple[float, float, float]) -> Shape:
+def cuboid(size_m: tuple[float, float, float]) -> Geometry:
     """About the origin; each side has corners of its own, so that edges are sharp."""
     vertices = np.concatenate([_CORNERS[list(side)] for side in _SIDES]) * np.asarray(size_m)
     faces = [[4 * side + corner for corner in face] for side in range(6) for face in ((0, 1, 2), (0, 2, 3))]
-    return shape(vertices, faces)
+    return geometry(vertices, faces)
 
 
-def ellipsoid(size_m: tuple[float, float, float], sides: int = 20, rings: int = 10) -> Shape:
+def ellipsoid(size_m: tuple[float, float, float], sides: int = 20, rings: int = 10) -> Geometry:
     """About the origin, of diameters size_m."""
     down, turn = np.meshgrid(
         np.linspace(0.0, math.pi, rings + 1), 2.0 * math.pi * np.arange(sides) / sides, indexing="ij"
@@ -100,10 +100,10 @@ def ellipsoid(size_m: tuple[float, float, float], sides: int = 20, rings: int = 
     faces = np.concatenate(
         [np.stack([here, below, across], -1).reshape(-1, 3), np.stack([here, across, beside], -1).reshape(-1, 3)]
     )
-    return shape(0.5 * unit.reshape(-1, 3) * np.asarray(size_m), faces)
+    return geometry(0.5 * unit.reshape(-1, 3) * np.asarray(size_m), faces)
 
 
-def tube(points_m: Array, thickness_m: float, sides: int = 6) -> Shape:
+def tube(points_m: Array, thickness_m: float, sides: int = 6) -> Geometry:
     """Straight pieces of pipe along points (P, 3)."""
     pieces = []
     for start, end in pairwise(points_m):
@@ -115,7 +115,7 @@ def tube(points_m: Array, thickness_m: float, sides: int = 6) -> Shape:
     return merged(pieces)
 
 
-def arrow(length_m: float, diameter_m: float) -> Shape:
+def arrow(length_m: float, diameter_m: float) -> Geometry:
     """From the origin along x; its head is a fifth of it."""
     head_m = 0.3 * length_m
     shaft = frustum((0.4 * diameter_m, 0.4 * diameter_m, length_m - head_m), sides=10)
@@ -126,7 +126,7 @@ def arrow(length_m: float, diameter_m: float) -> Shape:
     return upright.placed((0.0, 0.0, 0.0), _from_upright(np.array([1.0, 0.0, 0.0])))
 
 
-def propeller(diameter_m: float, blades: int = 3) -> Shape:
+def propeller(diameter_m: float, blades: int = 3) -> Geometry:
     """A hub along x and blades that are turned against the stream, for a propeller that turns about x."""
     radius = 0.5 * diameter_m
     hub = frustum((0.22 * diameter_m, 0.22 * diameter_m, 0.3 * diameter_m), 1.0, 0.5, sides=12)
@@ -143,14 +143,14 @@ def propeller(diameter_m: float, blades: int = 3) -> Shape:
     face = np.concatenate(
         [np.stack([here, here + count, here + 1], -1), np.stack([here + 1, here + count, here + count + 1], -1)]
     )
-    blade = shape(np.concatenate(edges), np.concatenate([face, face[:, ::-1]]))
+    blade = geometry(np.concatenate(edges), np.concatenate([face, face[:, ::-1]]))
     for number in range(blades):
         half_rad = math.pi * number / blades
         shapes.append(blade.placed((0.0, 0.0, 0.0), (math.cos(half_rad), math.sin(half_rad), 0.0, 0.0)))
     return merged(shapes)
 
 
-def boat(length_m: float) -> Shape:
+def boat(length_m: float) -> Geometry:
     """A plain hull for a vessel of which nothing is known but its length: bow at +x, waterline at z = 0."""
     stations = np.array([-0.5, -0.48, 0.0, 0.25, 0.4, 0.5]) * length_m
     beams = np.array([0.30, 0.32, 0.34, 0.28, 0.15, 0.0]) * length_m
@@ -167,7 +167,7 @@ def boat(length_m: float) -> Shape:
             faces += [[here, here + 5, following], [following, here + 5, following + 5]]
     faces += [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
     cabin = cuboid((0.3 * length_m, 0.2 * length_m, 0.12 * length_m)).placed((-0.12 * length_m, 0.0, 0.19 * length_m))
-    return merged([shape(rings, faces), cabin])
+    return merged([geometry(rings, faces), cabin])
 
 
 def _from_upright(direction: Array) -> tuple[float, float, float, float]:

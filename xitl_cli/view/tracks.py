@@ -109,7 +109,7 @@ class CloudTrack:
         return placed
 
 
-class MapTrack:
+class GrowingMap:
     """A companion's map as it grew: each message has the points that are new, about where its odometry began."""
 
     def __init__(self, table: Table, seconds: Seconds, place_m: Array, turn_wxyz: Array) -> None:
@@ -161,7 +161,7 @@ _ELEMENTS = {1: "u1", 2: "i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4", 7: "<f4",
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ObstacleTrack:
+class ObstacleSightings:
     """What a companion tracked: seconds, number, centre (N, 3) and radius of each sighting, in the order of time."""
 
     seconds: Array
@@ -191,8 +191,8 @@ class VesselTrack:
     mission_enu_m: Array
     reached_s: Array
     numbers: Mapping[str, HeldValues]
-    clouds: Mapping[str, CloudTrack | MapTrack]
-    obstacles: ObstacleTrack | None
+    clouds: Mapping[str, CloudTrack | GrowingMap]
+    obstacles: ObstacleSightings | None
 
     def at(self, time_s: float, waypoints_total: int, seen: bool = True) -> VesselInstant:
         """As it was then. seen: with what its sensors saw."""
@@ -410,7 +410,7 @@ def _total(table: Table | None, field: str, groups: tuple[str, ...], seconds: Se
     return HeldValues(seconds(table.stamp_ns), totals)
 
 
-def _clouds(log: Log, seconds: Seconds, pose: PoseTrack) -> Iterator[tuple[str, CloudTrack | MapTrack]]:
+def _clouds(log: Log, seconds: Seconds, pose: PoseTrack) -> Iterator[tuple[str, CloudTrack | GrowingMap]]:
     if log.base != "simulation":
         return
     for name, topic, lasting_s in (("lidar", "/lidar/points", 0.4), ("sonar", "/sonar/points", SONAR_S)):
@@ -422,7 +422,7 @@ def _clouds(log: Log, seconds: Seconds, pose: PoseTrack) -> Iterator[tuple[str, 
     if table is not None and odometry is not None and len(table) and len(odometry):
         began = _odometry_frame(odometry, seconds, pose)
         if began is not None:
-            yield "map", MapTrack(table, seconds, *began)
+            yield "map", GrowingMap(table, seconds, *began)
 
 
 def _odometry_frame(table: Table, seconds: Seconds, pose: PoseTrack) -> tuple[Array, Array] | None:
@@ -436,13 +436,13 @@ def _odometry_frame(table: Table, seconds: Seconds, pose: PoseTrack) -> tuple[Ar
     return place - quat_to_matrix(back) @ first[:3], back
 
 
-def _obstacles(log: Log, seconds: Seconds, place: MapPlace) -> ObstacleTrack | None:
+def _obstacles(log: Log, seconds: Seconds, place: MapPlace) -> ObstacleSightings | None:
     table = log.tables.get("/companion/obstacles")
     if table is None or not {"id", "position_ned_m", "size_m"} <= set(table.columns):
         return None
     size = np.asarray(table.values("size_m"), dtype=np.float64)
     centre = ned_to_enu(np.asarray(table.values("position_ned_m"), dtype=np.float64)) + np.asarray(place.shift_enu_m)
-    return ObstacleTrack(
+    return ObstacleSightings(
         seconds(table.stamp_ns),
         np.asarray(table.values("id"), dtype=np.int64),
         centre,
