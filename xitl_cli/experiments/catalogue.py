@@ -10,11 +10,11 @@ from xitl_cli.experiments.report import ExperimentReport
 from xitl_cli.experiments.setup import ExperimentSetup
 
 EXPERIMENTS: Mapping[str, str] = {
-    "4.1": "xitl_cli.experiments.recorded_outputs:recorded_outputs_report",
-    "4.2": "xitl_cli.experiments.departure:departure_report",
-    "4.3": "xitl_cli.experiments.two_loops:two_loops_report",
-    "4.4": "xitl_cli.experiments.two_ranges:two_ranges_report",
-    "wdri": "xitl_cli.experiments.realism:realism_report",
+    "4.1": "xitl_cli.experiments.section_4_1_recorded_outputs:recorded_outputs_report",
+    "4.2": "xitl_cli.experiments.section_4_2_departure:departure_report",
+    "4.3": "xitl_cli.experiments.section_4_3_sitl_hitl:sitl_hitl_report",
+    "4.4": "xitl_cli.experiments.section_4_4_lidar_sonar:lidar_sonar_report",
+    "wdri": "xitl_cli.experiments.wdri_indices:wdri_report",
 }
 """Each a function that carries it out."""
 

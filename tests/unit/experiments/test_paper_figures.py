@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 from xitl_cli.errors import UserError
 from xitl_cli.experiments import figures
 from xitl_cli.experiments.figures import check_figures_installed, drawn, write_page
-from xitl_cli.experiments.realism import PRINTED, compute_indices, realism_report
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow, told_text
 from xitl_cli.experiments.setup import ExperimentSetup
+from xitl_cli.experiments.wdri_indices import PRINTED, compute_indices, wdri_report
 from xitl_cli.extras import Extra
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ REPORT = ExperimentReport(
 
 def test_the_eight_indices_are_as_printed() -> None:
     assert len(PRINTED) == 8
-    report = realism_report(ExperimentSetup(Path()))
+    report = wdri_report(ExperimentSetup(Path()))
     assert report.completed
     assert all(round(row.ours, 2) == row.paper for row in report.rows)
     assert all(row.difference.startswith("Equal to the 2 digits printed") for row in report.rows)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from xitl_cli.errors import UserError
+from xitl_cli.experiments.section_4_3_sitl_hitl import HITL, SITL, TimeBaseFit, find_hardware, loop_profile
 from xitl_cli.experiments.setup import ExperimentSetup
-from xitl_cli.experiments.two_loops import HITL, SITL, TimeBase, find_hardware, loop_profile
 from xitl_cli.profile import load_profile
 
 
@@ -60,12 +60,12 @@ def test_ardupilot_is_taken_for_both_where_it_is_found(tmp_path: Path) -> None:
 
 def test_a_time_base_against_its_sample_numbers() -> None:
     numbers = np.arange(5000)
-    even = TimeBase.of_stamps("autopilot", 1_700_000_000_000_000_000 + 20_000_000 * numbers)
+    even = TimeBaseFit.of_stamps("autopilot", 1_700_000_000_000_000_000 + 20_000_000 * numbers)
     assert even is not None
     assert even.rate_hz == pytest.approx(50.0, rel=1e-12)
     assert even.rms_s < 1e-9
     swinging = np.rint(2e7 * numbers + 3e6 * np.sin(2.0 * np.pi * numbers / 100.0)).astype(np.int64)
-    found = TimeBase.of_stamps("high level", swinging)
+    found = TimeBaseFit.of_stamps("high level", swinging)
     assert found is not None
     assert found.rms_s == pytest.approx(3e-3 / np.sqrt(2.0), rel=1e-3)  # RMS of a sine
-    assert TimeBase.of_stamps("short", np.array([0, 1])) is None
+    assert TimeBaseFit.of_stamps("short", np.array([0, 1])) is None

@@ -61,7 +61,7 @@ def compute_indices() -> list[ComputedIndex]:
     return [_compute(printed) for printed in PRINTED]
 
 
-def realism_report(setup: ExperimentSetup) -> ExperimentReport:
+def wdri_report(setup: ExperimentSetup) -> ExperimentReport:
     """The table and the eight graphs. It makes no runs."""
     indices = compute_indices()
     return ExperimentReport(

@@ -18,8 +18,9 @@ import numpy as np
 from xitl_cli.errors import UserError
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup, InterruptedRunError
-from xitl_cli.experiments.traces import Trace, first_s, log_of, trace
+from xitl_cli.experiments.time_series import TimeSeries, first_s, time_series
 from xitl_cli.firmware.cache import find_firmware
+from xitl_cli.logs import open_log
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
@@ -70,11 +71,11 @@ class DepartureTraces:
     altitude, true_altitude: m; speed: m/s over ground; origin_height: m, of the estimator's origin; max_t: µs.
     """
 
-    altitude: Trace | None
-    true_altitude: Trace | None
-    speed: Trace | None
-    origin_height: Trace | None
-    max_t: Trace | None
+    altitude: TimeSeries | None
+    true_altitude: TimeSeries | None
+    speed: TimeSeries | None
+    origin_height: TimeSeries | None
+    max_t: TimeSeries | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +140,7 @@ def compare_departures(departures: Sequence[DepartureRun]) -> list[DepartureComp
     ]
 
 
-def dominant_period_s(altitude: Trace) -> float | None:
+def dominant_period_s(altitude: TimeSeries) -> float | None:
     """The period (s) at which the spectrum of the detrended altitude is highest; None where it does not move.
 
     By the periodogram under a Hann window, between 1 and 10 s.
@@ -194,7 +195,7 @@ def _departure(environment: str, sensors: str, profile: str, result: Result) -> 
 
 def _embedded_times_s(directory: Path) -> dict[str, float | None]:
     """By its log, and for its readiness by its telemetry."""
-    with log_of(directory / "autopilot.bin") as log, log_of(directory / "run.mcap") as run:
+    with open_log(directory / "autopilot.bin") as log, open_log(directory / "run.mcap") as run:
         healthy = first_s(
             run,
             "/link/agent/rx:SYS_STATUS",
@@ -215,13 +216,13 @@ def _traces(directory: Path) -> DepartureTraces:
     import xitl_cli.logs.signals as signals
     from xitl_cli.logs.signals.series import column_series
 
-    with log_of(directory / "autopilot.bin") as log, log_of(directory / "run.mcap") as run:
+    with open_log(directory / "autopilot.bin") as log, open_log(directory / "run.mcap") as run:
         return DepartureTraces(
-            trace(signals.position_geodetic(log), 2),
-            trace(signals.position_geodetic(run, "truth"), 2),
-            trace(signals.ground_speed(run, "truth")),
-            trace(column_series(log, "XKF1", "OH", "m")),
-            trace(column_series(log, "PM", "MaxT", "us", raw=True)),
+            time_series(signals.position_geodetic(log), 2),
+            time_series(signals.position_geodetic(run, "truth"), 2),
+            time_series(signals.ground_speed(run, "truth")),
+            time_series(column_series(log, "XKF1", "OH", "m")),
+            time_series(column_series(log, "PM", "MaxT", "us", raw=True)),
         )
 
 
@@ -331,7 +332,7 @@ def _fast(fastest_mps: float | None) -> str:
     return f"{abs(off):.1f} m/s {'over' if off > 0 else 'under'} the speed that is asked for."
 
 
-def _wave_row(altitude: Trace, way: str) -> PaperRow:
+def _wave_row(altitude: TimeSeries, way: str) -> PaperRow:
     period_s = dominant_period_s(altitude)
     said = (
         "The altitude does not move."

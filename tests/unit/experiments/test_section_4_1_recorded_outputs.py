@@ -9,8 +9,8 @@ import pytest
 
 from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.errors import UserError
-from xitl_cli.experiments import recorded_outputs
-from xitl_cli.experiments.recorded_outputs import (
+from xitl_cli.experiments import section_4_1_recorded_outputs
+from xitl_cli.experiments.section_4_1_recorded_outputs import (
     ARC_S,
     FARTHEST_M,
     ReplayComparison,
@@ -21,7 +21,7 @@ from xitl_cli.experiments.recorded_outputs import (
     start_pose,
 )
 from xitl_cli.experiments.setup import ExperimentSetup
-from xitl_cli.experiments.traces import Trace
+from xitl_cli.experiments.time_series import TimeSeries
 from xitl_cli.logs import open_log
 from xitl_cli.logs.compare.pairing import time_integral
 from xitl_cli.profile import load_profile
@@ -41,7 +41,7 @@ def test_the_integral_of_a_growing_and_of_a_turning_error() -> None:
     assert iae_y == pytest.approx(2.0 / np.pi * 1.25 * 20.0, rel=1e-5)  # the mean of |sin| is 2 / pi
     found = ReplayComparison(
         time_s, np.zeros((len(time_s), 2)), np.column_stack([growing, turning]), {"iae_x_ms": iae_x, "iae_y_ms": iae_y},
-        Trace(time_s, np.full(len(time_s), 2.0)), None, 0.1, {},
+        TimeSeries(time_s, np.full(len(time_s), 2.0)), None, 0.1, {},
     )  # fmt: skip
     rows = {row.quantity: row for row in _rows(found)}
     assert (rows["IAE x"].paper, rows["IAE x"].ours) == (3.87, 20.0)
@@ -85,7 +85,7 @@ def test_a_replay_begins_where_the_recording_was_armed(path: Path, tmp_path: Pat
 
 
 def test_a_log_without_places_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorded_outputs.signals, "position_geodetic", lambda log: None)
+    monkeypatch.setattr(section_4_1_recorded_outputs.signals, "position_geodetic", lambda log: None)
     with open_log(CALM) as log, pytest.raises(UserError, match="tells no position"):
         start_pose(log, 50.0)
 

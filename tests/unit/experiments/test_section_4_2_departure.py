@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from xitl_cli.errors import UserError
-from xitl_cli.experiments import departure, figures, setup
-from xitl_cli.experiments.departure import (
+from xitl_cli.experiments import figures, section_4_2_departure, setup
+from xitl_cli.experiments.section_4_2_departure import (
     ENVIRONMENTS,
     EVENTS,
     DepartureTraces,
@@ -20,7 +20,7 @@ from xitl_cli.experiments.departure import (
     dominant_period_s,
 )
 from xitl_cli.experiments.setup import ExperimentSetup, InterruptedRunError
-from xitl_cli.experiments.traces import Trace
+from xitl_cli.experiments.time_series import TimeSeries
 from xitl_cli.run.session import Result
 
 TIMES = dict(zip(EVENTS, (12.0, 20.0, 20.5, 21.25), strict=True))
@@ -37,7 +37,7 @@ def ardurover(directory: Path) -> str:
 
 @pytest.fixture(autouse=True)
 def _neither_logs_nor_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(departure, "_traces", lambda directory: NO_TRACES)
+    monkeypatch.setattr(section_4_2_departure, "_traces", lambda directory: NO_TRACES)
     monkeypatch.setattr(figures, "write_figures", lambda report, directory: [])
 
 
@@ -99,7 +99,7 @@ def test_an_interrupted_run_ends_all_and_keeps_what_is_done(tmp_path: Path, monk
 def test_without_ardupilot_the_embedded_autopilot_departs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.setenv("XITL_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(departure, "_embedded_times_s", lambda directory: dict(TIMES))
+    monkeypatch.setattr(section_4_2_departure, "_embedded_times_s", lambda directory: dict(TIMES))
     seen: list[Any] = []
     make_runs(monkeypatch, seen)
     report = departure_report(ExperimentSetup(tmp_path / "out"))
@@ -134,8 +134,8 @@ def test_a_profile_of_somebody_s_own_is_not_written_over(tmp_path: Path, monkeyp
 def test_the_period_of_a_swell() -> None:
     time_s = np.arange(0.0, 40.0, 0.1)
     swell = 0.1 * np.sin(2.0 * np.pi * time_s / 2.5 + 0.3) + 0.02 * time_s + 70.0
-    assert dominant_period_s(Trace(time_s, swell)) == pytest.approx(2.5, abs=0.02)
-    assert dominant_period_s(Trace(time_s, np.full(len(time_s), 70.0))) is None
+    assert dominant_period_s(TimeSeries(time_s, swell)) == pytest.approx(2.5, abs=0.02)
+    assert dominant_period_s(TimeSeries(time_s, np.full(len(time_s), 70.0))) is None
 
 
 def invoke(*words: str) -> tuple[int, str]:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs import open_log
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.signals import Series
@@ -18,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class TimeSeries:
     """time_s: (N,) rising, on the log's own clock. values: (N,)."""
 
     time_s: Floats
@@ -27,12 +25,12 @@ class Trace:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def between(self, from_s: float, until_s: float) -> Trace:
+    def between(self, from_s: float, until_s: float) -> TimeSeries:
         """What lies there, ends included."""
         inside = (self.time_s >= from_s) & (self.time_s <= until_s)
-        return Trace(self.time_s[inside], self.values[inside])
+        return TimeSeries(self.time_s[inside], self.values[inside])
 
-    def since(self, from_s: float | None) -> Trace:
+    def since(self, from_s: float | None) -> TimeSeries:
         """From there on; all of it from None."""
         return self if from_s is None else self.between(from_s, float("inf"))
 
@@ -42,17 +40,12 @@ class Trace:
         return found
 
 
-def log_of(path: Path) -> Log:
-    """Opened; close it, or use it in a `with`."""
-    return open_log(path)
-
-
-def trace(series: Series | None, column: int | None = None) -> Trace | None:
+def time_series(series: Series | None, column: int | None = None) -> TimeSeries | None:
     """A series, or one of its columns, in seconds of the log's clock."""
     if series is None:
         return None
     values = series.values if column is None else series.values[:, column]
-    return Trace((series.stamp_ns * 1e-9).astype(np.float64), np.array(values, dtype=np.float64))
+    return TimeSeries((series.stamp_ns * 1e-9).astype(np.float64), np.array(values, dtype=np.float64))
 
 
 def first_s(log: Log, name: str, holds: Callable[[Table], NDArray[np.bool_]]) -> float | None:

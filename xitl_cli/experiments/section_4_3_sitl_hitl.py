@@ -18,7 +18,7 @@ import xitl_cli.logs.signals as signals
 from xitl_cli.errors import UserError
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup
-from xitl_cli.experiments.traces import Floats, Trace, trace
+from xitl_cli.experiments.time_series import Floats, TimeSeries, time_series
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.logs import open_log
@@ -59,7 +59,7 @@ class HardwareSide:
 
 
 @dataclass(frozen=True, slots=True)
-class TimeBase:
+class TimeBaseFit:
     """Time stamps against sample numbers. residual_s (N,): from the straight line, through least squares.
 
     rate_hz: of the line. rms_s: of the residual. numbers, time_s (N,).
@@ -73,7 +73,7 @@ class TimeBase:
     rms_s: float
 
     @classmethod
-    def of_stamps(cls, name: str, stamp_ns: Any) -> TimeBase | None:
+    def of_stamps(cls, name: str, stamp_ns: Any) -> TimeBaseFit | None:
         """None with fewer than three samples."""
         if len(stamp_ns) < 3:
             return None
@@ -94,15 +94,15 @@ class LoopSide:
 
     name: str
     path_m: Floats
-    speed: Trace | None
-    yaw: Trace | None
-    outputs: Mapping[int, Trace]
+    speed: TimeSeries | None
+    yaw: TimeSeries | None
+    outputs: Mapping[int, TimeSeries]
     events: tuple[tuple[float, str], ...]
-    max_t: Trace | None
-    load: Trace | None
+    max_t: TimeSeries | None
+    load: TimeSeries | None
     missed: int
     mission_s: float | None
-    bases: tuple[TimeBase, ...]
+    bases: tuple[TimeBaseFit, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class BoomMap:
     report: Mapping[str, Any]
 
 
-def two_loops_report(setup: ExperimentSetup) -> ExperimentReport:
+def sitl_hitl_report(setup: ExperimentSetup) -> ExperimentReport:
     """Both runs. Raises UserError where one cannot be made, and InterruptedRunError with nothing to compare."""
     hardware = find_hardware(setup)
     maps = not PERCEPTION.missing
@@ -254,23 +254,23 @@ def loop_side(name: str, directory: Path) -> LoopSide:
         return LoopSide(
             name,
             _path_m(run),
-            _from(trace(signals.ground_speed(log)), begun_s),
-            _from(trace(signals.yaw(log)), begun_s),
+            _from(time_series(signals.ground_speed(log)), begun_s),
+            _from(time_series(signals.yaw(log)), begun_s),
             {
                 channel: shifted
                 for channel, series in signals.outputs(log).items()
-                if (shifted := _from(trace(series), begun_s)) is not None and np.ptp(shifted.values) > 0.0
+                if (shifted := _from(time_series(series), begun_s)) is not None and np.ptp(shifted.values) > 0.0
             },
             tuple(_events(log)),
-            trace(column_series(log, "PM", "MaxT", "us", raw=True)),
-            trace(column_series(log, "PM", "Load", "%", factor=0.1, raw=True)),
+            time_series(column_series(log, "PM", "MaxT", "us", raw=True)),
+            time_series(column_series(log, "PM", "Load", "%", factor=0.1, raw=True)),
             _missed(log, directory),
             begun_s,
             tuple(
                 base
                 for words, where, table in (("autopilot", log, "ATT"), ("high level", run, "/companion/odometry"))
                 if table in where.tables
-                and (base := TimeBase.of_stamps(words, np.sort(where.tables[table].stamp_ns))) is not None
+                and (base := TimeBaseFit.of_stamps(words, np.sort(where.tables[table].stamp_ns))) is not None
             ),
         )
 
@@ -329,11 +329,11 @@ def _path_m(run: Log) -> Floats:
     return found
 
 
-def _from(found: Trace | None, begun_s: float | None) -> Trace | None:
+def _from(found: TimeSeries | None, begun_s: float | None) -> TimeSeries | None:
     """On a clock that begins with the mission."""
     if found is None or begun_s is None:
         return None
-    return Trace(found.time_s - begun_s, found.values)
+    return TimeSeries(found.time_s - begun_s, found.values)
 
 
 def _events(log: Log) -> Iterator[tuple[float, str]]:

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from xitl_cli.experiments.two_ranges import BRANCH, TRUNK, Footprint, FusedCloud, seen_as_in_the_paper, trunk_mesh
+from xitl_cli.experiments.section_4_4_lidar_sonar import (
+    BRANCH,
+    TRUNK,
+    Footprint,
+    FusedCloud,
+    seen_as_in_the_paper,
+    trunk_mesh,
+)
 
 
 def test_a_footprint_is_a_capsule() -> None:

@@ -20,7 +20,7 @@ from sim_core.world.geometry import WOOD, cylinder
 from xitl_cli.errors import UserError
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow, Told
 from xitl_cli.experiments.setup import ExperimentSetup, write_file
-from xitl_cli.experiments.traces import Floats
+from xitl_cli.experiments.time_series import Floats
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.logs import open_log
 from xitl_cli.logs.model.log import Log
@@ -109,7 +109,7 @@ class FusedCloud:
         return int(footprint.holds(self.sonar_ned_m).sum())
 
 
-def two_ranges_report(setup: ExperimentSetup) -> ExperimentReport:
+def lidar_sonar_report(setup: ExperimentSetup) -> ExperimentReport:
     """One run. Raises UserError where perception is not installed, and InterruptedRunError."""
     lacking = [package for package in PERCEPTION.missing if package != "trimesh"]
     if PERCEPTION.missing:

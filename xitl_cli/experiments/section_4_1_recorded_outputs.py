@@ -19,7 +19,7 @@ import xitl_cli.logs.signals as signals
 from xitl_cli.errors import UserError
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup
-from xitl_cli.experiments.traces import Floats, Trace, trace
+from xitl_cli.experiments.time_series import Floats, TimeSeries, time_series
 from xitl_cli.logs import open_log
 from xitl_cli.logs.compare.comparison import compare
 from xitl_cli.logs.model.log import Log
@@ -73,10 +73,10 @@ class ReplayComparison:
     real_m: Floats
     simulated_m: Floats
     facts: Mapping[str, Value]
-    real_speed: Trace | None
-    simulated_speed: Trace | None
+    real_speed: TimeSeries | None
+    simulated_speed: TimeSeries | None
     speed_rms_mps: float | None
-    outputs: Mapping[int, Trace]
+    outputs: Mapping[int, TimeSeries]
 
     @property
     def errors_m(self) -> Floats:
@@ -229,22 +229,22 @@ def compare_replay(real: Log, simulated: Log, start_s: float) -> ReplayCompariso
         paths[0] - paths[0][0],
         paths[1] - paths[0][0],
         {fact.key: fact.value for section in found.sections for fact in section.facts},
-        _since(trace(signals.ground_speed(real)), start_ns * 1e-9),
-        trace(signals.ground_speed(simulated, "truth")),
+        _since(time_series(signals.ground_speed(real)), start_ns * 1e-9),
+        time_series(signals.ground_speed(simulated, "truth")),
         float(rms) if isinstance(rms, float | int) else None,
         {
             channel: shifted
             for channel, series in signals.outputs(real).items()
-            if (shifted := _since(trace(series), start_ns * 1e-9)) is not None and np.ptp(shifted.values) > 0.0
+            if (shifted := _since(time_series(series), start_ns * 1e-9)) is not None and np.ptp(shifted.values) > 0.0
         },
     )
 
 
-def _since(found: Trace | None, start_s: float) -> Trace | None:
+def _since(found: TimeSeries | None, start_s: float) -> TimeSeries | None:
     """With the start as its zero, without what was before."""
     if found is None or not len(after := found.since(start_s)):
         return None
-    return Trace(after.time_s - start_s, after.values)
+    return TimeSeries(after.time_s - start_s, after.values)
 
 
 def _vehicle(name: str) -> str:
