@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.random import default_rng
 from sim_core.environment.waves import WaveField, realise_waves
 from sim_core.frames import quat_to_matrix
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME
 from xitl_cli.seeds import Seeds
 from xitl_cli.view import shapes
@@ -47,25 +47,6 @@ def read_scene_update(update: bytes) -> list[DrawnEntity]:
     except Exception as error:  # DecodeError is of the implementation's own
         raise ValueError("no foxglove.SceneUpdate") from error
     return [_entity(entity) for entity in message.entities]
-
-
-@cache
-def foxglove_type(name: str) -> Any:
-    """The class that reads an encoded message of foxglove's, which its own classes do not."""
-    from foxglove import messages
-    from google.protobuf import (  # type: ignore[import-untyped]
-        descriptor_pb2,
-        descriptor_pool,
-        message_factory,
-    )
-
-    schema = getattr(messages, name).get_schema()
-    left = {file.name: file for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file}
-    pool = descriptor_pool.DescriptorPool()
-    while left:
-        for file in [file for file in left.values() if not any(needed in left for needed in file.dependency)]:
-            pool.Add(left.pop(file.name))
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
 
 
 def _entity(entity: Any) -> DrawnEntity:

@@ -1,0 +1,417 @@
+"""What the recorder writes as messages of ROS: recorded payload in, CDR out; see `outputs` for what comes of what.
+
+recorded topic ── its vessel ──> VesselConversion ── handler of the topic ──> RosMessages
+frames of MAVLink ── kind ──> a message of the sensor (`instruments`)
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys.stores.ros2_jazzy import (
+    builtin_interfaces__msg__Time as Time,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Point as Point,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Pose as Pose,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__PoseStamped as PoseStamped,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Quaternion as Quaternion,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Transform as Transform,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__TransformStamped as TransformStamped,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Vector3 as Vector3,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Vector3Stamped as Vector3Stamped,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    nav_msgs__msg__Path as Path,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    rosgraph_msgs__msg__Clock as Clock,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__Bool as Bool,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__Header as Header,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__String as String,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    tf2_msgs__msg__TFMessage as TFMessage,
+)
+
+from agent.mavlink.modes import mode_name
+from agent.wire import codec, dialect
+from sim_core.frames import ned_to_enu, quat_multiply
+from sim_core.geodesy import LocalFrame
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.foxglove_types import foxglove_type
+from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, VESSEL_FRAME
+from xitl_cli.ros import clouds, instruments
+from xitl_cli.ros.definitions import deserialize, serialize
+from xitl_cli.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, fixed_frames, frame_name, sensor_frames
+from xitl_cli.ros.outputs import ANSWERS_LINK, ESTIMATE, OUTPUTS, SENSORS_LINK, TICKS, TRUTH, RosTopic
+
+KEPT_GYRO = 512
+"""Samples that an estimate which comes late is carried on by."""
+STALE_ESTIMATE_NS = 1_000_000_000
+VELOCITY_DEVIATION_MPS, POSITION_DEVIATION_M = 0.1, 1.0
+"""Of the estimate, where the autopilot does not say it."""
+RATE_DEVIATION_RADPS = 0.01
+_STAMP = struct.Struct("<iI")
+_HEADER_BYTES = 4
+
+
+class RosMessage(NamedTuple):
+    """A message of `topic` of `vessel` ("" with one): CDR with its encapsulation, and the instant it is of."""
+
+    topic: RosTopic
+    vessel: str
+    cdr: bytes
+    stamp_ns: int
+
+
+class RosConversion:
+    """Of all vessels of a run. profiles: one of each, as the run or its recording has them.
+
+    It has state: topics are given to it in the order of the run.
+    """
+
+    def __init__(self, profiles: Sequence[RunProfile]) -> None:
+        self._vessels = [VesselConversion(profile, number == 0) for number, profile in enumerate(profiles)]
+        self._handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]] | None] = {}
+
+    def wants(self, topic: str) -> bool:
+        """Whether anything comes of a recorded topic."""
+        return self._handler(topic) is not None
+
+    def static(self) -> Iterator[RosMessage]:
+        """What is said once, at the start: fixed frames of all vessels, descriptions, missions."""
+        frames = [frame for vessel in self._vessels for frame in vessel.fixed_frames]
+        message = TFMessage(transforms=[_fixed_transform(frame) for frame in frames])
+        yield RosMessage(OUTPUTS["/tf_static"], "", serialize(message), 0)
+        for vessel in self._vessels:
+            yield from vessel.static()
+
+    def convert(self, topic: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        """What becomes of one payload of a recorded topic, named as in the file: `/alpha/truth/odometry`."""
+        handler = self._handler(topic)
+        return () if handler is None else handler(payload, stamp_ns)
+
+    def _handler(self, topic: str) -> Callable[[bytes, int], Iterable[RosMessage]] | None:
+        if topic not in self._handlers:
+            found = None
+            for vessel in self._vessels:
+                prefix = f"/{vessel.name}" if vessel.name else ""
+                if topic.startswith(f"{prefix}/"):
+                    found = found or vessel.handlers.get(topic.removeprefix(prefix))
+            self._handlers[topic] = found
+        return self._handlers[topic]
+
+
+class VesselConversion:
+    """Of one vessel. handlers: by recorded topic without the vessel's name. first: it gives /clock."""
+
+    def __init__(self, profile: RunProfile, first: bool) -> None:
+        self.name = profile.vessel
+        self.fixed_frames = tuple(fixed_frames(profile))
+        self._profile = profile
+        self._first = first
+        self._estimated = profile.autopilot.kind != "none"
+        self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
+        sensors = profile.sensors
+        self._instruments = None if sensors is None else instruments.Instruments(sensors, self._framed)
+        self._attitude = AttitudeCarry()
+        self._transform_ns = -1
+        self._mode: str | None = None
+        self._armed: bool | None = None
+        self._mission: MissionUpload = MissionUpload()
+        places = {frame.name: clouds.CloudFrame(frame) for frame in sensor_frames(profile)}
+        self._lidar, self._sonar = places.get(LIDAR_FRAME), places.get(SONAR_FRAME)
+        handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]]] = {
+            TRUTH: self._truth,
+            ESTIMATE: self._estimate,
+            "/environment": self._environment,
+            ANSWERS_LINK: self._answer,
+        }
+        if first:
+            handlers[TICKS] = self._tick
+        if self._instruments is not None:
+            handlers[SENSORS_LINK] = self._sensor_frame
+        if self._lidar is not None:
+            handlers["/lidar/points"] = self._lidar_cloud
+        if self._sonar is not None:
+            handlers["/sonar/points"] = self._sonar_cloud
+            handlers["/sonar/ping"] = self._ping
+        self.handlers = handlers
+
+    def static(self) -> Iterator[RosMessage]:
+        """Description and mission of the vessel."""
+        start = self._profile.mission.start
+        places = [(start.north_m, start.east_m), *self._profile.mission.waypoints_ned_m]
+        yield self._message("mission", self._path(0, places), 0)
+
+    # Recorded topics of ours
+
+    def _tick(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        yield self._message("/clock", Clock(clock=_time(stamp_ns)), stamp_ns)
+
+    def _truth(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        yield RosMessage(OUTPUTS["ground_truth/odom"], self.name, payload, stamp_ns)
+        if not self._estimated:
+            odometry = deserialize(payload, OUTPUTS["odometry"].type)
+            yield self._moved(stamp_ns, odometry.pose.pose)
+
+    def _estimate(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        """The recorder's estimate is in the map and says nothing of what the autopilot does not."""
+        if stamp_ns <= self._transform_ns:
+            return
+        odometry = deserialize(payload, OUTPUTS["odometry"].type)
+        odometry.header.frame_id = self._framed(ODOM_FRAME)
+        odometry.child_frame_id = self._framed(VESSEL_FRAME)
+        place, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
+        pose, twist = odometry.pose.covariance.reshape(6, 6).copy(), np.zeros((6, 6))
+        for axis in range(3):
+            pose[axis, axis] = pose[axis, axis] or POSITION_DEVIATION_M**2
+            pose[axis + 3, axis + 3] = instruments.ATTITUDE_DEVIATION_RAD[axis] ** 2
+            twist[axis, axis], twist[axis + 3, axis + 3] = VELOCITY_DEVIATION_MPS**2, RATE_DEVIATION_RADPS**2
+        odometry.pose.covariance, odometry.twist.covariance = pose.reshape(36), twist.reshape(36)
+        if math.isfinite(place.x) and math.isfinite(turn.w):
+            self._attitude.estimated(stamp_ns, np.array([turn.w, turn.x, turn.y, turn.z]))
+        yield self._message("odometry", odometry, stamp_ns)
+        yield self._moved(stamp_ns, odometry.pose.pose)
+
+    def _environment(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        message = deserialize(payload, TOPICS["/environment"].schema)
+        for topic, velocity_ned_mps in (("wind", message.wind_ned_mps), ("current", message.current_ned_mps)):
+            vector = Vector3(*ned_to_enu(velocity_ned_mps).tolist())
+            yield self._message(
+                topic, Vector3Stamped(header=self._header(stamp_ns, MAP_FRAME), vector=vector), stamp_ns
+            )
+
+    def _lidar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        assert self._lidar is not None
+        assert self._profile.sensors is not None
+        lidar = self._profile.sensors.lidar
+        assert lidar is not None
+        base_m, packed = clouds.recorded_points(cloud_data(payload), timed=True)
+        points_m = self._lidar.points(base_m)
+        header = self._header(stamp_ns, self._framed(LIDAR_FRAME))
+        yield self._message("points", clouds.point_cloud(header, points_m, packed["intensity"], packed["t"]), stamp_ns)
+        header = self._header(stamp_ns, self._framed(VESSEL_FRAME))
+        scan = clouds.scan_of_cloud(
+            header,
+            clouds.leveled(base_m, self._attitude.at_sample()),
+            self._profile.environment.water.level_m,  # as the body's origin floats at the map's zero
+            (lidar.min_range_m, lidar.max_range_m),
+            1.0 / lidar.rate_hz,
+        )
+        yield self._message("scan", scan, stamp_ns)
+
+    def _sonar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        assert self._sonar is not None
+        base_m, packed = clouds.recorded_points(cloud_data(payload), timed=False)
+        header = self._header(stamp_ns, self._framed(SONAR_FRAME))
+        cloud = clouds.point_cloud(header, self._sonar.points(base_m), packed["intensity"])
+        yield self._message("sonar/points", cloud, stamp_ns)
+
+    def _ping(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        assert self._profile.sensors is not None
+        sonar = self._profile.sensors.sonar
+        assert sonar is not None
+        ping = deserialize(payload, TOPICS["/sonar/ping"].schema)
+        intensity = np.asarray(ping.intensity, dtype=np.uint8)
+        sample_m = 0.5 * ping.sound_speed_mps * ping.sample_period_s
+        angle_rad = ping.angle_grad * math.tau / 400.0 - math.radians(sonar.heading_deg)
+        points_m = clouds.echo_points(angle_rad, (np.arange(len(intensity)) + 0.5) * sample_m)
+        header = self._header(stamp_ns, self._framed(SONAR_FRAME))
+        yield self._message("sonar/echo", clouds.point_cloud(header, points_m, intensity), stamp_ns)
+
+    # Frames of MAVLink
+
+    def _sensor_frame(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        assert self._instruments is not None
+        message = read_frame(payload, self._instruments.kinds | MissionUpload.kinds)
+        if message is None:
+            return
+        kind = message.get_msgId()
+        if kind in MissionUpload.kinds:
+            places = self._mission.handle(message)
+            if places is not None:
+                yield self._message("mission", self._path(stamp_ns, self._about_site(places)), stamp_ns)
+            return
+        if kind == dialect.MAVLINK_MSG_ID_XITL_IMU:
+            self._attitude.turned(message.time_usec * 1000, message.gyro)
+        for name, of, made, made_ns in self._instruments.messages(message, self._attitude):
+            topic = OUTPUTS[name] if not of else OUTPUTS[name].of(of)
+            yield RosMessage(topic, self.name, serialize(made), made_ns)
+
+    def _answer(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        message = read_frame(payload, _ANSWERS)
+        if message is None:
+            return
+        if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            if message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+                return
+            armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+            mode = mode_name(message.custom_mode, message.autopilot == dialect.MAV_AUTOPILOT_PX4)
+            if mode != self._mode:
+                self._mode = mode
+                yield self._message("mode", String(data=mode), stamp_ns)
+            if armed is not self._armed:
+                self._armed = armed
+                yield self._message("armed", Bool(data=armed), stamp_ns)
+        elif (battery := instruments.battery(message, self._header(stamp_ns, ""))) is not None:
+            yield self._message("battery", battery, stamp_ns)
+
+    # Pieces
+
+    def _framed(self, frame: str) -> str:
+        return frame_name(frame, self.name)
+
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        return Header(stamp=_time(stamp_ns), frame_id=frame)
+
+    def _message(self, topic: str, message: Any, stamp_ns: int) -> RosMessage:
+        return RosMessage(OUTPUTS[topic], "" if OUTPUTS[topic].of_all else self.name, serialize(message), stamp_ns)
+
+    def _moved(self, stamp_ns: int, pose: Any) -> RosMessage:
+        """`odom` → `base_link`."""
+        self._transform_ns = stamp_ns
+        place = pose.position
+        transform = TransformStamped(
+            header=self._header(stamp_ns, self._framed(ODOM_FRAME)),
+            child_frame_id=self._framed(VESSEL_FRAME),
+            transform=Transform(translation=Vector3(place.x, place.y, place.z), rotation=pose.orientation),
+        )
+        return self._message("/tf", TFMessage(transforms=[transform]), stamp_ns)
+
+    def _path(self, stamp_ns: int, places_ne_m: Iterable[tuple[float, float]]) -> Any:
+        """nav_msgs/Path: each place with the heading of the way to it."""
+        header, poses = self._header(stamp_ns, MAP_FRAME), []
+        before: tuple[float, float] | None = None
+        for north_m, east_m in places_ne_m:
+            yaw_rad = 0.0 if before is None else math.atan2(north_m - before[0], east_m - before[1])
+            turn = Quaternion(0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad))
+            poses.append(PoseStamped(header=header, pose=Pose(Point(east_m, north_m, 0.0), turn)))
+            before = north_m, east_m
+        if len(poses) > 1:
+            poses[0].pose.orientation = poses[1].pose.orientation
+        return Path(header=header, poses=poses)
+
+    def _about_site(self, places_deg: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        latitude, longitude = np.array(places_deg, dtype=np.float64).reshape(-1, 2).T
+        ned_m = self._frame.ned(latitude, longitude, np.full(len(latitude), self._profile.site.altitude_m))
+        return [(north_m, east_m) for north_m, east_m, _ in ned_m.tolist()]
+
+
+class AttitudeCarry:
+    """The attitude at the instant of a sample of the IMU: the newest estimate, carried on by the gyroscope since.
+
+    An estimate comes later than what it is of, so that the samples since are kept.
+    """
+
+    def __init__(self) -> None:
+        self._turn: NDArray[np.float64] | None = None  # w x y z, FLU to ENU
+        self._at_ns = 0
+        self._estimated_ns = 0
+        self._gyro: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=KEPT_GYRO)
+
+    def estimated(self, stamp_ns: int, turn_wxyz: NDArray[np.float64]) -> None:
+        """An estimate (4,), of an instant up to now."""
+        self._turn, self._at_ns, self._estimated_ns = turn_wxyz, stamp_ns, stamp_ns
+        for sample_ns, gyro_flu in self._gyro:
+            self._carry(sample_ns, gyro_flu)
+
+    def turned(self, stamp_ns: int, gyro_frd_radps: Sequence[float]) -> None:
+        """A sample (3,) of the gyroscope, of the time up to its instant."""
+        forward, right, down = gyro_frd_radps
+        gyro_flu = np.array([forward, -right, -down])
+        self._gyro.append((stamp_ns, gyro_flu))
+        self._carry(stamp_ns, gyro_flu)
+
+    def at_sample(self) -> NDArray[np.float64] | None:
+        """(4,) w x y z at the newest sample, from FLU to ENU; None where no estimate is young enough."""
+        return None if self._at_ns - self._estimated_ns > STALE_ESTIMATE_NS else self._turn
+
+    def _carry(self, stamp_ns: int, gyro_flu: NDArray[np.float64]) -> None:
+        if self._turn is None or stamp_ns <= self._at_ns:
+            return
+        half = 0.5e-9 * (stamp_ns - self._at_ns) * gyro_flu
+        angle = float(np.linalg.norm(half))
+        step = np.concatenate([[math.cos(angle)], half * np.sinc(angle / math.pi)])
+        self._turn, self._at_ns = quat_multiply(self._turn, step), stamp_ns
+
+
+class MissionUpload:
+    """The places of a mission as it goes to the autopilot."""
+
+    kinds = frozenset((dialect.MAVLINK_MSG_ID_MISSION_COUNT, dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT))
+
+    def __init__(self) -> None:
+        self._expected = 0
+        self._places: dict[int, tuple[float, float] | None] = {}
+
+    def handle(self, message: Any) -> list[tuple[float, float]] | None:
+        """Latitudes and longitudes once the last item was seen: home first, then what has a place."""
+        if message.mission_type != dialect.MAV_MISSION_TYPE_MISSION:
+            return None
+        if message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_COUNT:
+            self._expected, self._places = message.count, {}
+            return None
+        place = (message.x * 1e-7, message.y * 1e-7)
+        self._places[message.seq] = place if any(place) else None
+        if len(self._places) < self._expected or message.seq + 1 != self._expected:
+            return None
+        return [place for _, place in sorted(self._places.items()) if place is not None]
+
+
+_ANSWERS = frozenset((dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SYS_STATUS))
+
+
+def read_frame(payload: bytes, kinds: frozenset[int]) -> Any:
+    """The MAVLink message in a recorded frame, None for one that is none of `kinds`."""
+    (size,) = struct.unpack_from("<I", payload, _HEADER_BYTES + _STAMP.size)
+    start = _HEADER_BYTES + _STAMP.size + 4
+    frame = payload[start : start + size]
+    if len(frame) < 10 or int.from_bytes(frame[7:10], "little") not in kinds:
+        return None
+    return codec.decode(frame)
+
+
+def cloud_data(payload: bytes) -> bytes:
+    """The packed points of a foxglove.PointCloud."""
+    data: bytes = foxglove_type("PointCloud").FromString(payload).data
+    return data
+
+
+def _time(stamp_ns: int) -> Any:
+    return Time(*divmod(stamp_ns, 1_000_000_000))
+
+
+def _fixed_transform(frame: FixedFrame) -> Any:
+    return TransformStamped(
+        header=Header(stamp=_time(0), frame_id=frame.parent),
+        child_frame_id=frame.name,
+        transform=Transform(translation=Vector3(*frame.position_m), rotation=Quaternion(*frame.turn)),
+    )
