@@ -55,7 +55,8 @@ def view(
         str, typer.Option("--view-host", metavar="HOST", help="Where to listen; with a token unless 127.0.0.1.")
     ] = "127.0.0.1",
     port: Annotated[
-        int | None, typer.Option("--port", metavar="N", min=1, max=65535, help="At this port; else a free one.")
+        int | None,
+        typer.Option("--view-port", "--port", metavar="PORT", min=1, max=65535, help="At this port; else a free one."),
     ] = None,
     open_page: Annotated[
         bool, typer.Option("--open/--no-open", help="Open a browser where there is a desktop.")
@@ -125,7 +126,7 @@ def _serve(recording: LogScene, host: str, port: int | None, at_s: float | None,
     from xitl_cli.view.server import has_desktop, listen, open_browser
     from xitl_cli.view.timeline import RecordingPage
 
-    listener, address = listen(host, port, "--view-host", "--port")
+    listener, address = listen(host, port, "--view-host", "--view-port")
     ended = threading.Event()
     with end_signals_handled(lambda number, frame: ended.set(), signal.SIGINT):
         page = RecordingPage(recording, listener, address, at_s=at_s, dark=dark)

@@ -329,7 +329,7 @@ class StatusSource:
 
 
 class DisplayNode(RunNode):
-    """Shows in a view, when that is due, how vessels are doing: of each what its source says. At the start warnings.
+    """Shows, when that is due, how vessels are doing: of each what its source says. At the start warnings.
 
     showing: its part of an exchange, the last of all.
     """
@@ -342,33 +342,33 @@ class DisplayNode(RunNode):
         sources: Sequence[Callable[[], RunStatus]],
     ) -> None:
         self.showing = ExchangePart(self._show)
-        self._make_view = make_display
+        self._make_display = make_display
         self._warnings = warnings
-        self._view: StatusDisplay | None = None
+        self._display: StatusDisplay | None = None
         self._clock = clock
         self._sources = sources
 
     def begin(self, context: RunContext) -> None:
         self._pace = context.pace
-        view = self._view = self._make_view()
+        display = self._display = self._make_display()
         for text in self._warnings:
-            self._on_view(partial(view.warn, text))
+            self._on_display(partial(display.warn, text))
             context.recorder.log(0, WARNING, "run", text)
 
     def close(self) -> None:
-        if self._view is not None:
-            self._on_view(self._view.close)
+        if self._display is not None:
+            self._on_display(self._display.close)
 
     def _show(self, step: RunStep) -> None:
-        view = self._view
-        if view is not None and view.due():
+        display = self._display
+        if display is not None and display.due():
             first, *others = (source() for source in self._sources)
             late = self._pace.task(self._clock.physics_rate_hz).missed
-            self._on_view(partial(view.show, replace(first, missed=first.missed + late), *others))
+            self._on_display(partial(display.show, replace(first, missed=first.missed + late), *others))
 
-    def _on_view(self, act: Callable[[], object]) -> None:
+    def _on_display(self, act: Callable[[], object]) -> None:
         """A terminal that hung up, or a reader that left, ends what is shown and not the run."""
         try:
             act()
         except OSError:
-            self._view = None
+            self._display = None
