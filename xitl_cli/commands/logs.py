@@ -35,7 +35,7 @@ Raw = Annotated[bool, typer.Option("--raw", help="Values as they are stored: not
 
 
 def info(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog or .mcap.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog, .mcap or bag of ROS.")],
     fields: Annotated[bool, typer.Option("--fields", help="All fields of each message, with their units.")] = False,
     vessel: Vessel = None,
     as_json: Json = False,

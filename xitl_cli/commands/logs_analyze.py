@@ -26,7 +26,7 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 def analyze(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog or .mcap; several of one run are aligned."),
+        typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog, .mcap or bag; several of one run are aligned."),
     ],
     report: Annotated[
         Path | None,

@@ -81,7 +81,7 @@ class Summary:
 def summarize_log(log: Log, *, every_field: bool = False) -> Summary:
     """Summary of a log. A large recording is not read for it, only its index, unless `every_field` asks for fields."""
     span, zero = log.span_ns, log.zero_ns
-    indexed = log.format == "mcap" and log.health.size_bytes > _READ_WHOLE_BYTES and not every_field
+    indexed = log.of_topics and log.health.size_bytes > _READ_WHOLE_BYTES and not every_field
     about = () if indexed else _about(log)
     messages = tuple(_indexed(table, span) for table in log.tables.values()) if indexed else _messages(log)
     utc = next((str(fact.value) for fact in about if fact.key == "utc_start"), None)

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,9 @@ def absent(field: Any, name: str) -> Any:
     return "" if field.cpp_type == field.CPPTYPE_STRING else math.nan
 
 
+_PLAIN = (str, bytes, int, float, np.ndarray)
+
+
 def leaves(message: Any, prefix: str) -> Iterator[str]:
     """The names of all values in a decoded message."""
     if hasattr(message, "nanosec") or hasattr(message, "seconds"):
@@ -163,10 +167,14 @@ def leaves(message: Any, prefix: str) -> Iterator[str]:
     elif hasattr(message, "DESCRIPTOR"):
         for field, value in message.ListFields():
             yield from leaves(value, f"{prefix}.{field.name}" if prefix else field.name)
+    elif is_dataclass(message):
+        for field in fields(message):
+            if field.name[0].islower():  # else a constant
+                yield from leaves(getattr(message, field.name), f"{prefix}.{field.name}" if prefix else field.name)
     elif hasattr(message, "__slots__") and not isinstance(message, str | bytes | int | float | list):
-        for field in message.__slots__:
-            yield from leaves(getattr(message, field), f"{prefix}.{field}" if prefix else field)
-    elif isinstance(message, str | bytes | int | float) or (len(message) and isinstance(message[0], int | float)):
+        for name in message.__slots__:
+            yield from leaves(getattr(message, name), f"{prefix}.{name}" if prefix else name)
+    elif isinstance(message, _PLAIN) or (len(message) and isinstance(message[0], int | float)):
         yield prefix
     elif len(message):  # an empty one does not say of what
         for number, value in enumerate(message):

@@ -47,7 +47,7 @@ class ArmRefusal:
 
 
 def analyse(log: Log) -> Section | None:
-    if log.span_ns is None or (log.format == "mcap" and not _tells(log)):
+    if log.span_ns is None or (log.of_topics and not _tells(log)):
         return None
     clock = LogClock(log)
     spans, rows, refusals = signals.armed(log), arm_switches(log), arm_refusals(log)

@@ -66,7 +66,7 @@ def analyse(log: Log) -> Section | None:
     every = [found for of in _SOURCES if (found := tilt_series(log, of)) is not None]
     inertial = inertial_units(log)
     if not every and not inertial:
-        if log.format == "mcap":
+        if log.of_topics:
             return None
         return Section("attitude", _TITLE, lacks=("No attitude is logged; set the bit ATTITUDE of LOG_BITMASK.",))
     clock, kind, parameters = LogClock(log), vehicle_kind(log), parameter_values(log)

@@ -49,7 +49,7 @@ class EstimateError:
 def position_error(log: Log) -> EstimateError | None:
     """(N, 3) north, east, down in m."""
     local, true = signals.position_ned(log), signals.position_ned(log, "truth")
-    if local is not None and true is not None and local.origin == true.origin and log.format == "mcap":
+    if local is not None and true is not None and local.origin == true.origin and log.of_topics:
         return _difference(local.path, true.path, local.path.values - true.path.interpolated(local.path.stamp_ns))
     estimate, truth = signals.position_geodetic(log), signals.position_geodetic(log, "truth")
     if estimate is None or truth is None:
@@ -154,7 +154,7 @@ def analyse(log: Log) -> Section | None:
     tested = resets.test_ratios(log, every)
     position, yaw = position_error(log), yaw_error(log)
     if not every and not tested and position is None and yaw is None:
-        if log.format == "mcap":
+        if log.of_topics:
             return None
         lack = "The log has no messages of an estimator (XKF, NKF, EKF_STATUS_REPORT); EK3_LOG_LEVEL 0 logs them."
         return Section("estimator", "Estimator", lacks=(lack,))

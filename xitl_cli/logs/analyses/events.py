@@ -131,7 +131,7 @@ def analyse(log: Log) -> Section | None:
     texts = signals.texts(log)
     rows = error_rows(log)
     if not texts and not rows and not _SOURCES & set(log.tables):
-        if log.format == "mcap":
+        if log.of_topics:
             return None
         return Section("events", "Events and errors", lacks=("The log has no EV, ERR, MSG or STATUSTEXT.",))
     clock, kind = LogClock(log), vehicle_kind(log)

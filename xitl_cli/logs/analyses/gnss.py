@@ -258,7 +258,7 @@ def analyse(log: Log) -> Section | None:
     clock = LogClock(log)
     found = gnss_receivers(log)
     if not found:
-        if log.format == "mcap":
+        if log.of_topics:
             return None
         return Section("gnss", _TITLE, lacks=("No satellite receiver is logged; set the bit GPS of LOG_BITMASK.",))
     pause = log_pauses(log)

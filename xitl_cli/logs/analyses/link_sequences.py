@@ -73,7 +73,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
         finding
         for name, source, spans in quiet
         if spans
-        for finding in _silences(name, source, spans, happened, clock, log.format == "mcap")
+        for finding in _silences(name, source, spans, happened, clock, log.of_topics)
     ]
     whole = [each.name for each in found if each.component == AUTOPILOT and len(each.stamp_ns) >= LEAST_FRAMES]
     if whole and not (losses or silences):

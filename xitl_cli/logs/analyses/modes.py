@@ -46,7 +46,7 @@ class ModeSpan:
 def analyse(log: Log) -> Section | None:
     spans = mode_spans(log)
     if not spans:
-        if log.format == "mcap":
+        if log.of_topics:
             return None
         return Section("modes", "Modes", lacks=("The log has no MODE and no HEARTBEAT, so modes are not known.",))
     clock = LogClock(log)

@@ -39,7 +39,7 @@ class ParameterChange:
 def analyse(log: Log) -> Section | None:
     rows = parameter_rows(log)
     if not rows:
-        if log.format == "mcap":
+        if log.of_topics:
             return None
         lack = "No parameters are in the log (PARM, PARAM_VALUE), so settings and their changes are not known."
         return Section("parameters", "Parameters", lacks=(lack,))

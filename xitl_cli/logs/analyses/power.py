@@ -218,7 +218,7 @@ def analyse(log: Log) -> Section | None:
     found = batteries(log)
     parameters = parameter_values(log)
     supply = board_section(log, clock)
-    if not found and supply is None and log.format == "mcap":
+    if not found and supply is None and log.of_topics:
         return None
     findings = [finding for each in found for finding in _judged(each, parameters, clock)]
     supplied = Section(

@@ -394,7 +394,7 @@ def analyse(log: Log) -> Section | None:
     """None for a recording with neither inputs nor outputs."""
     clock = LogClock(log)
     channels, driven = rc_inputs(log), outputs(log)
-    if not channels and not driven and log.format == "mcap":
+    if not channels and not driven and log.of_topics:
         return None
     parameters = parameter_values(log)
     parts = (input_section(log, channels, parameters, clock), output_section(log, driven, parameters, clock))

@@ -31,7 +31,7 @@ def analyse(log: Log) -> Section | None:
     clock = LogClock(log)
     inertial, plain = inertial_units(log), sensor_series(log)
     if not inertial and not plain:
-        if log.format == "mcap":
+        if log.of_topics:
             return None
         return Section(
             "sensors", _TITLE, lacks=("No sensor is logged; set the bits IMU, COMPASS and RCIN of LOG_BITMASK.",)

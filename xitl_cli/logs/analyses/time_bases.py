@@ -375,5 +375,5 @@ def analyse(log: Log) -> Section | None:
         findings,
         (*pairs.grids, *samples.grids),
         (*pairs.plots, *samples.plots),
-        () if found else (_LACKS[log.format],),
+        () if found else (_LACKS.get(log.format, _LACKS["mcap"]),),
     )

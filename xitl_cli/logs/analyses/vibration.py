@@ -178,7 +178,7 @@ def analyse(log: Log) -> Section | None:
     still = find_rest(log, inertial)
     lacks = (
         []
-        if levels or log.format == "mcap"
+        if levels or log.of_topics
         else ["The autopilot's vibration levels are not logged (VIBE); set the bit IMU of LOG_BITMASK."]
     )
     if not spectra:

@@ -128,8 +128,8 @@ def boot_clock(system: int | str) -> str:
 
 def clock_readings(log: Log) -> list[ClockReadings]:
     """Every pair of clocks of this log that was read three times or more."""
-    by_format = {"dataflash": _from_dataflash, "mcap": _from_recording, "tlog": _from_telemetry}
-    return [found for found in by_format[log.format](log) if len(found) >= FEWEST]
+    by_format = {"dataflash": _from_dataflash, "tlog": _from_telemetry}
+    return [found for found in by_format.get(log.format, _from_recording)(log) if len(found) >= FEWEST]
 
 
 def _from_dataflash(log: Log) -> Iterator[ClockReadings]:

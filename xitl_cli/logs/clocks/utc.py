@@ -71,6 +71,6 @@ def _told(log: Log) -> Iterator[tuple[str, Stamps, Stamps]]:
 def _system_times(log: Log) -> Iterator[Table]:
     if "SYSTEM_TIME" in log.tables:
         yield log.tables["SYSTEM_TIME"]
-    for topic in log.tables if log.format == "mcap" else ():
+    for topic in log.tables if log.of_topics else ():
         if topic.endswith(_RECEIVED) and f"{topic}:SYSTEM_TIME" in log.tables:
             yield log.tables[f"{topic}:SYSTEM_TIME"]

@@ -52,7 +52,8 @@ def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
     that is there.
     """
     if not isinstance(log, McapLog):
-        kind = {"dataflash": "a DataFlash log", "tlog": "a telemetry log"}.get(log.format, "no MCAP recording")
+        kinds = {"dataflash": "a DataFlash log", "tlog": "a telemetry log"}
+        kind = kinds.get(log.format, "a bag of ROS")
         raise LogError(
             f"{log.path}: is {kind}, which has no index or end that could be missing: every command reads on behind "
             "damage; `xitl logs export` writes what can be read"

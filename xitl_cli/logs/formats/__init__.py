@@ -16,13 +16,13 @@ _LOOKED_AT_BYTES = 64 << 10
 _DATAFLASH_START = b"\xa3\x95"
 _DATAFLASH_OWN_FORMAT = b"\xa3\x95\x80\x80\x59FMT\0"
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
+_ROS1_BAG_MAGIC = b"#ROSBAG V"
+_SQLITE_MAGIC = b"SQLite format 3\0"
 
 _CAPTURE = "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"
 _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"FMT, ", "a DataFlash log as text; give the .bin itself, as the autopilot wrote it"),
     (b"ULog\x01\x12\x35", "a ULog of PX4, which is not read here; look at it with pyulog or PlotJuggler"),
-    (b"#ROSBAG V2.0", "a ROS 1 bag; convert it with `mcap convert FILE.bag FILE.mcap`"),
-    (b"SQLite format 3\0", "an SQLite database, as ROS 2 bags were; convert it with `mcap convert FILE.db3 FILE.mcap`"),
     (b"\x1f\x8b", "packed with gzip; unpack it with `gunzip` and give what comes out"),
     (b"PK\x03\x04", "a ZIP archive; unpack it and give the log inside"),
     (b"\x28\xb5\x2f\xfd", "packed with Zstandard; unpack it with `unzstd` and give what comes out"),
@@ -36,8 +36,8 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
 )
 """How a file begins that is something else, and what to do with it."""
 
-_ENDINGS = (".mcap", ".bin", ".tlog")
-_WANTED = "give a DataFlash .bin, a .tlog or an .mcap"
+_ENDINGS = (".mcap", ".bin", ".tlog", ".bag", ".db3")
+_WANTED = "give a DataFlash .bin, a .tlog, an .mcap or a bag of ROS"
 
 
 def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
@@ -49,6 +49,8 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     Raises LogError when the file is missing, unreadable or no log, or has no such vessel.
     """
     path = Path(path)
+    if _is_bag_folder(path):
+        return _of_one(_bag_folder(path), vessel)
     head, size = _head(path)
     try:
         if head.startswith(_MCAP_MAGIC):
@@ -59,6 +61,8 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
                 return log
             log.close()
             return McapLog(path, vessel or log.vessels[0])
+        if head.startswith((_ROS1_BAG_MAGIC, _SQLITE_MAGIC)):
+            return _of_one(_bag(path, head), vessel)
         if head.startswith(_DATAFLASH_START):
             return _dataflash(path)
         other = next((what for magic, what in _OTHERS if head.startswith(magic)), None)
@@ -73,6 +77,42 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     except OSError as error:
         raise _unreadable(path, error) from error
     raise LogError(f"{path}: is no log: {_looks_like(head)}; {_WANTED}")
+
+
+def _is_bag_folder(path: Path) -> bool:
+    try:
+        if not path.is_dir():
+            return False
+    except (OSError, ValueError):
+        return False
+    from xitl_cli.logs.formats.bag.folder import is_bag_folder
+
+    return is_bag_folder(path)
+
+
+def _bag_folder(path: Path) -> Log:
+    from xitl_cli.logs.formats.bag.folder import open_bag_folder
+
+    return open_bag_folder(path)
+
+
+def _bag(path: Path, head: bytes) -> Log:
+    if head.startswith(_SQLITE_MAGIC):
+        from xitl_cli.logs.formats.bag.sqlite_bag import SqliteBag
+
+        return SqliteBag(path)
+    from xitl_cli.logs.formats.bag.ros1_bag import Ros1Bag, refuse_other_version
+
+    refuse_other_version(path, head)
+    return Ros1Bag(path)
+
+
+def _of_one(log: Log, vessel: str | None) -> Log:
+    """A log whose topics are not told apart by vessel. Raises LogError when one is asked for."""
+    if not vessel:
+        return log
+    log.close()
+    raise LogError(f"{log.path}: is a bag, whose vessels are not known; leave --vessel out and name topics in full")
 
 
 def _dataflash(path: Path) -> Log:
@@ -107,9 +147,7 @@ def _unreadable(path: Path, error: OSError | ValueError) -> LogError:
 
 def _inside(directory: Path) -> str:
     try:
-        names = sorted(
-            entry.name for entry in directory.iterdir() if entry.suffix.lower() in (".mcap", ".bin", ".tlog")
-        )
+        names = sorted(entry.name for entry in directory.iterdir() if entry.suffix.lower() in _ENDINGS)
     except OSError:
         names = []
     if not names:

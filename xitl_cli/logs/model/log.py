@@ -14,7 +14,7 @@ from xitl_cli.logs.model.text import resolve_name
 if TYPE_CHECKING:
     from xitl_cli.logs.model.named_signals import LogSignal
 
-Format = Literal["dataflash", "mcap", "tlog"]
+Format = Literal["dataflash", "mcap", "tlog", "rosbag1", "rosbag2"]
 
 # boot: since the autopilot started; simulation: since the run began; utc: since 1970; unknown: as the writer pleased
 Base = Literal["boot", "simulation", "utc", "unknown"]
@@ -148,6 +148,11 @@ class Log(ABC):
     def closed(self) -> bool:
         """Whether its writer finished it; a format without an end has none that is missing."""
         return True
+
+    @property
+    def of_topics(self) -> bool:
+        """Whether its tables are topics, as those of a recording or a bag: what is not among them nobody recorded."""
+        return self.format in ("mcap", "rosbag1", "rosbag2")
 
     def attachment(self, name: str) -> bytes | None:
         """The first file of this name inside the log; None when there is none, or none that is all there."""

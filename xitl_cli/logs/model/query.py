@@ -252,7 +252,7 @@ def merge_rows(
 
 def rows_at_once(log: Log, tables: Sequence[Table]) -> int:
     """Batch size: large for a recording, which is read from its beginning for any of its rows, else small."""
-    if log.format != "mcap":
+    if not log.of_topics:
         return _MOST
     widest = max(sum(math.prod(map(abs, column.shape)) for column in table.columns.values()) for table in tables)
     return max(_MOST, _SEQUENTIAL_BYTES // (8 * max(widest, 1)))

@@ -10,7 +10,13 @@ from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.logs.model.sections import Evidence, Grid, Section, Severity, Value
 from xitl_cli.logs.model.text import clock_text, plural
 
-FORMAT_NAMES = {"dataflash": "DataFlash", "mcap": "MCAP", "tlog": "telemetry log"}
+FORMAT_NAMES = {
+    "dataflash": "DataFlash",
+    "mcap": "MCAP",
+    "tlog": "telemetry log",
+    "rosbag1": "ROS 1 bag",
+    "rosbag2": "ROS 2 bag",
+}
 SEVERITY_NAMES = {
     Severity.CRITICAL: "critical",
     Severity.WARNING: "warning",

@@ -163,7 +163,7 @@ def _demanded(found: Series | None) -> Series | None:
 def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
     """Degrees a second, clockwise from above."""
     if of == "truth":
-        return _true_yaw_rate(log)
+        return first_series(log, _true_yaw_rate, partial(_foreign_yaw_rate, of="truth"))
     return first_series(
         log,
         lambda log: column_series(log, "IMU", "GyrZ", "deg/s", factor=_DEG),
@@ -180,6 +180,7 @@ def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
             log,
             lambda log: _norm(log, "/truth/state", "velocity_ned_mps"),
             lambda log: unless_stray(log, _hypot(log, "SIM2", "VN", "VE")),
+            partial(_foreign_speed, of="truth"),
         )
     return first_series(
         log,
@@ -189,9 +190,7 @@ def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
         lambda log: column_series(log, "GPS", "Spd", "m/s"),
         lambda log: _odometry_speed(log, "/estimate/odometry"),
         lambda log: _telemetry(log, "VFR_HUD", "groundspeed", "m/s"),
-        lambda log: next(
-            (found for each in foreign_poses(log) if (found := _odometry_speed(log, each.table.name))), None
-        ),
+        _foreign_speed,
     )
 
 
@@ -202,13 +201,14 @@ def _angle(log: Log, name: str, logged: str, of: SignalSource) -> Series | None:
             log,
             lambda log: unless_stray(log, column_series(log, "SIM", logged, "deg", turns=turns)),
             lambda log: _own_angle(log, "/truth/odometry", name),
+            partial(_foreign_angle, name=name, of="truth"),
         )
     return first_series(
         log,
         lambda log: column_series(log, "ATT", logged, "deg", turns=turns),
         lambda log: _own_angle(log, "/estimate/odometry", name),
         lambda log: _turned(_telemetry(log, "ATTITUDE", name, "deg", factor=_DEG, turns=turns)),
-        lambda log: next((found for each in foreign_poses(log) if (found := each.angle(name))), None),
+        partial(_foreign_angle, name=name),
         lambda log: _any_imu_angle(log, name),
     )
 
@@ -279,14 +279,19 @@ _POSES = (
 """What holds a pose, the likeliest to be the vessel's first."""
 
 
-def foreign_poses(log: Log) -> Iterator[PoseTopic]:
+def foreign_poses(log: Log, of: SignalSource = "estimate") -> Iterator[PoseTopic]:
     """Topics that carry poses, the likeliest to be the vessel's first; of a recording of ours none, they are known."""
-    if log.format != "mcap" or log.base == "simulation":
+    if not log.of_topics or log.base == "simulation":
         return
     for fields in _POSES:
-        for table in log.tables.values():
-            if (found := _pose_topic(table, *fields)) is not None:
+        for name, table in log.tables.items():
+            if _tells(name) == of and (found := _pose_topic(table, *fields)) is not None:
                 yield found
+
+
+def _tells(topic: str) -> SignalSource:
+    """Simulators call it ground_truth or truth, nobody else does."""
+    return "truth" if "truth" in topic.lower() else "estimate"
 
 
 def _pose_topic(table: Table, place: str, turn: str) -> PoseTopic | None:
@@ -323,8 +328,18 @@ def _odometry_speed(log: Log, topic: str) -> Series | None:
     return make_series(table.stamp_ns, np.hypot(linear[:, 0], linear[:, 1]), "m/s", f"{topic}.twist.twist.linear")
 
 
-def _foreign_speed(log: Log) -> Series | None:
-    return next((found for each in foreign_poses(log) if (found := _odometry_speed(log, each.table.name))), None)
+def _foreign_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
+    speeds = (_odometry_speed(log, each.table.name) for each in foreign_poses(log, of))
+    return next((found for found in speeds if found is not None), None)
+
+
+def _foreign_angle(log: Log, name: str, of: SignalSource = "estimate") -> Series | None:
+    return next((found for each in foreign_poses(log, of) if (found := each.angle(name)) is not None), None)
+
+
+def _foreign_yaw_rate(log: Log, of: SignalSource) -> Series | None:
+    rates = (_odometry_yaw_rate(log, each.table.name) for each in foreign_poses(log, of))
+    return next((found for found in rates if found is not None), None)
 
 
 def _odometry_yaw_rate(log: Log, topic: str) -> Series | None:
@@ -339,7 +354,7 @@ def _odometry_yaw_rate(log: Log, topic: str) -> Series | None:
 
 def _any_imu_yaw_rate(log: Log) -> Series | None:
     """Of a sensor_msgs/Imu topic, FLU."""
-    if log.format != "mcap":
+    if not log.of_topics:
         return None
     name = next((name for name, table in log.tables.items() if "angular_velocity.z" in table.columns), None)
     return None if name is None else column_series(log, name, "angular_velocity.z", "deg/s", factor=-_DEG)
@@ -347,7 +362,7 @@ def _any_imu_yaw_rate(log: Log) -> Series | None:
 
 def _any_imu_angle(log: Log, name: str) -> Series | None:
     """Of a sensor_msgs/Imu topic that tells an attitude: its own covariance of -1 says that it does not."""
-    for table in log.tables.values() if log.format == "mcap" and log.base != "simulation" else ():
+    for table in log.tables.values() if log.of_topics and log.base != "simulation" else ():
         if {"orientation.w", "angular_velocity.z"} <= set(table.columns):
             covariance = stacked_columns(table, ("orientation_covariance",)) if len(table) else None
             if covariance is None or covariance.ravel()[0] >= 0.0:
@@ -396,6 +411,7 @@ def position_geodetic(log: Log, of: SignalSource = "estimate") -> Series | None:
         ways = (
             lambda log: unless_stray(log, geodetic_series(log, "SIM", ("Lat", "Lng", "Alt"))),
             partial(geodetic_series, table="/truth/fix", names=("latitude", "longitude", "altitude")),
+            partial(_any_fix, of="truth"),
         )
     else:
         ways = (
@@ -414,8 +430,8 @@ def position_ned(
 ) -> LocalPosition | None:
     """About `origin`; without one about the origin of the log's own local frame, or its first position."""
     local = _local_odometry(log, "/truth/odometry" if of == "truth" else "/estimate/odometry")
-    if local is None and of == "estimate":
-        local = next((found for each in foreign_poses(log) if (found := each.places())), None)
+    if local is None:
+        local = next((found for each in foreign_poses(log, of) if (found := each.places()) is not None), None)
     own = _run_origin(log)
     if local is not None and (origin is None or own is not None):
         if origin is None or origin == own:
@@ -470,14 +486,14 @@ def _telemetry_geodetic(log: Log, message: str) -> Series | None:
     return None
 
 
-def _any_fix(log: Log) -> Series | None:
-    if log.format != "mcap":
+def _any_fix(log: Log, of: SignalSource = "estimate") -> Series | None:
+    if not log.of_topics:
         return None
     names = ("latitude", "longitude", "altitude")
     topics = [
         name
         for name, table in log.tables.items()
-        if all(field in table.columns for field in names) and not name.startswith("/truth")
+        if _tells(name) == of and all(field in table.columns for field in names)
     ]
     return next((found for topic in topics if (found := geodetic_series(log, topic, names)) is not None), None)
 
@@ -492,7 +508,7 @@ def _estimated_geodetic(log: Log) -> Series | None:
 
 def _run_origin(log: Log) -> tuple[float, float, float] | None:
     """The local origin of a recording of ours: back from a true fix by the true position of that instant."""
-    if log.format != "mcap":
+    if not log.of_topics:
         return None
     fix = geodetic_series(log, "/truth/fix", ("latitude", "longitude", "altitude"))
     truth = _local_odometry(log, "/truth/odometry")

@@ -1,4 +1,4 @@
-"""ROS 2 payloads (CDR), all messages of a batch at once.
+"""Payloads of ROS 2 (CDR) and of ROS 1, all messages of a batch at once.
 
 One cursor goes through the definition for all messages together. As long as texts and sequences are equally long in all
 of them it is one number, and every field a strided view; where they differ it is an array of places. A message that
@@ -163,7 +163,20 @@ def _number(name: str) -> CdrNumber:
 
 _HEADER = 4
 _COARSEST = 8
-_MOST_DEPTH_STEPS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Serialisation:
+    """header: bytes before the first field, from behind which places are aligned. aligned: each field to its own size;
+    else field follows field, and nothing stands for a message without fields. nul: texts end with one."""
+
+    header: int
+    aligned: bool
+    nul: int
+
+
+CDR = Serialisation(_HEADER, aligned=True, nul=1)
+ROS1 = Serialisation(0, aligned=False, nul=0)
 
 
 def has_fixed_size(node: CdrNode) -> bool:
@@ -176,9 +189,11 @@ def has_fixed_size(node: CdrNode) -> bool:
 
 
 def end_of_elements(
-    node: CdrNode, place: int | NDArray[np.int64], count: int | NDArray[np.int64]
+    node: CdrNode, place: int | NDArray[np.int64], count: int | NDArray[np.int64], form: Serialisation = CDR
 ) -> int | NDArray[np.int64]:
     """Place behind `count` elements of fixed size from `place` on; counts below 2^32."""
+    if not form.aligned:
+        return place + count * _packed_size(node)
     places, counts = np.broadcast_arrays(np.asarray(place, dtype=np.int64), np.asarray(count, dtype=np.int64))
     ends = places.copy()
     step = np.array([_end(node, rest) - rest for rest in range(_COARSEST)], dtype=np.int64)
@@ -189,6 +204,15 @@ def end_of_elements(
         step = step + step[(np.arange(_COARSEST) + step) % _COARSEST]
         bit <<= 1
     return int(ends) if ends.ndim == 0 else ends
+
+
+def _packed_size(node: CdrNode) -> int:
+    if isinstance(node, CdrStruct):
+        return sum(_packed_size(child) for _, child in node.fields)
+    if isinstance(node, CdrArray):
+        assert node.count is not None
+        return node.count * _packed_size(node.element)
+    return node.size if isinstance(node, CdrNumber) else 8
 
 
 def _end(node: CdrNode, at: int) -> int:
@@ -357,16 +381,17 @@ class BytesLeaf(CdrLeaf):
 
 
 class TextLeaf(CdrLeaf):
-    """`count` bytes with a NUL at their end, or characters of `wide` bytes each, in this order of bytes, without."""
+    """`count` bytes, `nul` of them at the end, or characters of `wide` bytes each, in this order of bytes, without."""
 
     kind: Kind = "text"
     dtype = np.dtype(np.str_)
 
-    def __init__(self, batch: PayloadBatch, place: Place, count: Place, wide: int, order: str) -> None:
+    def __init__(self, batch: PayloadBatch, place: Place, count: Place, wide: int, order: str, nul: int) -> None:
         super().__init__(batch, place)
         self._count = count
         self._wide = wide
         self._order = order
+        self._nul = nul
 
     def values(self, rows: RowNumbers) -> list[Any]:
         known: dict[bytes, str] = {}
@@ -382,13 +407,10 @@ class TextLeaf(CdrLeaf):
 
     def _decoded(self, stored: bytes) -> str:
         if not self._wide:
-            return stored[:-1].decode("utf-8", "replace")
+            return stored[: len(stored) - self._nul].decode("utf-8", "replace")
         units = np.frombuffer(stored, dtype=f"{self._order}u{self._wide}").astype("<u2")
         return units.tobytes().decode("utf-16-le", "replace")
 
-
-HEADER = 4
-"""Bytes before the first field; places in a message are aligned from behind them."""
 
 _ORDERS = {0: ">", 1: "<"}
 _MOST_STEPS = 50_000
@@ -412,7 +434,7 @@ class CdrDecoder:
 
     def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
         """All fields in either case: one that is not asked for costs next to nothing."""
-        good = batch.size >= HEADER
+        good = batch.size >= CDR.header
         kinds = np.frombuffer(batch.data, dtype=np.uint8)[batch.start[good] + 1]
         known = np.bincount(kinds, minlength=2)[:2]
         if not known.any():
@@ -421,13 +443,23 @@ class CdrDecoder:
             return DecodedBatch(good, {})
         kind = int(np.argmax(known))
         good[good] = kinds == kind
-        reading = _Reading(batch, good, _ORDERS[kind], self._wide)
-        try:
-            reading.walk(self._root, "", True, True)
-        except _NoneLeftError:
-            return DecodedBatch(np.zeros(len(batch), dtype=np.bool_), {})
+        reading = _Reading(batch, good, CDR, _ORDERS[kind], self._wide)
+        found = reading.whole(self._root)
         self._wide = reading.wide
-        return DecodedBatch(reading.good, reading.leaves)
+        return found
+
+
+class Ros1Decoder:
+    """Of the definition that a ROS 1 bag holds, columns as CdrDecoder has them. Raises UndecodableError."""
+
+    open_ended = False
+
+    def __init__(self, name: str, text: bytes) -> None:
+        self._root = definition(name, text)
+
+    def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
+        """All fields in either case: one that is not asked for costs next to nothing."""
+        return _Reading(batch, np.ones(len(batch), dtype=np.bool_), ROS1, _ORDERS[1], 0).whole(self._root)
 
 
 class _NoneLeftError(Exception):
@@ -437,8 +469,11 @@ class _NoneLeftError(Exception):
 class _Reading:
     """good: the messages to read, and in the end those that could be read."""
 
-    def __init__(self, batch: PayloadBatch, good: NDArray[np.bool_], order: str, wide: int) -> None:
+    def __init__(
+        self, batch: PayloadBatch, good: NDArray[np.bool_], form: Serialisation, order: str, wide: int
+    ) -> None:
         self.batch = batch
+        self.form = form
         self.order = order
         self.wide = wide
         self.good = good.copy()
@@ -447,11 +482,19 @@ class _Reading:
         self._size = batch.size.copy()
         self._stride = even_stride(self._start)
         self._least = int(self._size.min())
-        self._cursor: Place = HEADER
-        self._taken: Place = HEADER
+        self._cursor: Place = form.header
+        self._taken: Place = form.header
         self._steps = 0
         if not good.all():
             self._drop(~good)
+
+    def whole(self, root: CdrStruct) -> DecodedBatch:
+        """All that the messages hold."""
+        try:
+            self.walk(root, "", True, True)
+        except _NoneLeftError:
+            return DecodedBatch(np.zeros(len(self.batch), dtype=np.bool_), {})
+        return DecodedBatch(self.good, self.leaves)
 
     def walk(self, node: CdrNode, name: str, emit: bool, last: bool) -> None:
         """Take a node's bytes off all messages. last: nothing follows, so where it ends does not matter."""
@@ -469,7 +512,7 @@ class _Reading:
             if emit:
                 self.leaves[name] = InstantLeaf(self.batch, self._taken, self.order)
         elif isinstance(node, CdrStruct):
-            if not node.fields:  # has an unnamed octet instead
+            if not node.fields and self.form.aligned:  # has an unnamed octet instead
                 self._advance(1, 1)
             for number, (field, child) in enumerate(node.fields):
                 self.walk(child, f"{name}.{field}" if name else field, emit, last and number == len(node.fields) - 1)
@@ -486,7 +529,8 @@ class _Reading:
             self.wide = self._width(count)
         count = self._advance_by(1, count, self.wide if node.wide else 1)
         if emit:
-            self.leaves[name] = TextLeaf(self.batch, self._taken, count, self.wide if node.wide else 0, self.order)
+            wide = self.wide if node.wide else 0
+            self.leaves[name] = TextLeaf(self.batch, self._taken, count, wide, self.order, self.form.nul)
 
     def _width(self, count: Place) -> int:
         """Bytes of a wide character: some write 4, some 2, and only a text of two or more tells."""
@@ -528,7 +572,7 @@ class _Reading:
             return
         left = counts - shown
         if has_fixed_size(element):
-            self._cursor = end_of_elements(element, self._cursor, left)
+            self._cursor = end_of_elements(element, self._cursor, left, self.form)
             self._advance(1, 0)
         else:
             self._loop(element, left)
@@ -562,7 +606,8 @@ class _Reading:
 
     def _of(self, active: NDArray[np.bool_]) -> _Reading:
         """The same for some of the messages, from where the cursor is."""
-        inner = _Reading(self.batch.rows(active), np.ones(int(active.sum()), dtype=np.bool_), self.order, self.wide)
+        every = np.ones(int(active.sum()), dtype=np.bool_)
+        inner = _Reading(self.batch.rows(active), every, self.form, self.order, self.wide)
         inner._cursor = self._cursor if isinstance(self._cursor, int) else self._cursor[active]
         inner._steps = self._steps
         return inner
@@ -581,8 +626,8 @@ class _Reading:
     def _advance_by(self, alignment: int, count: Place, size: int) -> Place:
         """The same for `count` times as many; the counts as they are after messages were left out."""
         begin = self._cursor
-        if alignment > 1:
-            aligned = begin + (HEADER - begin) % alignment
+        if alignment > 1 and self.form.aligned:
+            aligned = begin + (self.form.header - begin) % alignment
             if isinstance(count, int) and count:
                 begin = aligned
             elif not isinstance(count, int):

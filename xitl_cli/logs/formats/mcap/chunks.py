@@ -428,6 +428,7 @@ def message_index(record: bytes, channel: int) -> NDArray[np.int64] | None:
 
 
 BATCH_BYTES = 16 << 20
+_I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -453,24 +454,25 @@ class PayloadBatch:
 
 
 def batches(chunks: Chunks, where: Sequence[Chunk], channels: Sequence[int]) -> Iterator[PayloadBatch]:
-    """All messages of the channels in the order of the file; a batch ends behind BATCH_BYTES, at the end of a chunk."""
+    """All messages of the channels in the order of the file."""
+    return join_payloads(found for chunk in where for found in _of_chunk(chunks, chunk, channels))
+
+
+def join_payloads(found: Iterable[tuple[_I64, _I64, _I64, Sequence[bytes | memoryview]]]) -> Iterator[PayloadBatch]:
+    """Batches of what was found: sizes, stamps (ns), places, payloads. A batch ends behind BATCH_BYTES."""
     payloads, sizes, stamps, places = list[bytes | memoryview](), list[_I64](), list[_I64](), list[_I64]()
     held = 0
-    for chunk in where:
-        for size, stamp_ns, place, data in _of_chunk(chunks, chunk, channels):
-            payloads.extend(data)
-            sizes.append(size)
-            stamps.append(stamp_ns)
-            places.append(place)
-            held += int(size.sum())
+    for size, stamp_ns, place, data in found:
+        payloads.extend(data)
+        sizes.append(size)
+        stamps.append(stamp_ns)
+        places.append(place)
+        held += int(size.sum())
         if held >= BATCH_BYTES:
             yield _batch(payloads, sizes, stamps, places)
             payloads, sizes, stamps, places, held = [], [], [], [], 0
     if sizes:
         yield _batch(payloads, sizes, stamps, places)
-
-
-_I64 = NDArray[np.int64]
 
 
 def _of_chunk(

@@ -15,7 +15,7 @@ from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, batches
 from xitl_cli.logs.formats.mcap.index import RecordingIndex, RecordingLosses, from_summary, has_footer
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, SchemaRecord
-from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, UndecodableError
+from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, UndecodableError, doubtful_rows
 from xitl_cli.logs.formats.mcap.walk import Walk, between
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileReader
@@ -125,17 +125,11 @@ class McapLog(Log):
 
     @property
     def health(self) -> LogHealth:
-        losses, undecoded, back = self._index.losses, dict[str, tuple[int, str]](), 0
-        for name, table in self._tables.topics.items():
-            seen = table.surveyed
-            why = table.why_undecodable()
-            back += seen.back_in_time if seen is not None else 0
-            if seen is not None and seen.undecoded:
-                undecoded[name] = seen.undecoded, seen.why
-            elif why:
-                undecoded[name] = table.indexed_rows, why
-            elif self._frames_left.get(name):
-                undecoded[name] = self._frames_left[name], "its frames are damaged, or of messages not known here"
+        losses = self._index.losses
+        back, undecoded = doubtful_rows(self._tables.topics)
+        for name, left in self._frames_left.items():
+            if left:
+                undecoded.setdefault(name, (left, "its frames are damaged, or of messages not known here"))
         return losses.health(
             self._source.size,
             sum(self._index.counts.values()),
@@ -324,6 +318,10 @@ def _decoder(channel: ChannelRecord, schema: SchemaRecord | None) -> Decoder:
         from xitl_cli.logs.formats.mcap.cdr import CdrDecoder
 
         return CdrDecoder(schema.name, schema.data)
+    if schema is not None and kind == ("ros1", "ros1msg"):
+        from xitl_cli.logs.formats.mcap.cdr import Ros1Decoder
+
+        return Ros1Decoder(schema.name, schema.data)
     if schema is not None and kind == ("protobuf", "protobuf"):
         from xitl_cli.logs.formats.mcap.decoders import ProtobufDecoder
 

@@ -456,3 +456,16 @@ class TopicTable(Table):
 
 def _joined(arrays: list[NDArray[Any]], dtype: type[Any]) -> NDArray[Any]:
     return np.concatenate(arrays) if arrays else np.zeros(0, dtype=dtype)
+
+
+def doubtful_rows(tables: Mapping[str, TopicTable]) -> tuple[int, dict[str, tuple[int, str]]]:
+    """Rows that go back in time, and by topic those that cannot be decoded with the reason, as far as is known."""
+    back, undecoded = 0, dict[str, tuple[int, str]]()
+    for name, table in tables.items():
+        seen, why = table.surveyed, table.why_undecodable()
+        back += seen.back_in_time if seen is not None else 0
+        if seen is not None and seen.undecoded:
+            undecoded[name] = seen.undecoded, seen.why
+        elif why:
+            undecoded[name] = table.indexed_rows, why
+    return back, undecoded

@@ -1,0 +1,228 @@
+"""A ROS 2 bag as `ros2 bag record` makes it: a folder with metadata.yaml and one or more files of either storage."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.formats.bag.sqlite_bag import SqliteBag
+from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Base, Format, Log, LogHealth, Losses
+from xitl_cli.logs.model.table import ALL, Column, Rows, Table
+
+METADATA = "metadata.yaml"
+_PACKED = ".zstd"
+_MOST_METADATA = 64 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class BagFolder:
+    """files: of its messages, in order. packed_messages: each message is compressed by itself."""
+
+    files: tuple[Path, ...]
+    packed_messages: bool
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether `ros2 bag record` has made it, also when it never came to write the metadata."""
+    return (path / METADATA).is_file() or any(path.glob("*.db3"))
+
+
+def open_bag_folder(path: Path) -> Log:
+    """The bag in the folder. Raises LogError when there is none, or nothing of it can be read."""
+    folder = _read_folder(path)
+    opened = ExitStack()
+    try:
+        parts, absent = list[Log](), list[str]()
+        for file in folder.files:
+            if not file.is_file():
+                absent.append(file.name)
+                continue
+            whole = _unpacked_file(file, opened) if file.suffix == _PACKED else file
+            part: Log = McapLog(whole) if ".mcap" in file.name else SqliteBag(whole, packed=folder.packed_messages)
+            parts.append(opened.enter_context(part))
+        if not parts:
+            named = ", ".join(absent) or "nothing"
+            raise LogError(f"{path / METADATA}: names {named}, and no such file is there; copy the whole folder")
+        return JoinedLog(path, parts, absent, opened.pop_all())
+    finally:
+        opened.close()
+
+
+def _read_folder(path: Path) -> BagFolder:
+    metadata = path / METADATA
+    if not metadata.is_file():
+        return BagFolder(tuple(sorted(path.glob("*.db3"))), packed_messages=False)
+    import yaml
+
+    try:
+        if metadata.stat().st_size > _MOST_METADATA:
+            raise LogError(f"{metadata}: is larger than 64 MiB; it is none of a bag")
+        about = yaml.safe_load(metadata.read_text("utf-8", "replace"))["rosbag2_bagfile_information"]
+        files = tuple(path / Path(str(name)).name for name in about["relative_file_paths"])
+        packed = str(about.get("compression_mode", "")).upper() == "MESSAGE"
+    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        raise LogError(
+            f"{metadata}: is no metadata of a bag ({type(error).__name__}); make it anew with `ros2 bag reindex {path}`"
+        ) from error
+    return BagFolder(files, packed)
+
+
+def _unpacked_file(file: Path, opened: ExitStack) -> Path:
+    import zstandard
+
+    directory = Path(opened.enter_context(TemporaryDirectory(prefix="xitl-bag-")))
+    unpacked = directory / file.name.removesuffix(_PACKED)
+    try:
+        with file.open("rb") as packed, unpacked.open("wb") as out:
+            zstandard.ZstdDecompressor().copy_stream(packed, out)
+    except (zstandard.ZstdError, OSError) as error:
+        raise LogError(f"{file}: cannot be unpacked ({error}); record the bag anew") from error
+    return unpacked
+
+
+class JoinedTable(Table):
+    """One topic of several files, one after the other: the columns that all of them have."""
+
+    def __init__(self, name: str, parts: Sequence[Table], begins: Sequence[int]) -> None:
+        self.name, self.instance = name, parts[0].instance
+        self._parts = parts
+        self._begins = begins
+
+    @cached_property
+    def columns(self) -> Mapping[str, Column]:
+        joined = dict[str, Column]()
+        for name, column in self._parts[0].columns.items():
+            others = [part.columns.get(name) for part in self._parts[1:]]
+            if all(other is not None and other.kind == column.kind for other in others):
+                alike = all(other is not None and other.shape == column.shape for other in others)
+                joined[name] = column if alike else Column(name, column.unit, column.raw_unit, column.kind, (-1,))
+        return joined
+
+    def __len__(self) -> int:
+        return sum(len(part) for part in self._parts)
+
+    @property
+    def indexed_rows(self) -> int:
+        return sum(part.indexed_rows for part in self._parts)
+
+    @cached_property
+    def stamp_ns(self) -> NDArray[np.int64]:
+        return np.concatenate([part.stamp_ns for part in self._parts])
+
+    @cached_property
+    def file_offset(self) -> NDArray[np.int64]:
+        return np.concatenate([part.file_offset + begin for part, begin in zip(self._parts, self._begins, strict=True)])
+
+    def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
+        described = self.columns[column]
+        wanted, order = np.unique(np.arange(len(self), dtype=np.intp)[rows], return_inverse=True)
+        blocks, first = list[NDArray[Any]](), 0
+        for part in self._parts:
+            mine = wanted[(wanted >= first) & (wanted < first + len(part))] - first
+            blocks.append(part.values(column, mine, raw=raw))
+            first += len(part)
+        if described.shape == (-1,):
+            width = max(block.shape[1] if block.ndim > 1 else 1 for block in blocks)
+            blocks = [_padded(block.reshape(len(block), -1), width) for block in blocks]
+        return np.concatenate(blocks)[order]
+
+
+def _padded(block: NDArray[Any], width: int) -> NDArray[np.float64]:
+    padded = np.full((len(block), width), np.nan)
+    padded[:, : block.shape[1]] = block
+    return padded
+
+
+class JoinedLog(Log):
+    """Several files of one bag as one log, in their order."""
+
+    def __init__(self, path: Path, parts: Sequence[Log], absent: Sequence[str], opened: ExitStack) -> None:
+        self.path = path
+        self.format: Format = parts[0].format
+        self._parts, self._absent, self._opened = parts, absent, opened
+        begins = [number << 44 for number in range(len(parts))]  # no place in a part is beyond that, however packed
+        having: dict[str, list[tuple[Table, int]]] = {}
+        for part, begin in zip(parts, begins, strict=True):
+            for name, table in part.tables.items():
+                having.setdefault(name, []).append((table, begin))
+        self._tables = {
+            name: JoinedTable(name, *zip(*found, strict=True)) if len(found) > 1 else found[0][0]
+            for name, found in sorted(having.items())
+        }
+
+    @property
+    def base(self) -> Base:
+        return self._parts[0].base
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        return self._tables
+
+    @property
+    def rowless(self) -> Collection[str]:
+        return {name for part in self._parts for name in part.rowless} - self._tables.keys()
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        spans = [span for part in self._parts if (span := part.span_ns) is not None]
+        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
+
+    @property
+    def health(self) -> LogHealth:
+        every = [part.health for part in self._parts]
+        losses = Losses()
+        for one in every:
+            losses.damaged += one.damaged
+            losses.damage += one.damage
+            losses.lost_bytes += one.lost_bytes
+            losses.suspect += one.suspect
+            losses.truncated_bytes += one.truncated_bytes
+        for name in self._absent:
+            losses.note(0, 0, f"{name}, which {METADATA} names, is not there")
+        undecoded = dict[str, tuple[int, str]]()
+        for one in every:
+            for name, (rows, why) in one.undecoded.items():
+                undecoded[name] = undecoded.get(name, (0, why))[0] + rows, why
+        return losses.health(
+            sum(one.size_bytes for one in every),
+            sum(one.records for one in every),
+            unclosed=any(one.unclosed for one in every),
+            back_in_time=sum(one.back_in_time for one in every),
+            redefined=sum(one.redefined for one in every),
+            undecoded=undecoded,
+        )
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        return {**self._parts[0].facts, "files": str(len(self._parts))}
+
+    @property
+    def vessels(self) -> tuple[str, ...]:
+        return self._parts[0].vessels
+
+    @property
+    def closed(self) -> bool:
+        return all(part.closed for part in self._parts)
+
+    def attachment(self, name: str) -> bytes | None:
+        return next((found for part in self._parts if (found := part.attachment(name)) is not None), None)
+
+    def payloads(self, topic: str) -> Iterator[bytes]:
+        for part in self._parts:
+            yield from part.payloads(topic)
+
+    def frame_tables(self, topic: str) -> Mapping[str, Table]:
+        return self._parts[0].frame_tables(topic)
+
+    def close(self) -> None:
+        self._opened.close()
