@@ -39,10 +39,11 @@ from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, TruthRecord
 from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
 from xitl_cli.run.nodes.scripted import ScriptedRecorder
 from xitl_cli.run.nodes.track import TrackNode
+from xitl_cli.run.operator.control import OperatedControl
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
 from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
-from xitl_cli.run.operator.orders import VesselOrders
+from xitl_cli.run.operator.orders import Steering, VesselOrders
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
 from xitl_cli.run.status_display import DisplayNode, StatusDisplay, StatusSource
@@ -64,7 +65,7 @@ class RunSetup:
     what the vessels of the run say of themselves. departs_after: those that have to be ready before this one sets out.
     receivers: who of them hears AIS.
     workers: have the autopilots that would be in this process, where that pays. operated: somebody may act as the run
-    goes on. orders: what an operator asks of the vessels' autopilots by.
+    goes on. orders: what an operator asks of the vessels' autopilots by. steering: the same of all that can be steered.
     """
 
     profile: RunProfile
@@ -80,6 +81,7 @@ class RunSetup:
     workers: AgentWorkers | None = None
     operated: bool = False
     orders: dict[str, VesselOrders] = field(default_factory=dict)
+    steering: dict[str, Steering] = field(default_factory=dict)
 
     def others(self) -> str:
         """Which vessels this one has to wait for now; empty when it may set out."""
@@ -107,7 +109,8 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     # Who moves the vessel.
     bridge = autopilot = companion = line = None
     if profile.autopilot.kind == "none":
-        control: ControlNode = made(direct_control(profile, setup.others))
+        by_nodes = profile.driver.kind == "ros"
+        control: ControlNode = made(OperatedControl(profile) if by_nodes else direct_control(profile, setup.others))
     else:
         if profile.autopilot.kind != "embedded":
             if hears_sentences(profile):
@@ -154,10 +157,14 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
             )
         if setup.operated and faults is not None:
             frame = local_frame(profile.site)
-            setup.orders[profile.vessel] = VesselOrders(profile, autopilot.new_commands(), frame, faults)
+            orders = VesselOrders(profile, autopilot.new_commands(), frame, faults, autopilot.driver.finish)
+            autopilot.heard.subscribe(orders.handle)
+            setup.orders[profile.vessel] = setup.steering[profile.vessel] = orders
         # In lockstep how much has come from a companion depends on the wall clock.
         age = autopilot.actuator_age if realtime else None
         links = LinkRecorder(profile.clock, agents if realtime else autopilots, age)
+    if isinstance(control, OperatedControl):
+        setup.steering[profile.vessel] = control
     in_force = tuple if faults is None else faults.schedule.names_in_force
     status = StatusSource(profile, setup.plant, control, mission.score, agents, in_force)
 
@@ -208,7 +215,7 @@ def compose_world(
         if first.operated:
             changes = EnvironmentChanges(plant, profile.environment, seeds)
             names = [setup.profile.vessel for setup in setups]
-            operator = OperatorNode(changes, river, names, first.orders, operation.events)
+            operator = OperatorNode(changes, river, names, first.steering, first.orders, operation.events)
             for meet in operation.people:
                 meet(operator)
     display = DisplayNode(make_display, warnings, profile.clock, [vessel.status for vessel in vessels])

@@ -36,7 +36,7 @@ from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.live_foxglove import LiveFoxgloveNode
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
-from xitl_cli.run.operator.orders import VesselOrders
+from xitl_cli.run.operator.orders import Steering, VesselOrders
 from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 from xitl_cli.run.traffic.departure import departs_after
@@ -210,6 +210,7 @@ def _composed(
     setups, vessels, voices = [], [], VesselVoices()
     receivers: dict[str, AisReceiver] = {}
     orders: dict[str, VesselOrders] = {}
+    steering: dict[str, Steering] = {}
     after = departs_after(profiles)
     stations = StationAddresses(profiles)
     opened.callback(stations.close)
@@ -221,7 +222,8 @@ def _composed(
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
             made = (profile, seeds, scenery, view, own, interrupted, stations, voices, after[profile.vessel], receivers)
-            setups.append(RunSetup(*made, workers=workers, operated=operation.operated, orders=orders))
+            acting = operation.operated, orders, steering
+            setups.append(RunSetup(*made, workers, *acting))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)
     known = [*scenery.warnings, *warnings]

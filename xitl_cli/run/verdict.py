@@ -110,6 +110,8 @@ def why_text(ending: Ending, error: str | None, driver: str, completed: bool, mi
     total = mission["waypoints_total"] if mission else 0
     if driver in ("script", "replay"):
         done = f"the {driver} was {'' if completed else 'not '}played to its end"
+    elif driver == "ros" and not (mission and mission["waypoints_reached"]):
+        done = "nodes of ROS drove" if completed else "nodes of ROS could not drive"
     elif total:
         done = f"{mission['waypoints_reached']} of {total} waypoints"
     else:

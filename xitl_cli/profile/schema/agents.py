@@ -111,8 +111,9 @@ class DriverSpec(Specification):
     """Source of the commands to the vessel or its autopilot."""
 
     kind: Annotated[
-        Literal["mission", "ground-station", "script", "replay", "follow", "none"],
-        "ground-station: the vessel's state is frozen until a ground station arms it; follow: after another vessel",
+        Literal["mission", "ground-station", "script", "replay", "follow", "ros", "none"],
+        "ground-station: the vessel's state is frozen until a ground station arms it; follow: after another vessel; "
+        "ros: nodes of ROS alone, see [ros.md](ros.md)",
     ] = "none"
     stay: Annotated[bool, "with a ground station: go on after its mission has ended"] = False
     script: Annotated[tuple[ScriptStep, ...], "in order of time"] = ()
@@ -121,6 +122,7 @@ class DriverSpec(Specification):
     ] = None
     replay: ReplaySpec = ReplaySpec()
     follow: Annotated[FollowSpec | None, AmongVessels()] = None
+    arms: Annotated[bool, "of ros: in GUIDED and armed as soon as the autopilot is ready; false: nodes do that"] = True
     departs_with: Annotated[
         Literal["followers", "fleet", "nobody"],
         AmongVessels(),

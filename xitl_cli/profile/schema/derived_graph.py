@@ -28,6 +28,7 @@ _ORDERS = {
     "script": "plays a timed script",
     "replay": "plays recorded motor outputs",
     "follow": "keeps a place beside another vessel",
+    "ros": "nodes of ROS give the orders",
 }
 
 Part = Iterator[tuple[str, Node, tuple[str, ...]]]

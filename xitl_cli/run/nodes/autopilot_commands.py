@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from agent.mavlink.commands import command_long
-from agent.mavlink.missions import MissionDownload
+from agent.mavlink.missions import MISSION, MissionDownload, MissionUpload, PlanItem
 from agent.mavlink.modes import set_mode_parameters, shown_mode
 from agent.wire import dialect
 from xitl_cli.run.links.agent_view import AgentView
@@ -19,6 +19,7 @@ RC_CHANNELS = 18
 DO_NOT_CHANGE_SPEED, CHANGE_MODE = -1.0, 1.0  # of DO_REPOSITION
 POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and yaw rate are ignored
 VELOCITY_AND_YAW = 0x09C7  # of one: place, acceleration and yaw rate are
+VELOCITY_AND_YAW_RATE = 0x05C7  # of one: place, acceleration and yaw are
 
 Send = Callable[[Any], object]
 
@@ -98,6 +99,30 @@ class AutopilotCommands:
         """
         yaw_rad = math.atan2(vel_ne_mps[1], vel_ne_mps[0])
         self._target_message(sim_ns, VELOCITY_AND_YAW, 0, 0, 0.0, vel_ne_mps, yaw_rad)
+
+    def steer(self, sim_ns: int, speed_mps: float, turn_rate_radps: float) -> None:
+        """A GUIDED speed along the bow and a turn rate to starboard, to be repeated as `sail`. PX4 takes none."""
+        boot_ms = sim_ns // 1_000_000 & 0xFFFFFFFF
+        place_velocity = (0.0, 0.0, 0.0, speed_mps, 0.0, 0.0)
+        rest = (0.0, 0.0, 0.0, 0.0, turn_rate_radps)  # acceleration, yaw, yaw rate
+        frame = dialect.MAV_FRAME_BODY_NED
+        self.send(
+            dialect.MAVLink_set_position_target_local_ned_message(
+                boot_ms, *self._target, frame, VELOCITY_AND_YAW_RATE, *place_velocity, *rest
+            )
+        )
+
+    def start_mission(self, sim_ns: int) -> bool:
+        """Ask for the mission on board, from its beginning, until it is accepted; True once it is."""
+        return self._command(sim_ns, dialect.MAV_CMD_MISSION_START, 0.0, 0.0)
+
+    def clear_mission(self) -> None:
+        """Take the mission off board; its answer is a MISSION_ACK."""
+        self.send(dialect.MAVLink_mission_clear_all_message(*self._target, MISSION))
+
+    def upload(self, items: Sequence[PlanItem]) -> MissionUpload:
+        """An upload of a mission, whose messages go out by `send_all`."""
+        return MissionUpload(self._target, items)
 
     def _target_message(
         self,

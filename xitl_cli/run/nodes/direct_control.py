@@ -6,7 +6,14 @@ import math
 from collections.abc import Callable
 
 from agent.fcu.control.allocation import ThrustAllocator
-from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load_controller
+from agent.fcu.control.controller import (
+    ControllerError,
+    ControllerOutput,
+    MakeController,
+    Motors,
+    Order,
+    load_controller,
+)
 from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
 from agent.fcu.geodetic import LocalProjection
@@ -40,7 +47,7 @@ class IdealControl(ControlNode):
         places = mission_places(profile, local_frame(site))
         self._mission = MissionProgress(make_mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
         self._gains = GuidanceGains.from_parameters(parameters, self._allocator.mixer.pivots)
-        self._controller = _controller(profile)(parameters)
+        self._controller = chosen_controller(profile)(parameters)
         self._frame = LocalProjection(site.latitude_deg, site.longitude_deg, site.altitude_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
         self._others = others
@@ -55,7 +62,7 @@ class IdealControl(ControlNode):
         self.progress = self._progress()
 
     def _motors(self, step: RunStep) -> tuple[float, ...]:
-        estimate = _truth(step.now_ns, step.motion)
+        estimate = true_estimate(step.now_ns, step.motion)
         (north_m, east_m, _), (north_mps, east_mps, _) = estimate.pos_ned_m, estimate.vel_ned_mps
         speed_mps = ground_speed_mps(estimate.yaw_rad, north_mps, east_mps)
         here, wanted_mps = (north_m, east_m), self._mission.default_speed_mps
@@ -66,10 +73,7 @@ class IdealControl(ControlNode):
             return self._allocator.neutral
         last = self._allocator.last
         order = Order(course.heading_rad, 0.0, course.speed_mps, speed_mps, last.thrust_limited, last.steering_limited)
-        answer = self._controller.control(order, estimate, self._dt_s)
-        if isinstance(answer, Motors):
-            return self._allocator.pass_through(answer)
-        return self._allocator.allocate(answer, self._dt_s, speed_mps)
+        return allocated(self._allocator, self._controller.control(order, estimate, self._dt_s), self._dt_s, speed_mps)
 
     def _progress(self) -> Progress:
         reached, finished = self._mission.reached, self._mission.state == COMPLETE
@@ -84,7 +88,7 @@ class IdealControl(ControlNode):
         )
 
 
-def _controller(profile: RunProfile) -> MakeController:
+def chosen_controller(profile: RunProfile) -> MakeController:
     """The controller that the profile names, else the autopilot's own."""
     if profile.autopilot.controller is None:
         return HeadingSpeedController
@@ -94,7 +98,7 @@ def _controller(profile: RunProfile) -> MakeController:
         raise UserError(f"autopilot.controller: {error}") from error
 
 
-def _truth(sim_ns: int, motion: Kinematics) -> StateEstimate:
+def true_estimate(sim_ns: int, motion: Kinematics) -> StateEstimate:
     """What an estimator without errors would say."""
     rotation = motion.rot_ned_frd[0].tolist()
     w, x, y, z = motion.quat_ned_frd[0].tolist()
@@ -139,6 +143,12 @@ class ScheduledControl(ControlNode):
             completed=now_ns >= schedule.last_ns,
             waypoints=(),
         )
+
+
+def allocated(allocator: ThrustAllocator, answer: ControllerOutput, dt_s: float, speed_mps: float) -> tuple[float, ...]:
+    if isinstance(answer, Motors):
+        return allocator.pass_through(answer)
+    return allocator.allocate(answer, dt_s, speed_mps)
 
 
 def direct_control(profile: RunProfile, others: Callable[[], str] = nobody) -> ControlNode:

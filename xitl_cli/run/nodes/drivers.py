@@ -1,8 +1,9 @@
-"""Drivers: who commands an autopilot in a run. A mission, a ground station, a timed script, a recording, or nobody."""
+"""Drivers: who commands an autopilot in a run. A mission, a ground station, a script, a recording, nodes, or nobody."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from enum import Enum
 from typing import Any
 
@@ -36,6 +37,9 @@ class VehicleDriver(RunNode):
     def ready(self) -> bool:
         """Whether those that set out together need not wait for it."""
         return True
+
+    def finish(self) -> None:
+        """Somebody ends the run: for one that has no end of its own."""
 
     def progress(self) -> Progress:
         """How far it is, without what the view alone knows (mode, armed, messages)."""
@@ -78,6 +82,8 @@ def make_driver(
         return MissionDriver(commands, waypoints, profile.autopilot.arm_timeout_s, others)
     if driver.kind == "ground-station":
         return GroundStationDriver(commands, frame, ground_stations, driver.stay)
+    if driver.kind == "ros":
+        return RosDriver(commands, frame, driver.arms, profile.autopilot.arm_timeout_s, others)
     if driver.kind == "script":
         return ScriptDriver(commands, frame, driver.script, waypoints)
     if driver.kind == "replay":
@@ -434,3 +440,43 @@ def _said(address: str) -> str:
     """`udp://127.0.0.1:14550` is sent to and `tcp://0.0.0.0:5760` waits, which is what a person has to know."""
     scheme, _, place = address.partition("://")
     return f"sends to UDP {place}" if scheme == "udp" else f"listens at TCP {place}"
+
+
+class RosDriver(VehicleDriver):
+    """Brings the vessel into GUIDED, armed, for nodes to drive it by an operator's orders; it has no end but `finish`.
+
+    Without `arms` that is left to them too. A mission that one of them starts counts as of a ground station.
+    """
+
+    def __init__(
+        self,
+        commands: AutopilotCommands,
+        frame: LocalFrame,
+        arms: bool,
+        arm_timeout_s: float = READY_TIMEOUT_S,
+        others: Callable[[], str] = nobody,
+    ) -> None:
+        self._departure = ArmingSequence(commands, "GUIDED", arm_timeout_s, others) if arms else None
+        self._under_way = not arms
+        self._ended = False
+        self._mission = GroundStationDriver(commands, frame, (), stay=True)
+
+    @property
+    def ready(self) -> bool:
+        return self._departure is None or self._departure.ready
+
+    def update(self, sim_ns: int) -> None:
+        if self._departure is not None and not self._under_way:
+            self._under_way = self._departure.update(sim_ns)
+        self._mission.update(sim_ns)
+
+    def handle(self, message: Any) -> None:
+        self._mission.handle(message)
+
+    def finish(self) -> None:
+        self._ended = True
+
+    def progress(self) -> Progress:
+        waits_for = "" if self._departure is None else self._departure.waits_for
+        completed = self._under_way
+        return replace(self._mission.progress(), waits_for=waits_for, finished=self._ended, completed=completed)

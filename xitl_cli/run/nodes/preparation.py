@@ -217,6 +217,9 @@ class Preparation(VehicleDriver):
     def begin(self, context: RunContext) -> None:
         self._driver.begin(context)
 
+    def finish(self) -> None:
+        self._driver.finish()
+
     def report(self) -> dict[str, Any]:
         return self._driver.report()
 

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
 from sim_core.environment.spec import CurrentSpec, WaveSpec, WindSpec
-from sim_core.keys import Bounds, Direction, Positive, Specification, key_annotations
+from sim_core.keys import Bounds, Direction, Place, Positive, Specification, SpecificationError, key_annotations
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.entry import Entry, Origin, ProfileError
 from xitl_cli.profile.reader import read_group
@@ -121,6 +121,45 @@ class GoTo(Specification):
     vessel: str = ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SteerVelocity(Specification):
+    """A speed over ground and a turn rate, in force while they are repeated."""
+
+    speed_mps: Annotated[Annotated[float, Bounds(at_least=-100, at_most=100)], "ahead, negative astern"]
+    turn_rate_radps: Annotated[Annotated[float, Bounds(at_least=-10, at_most=10)], "positive to starboard"]
+    vessel: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandMotor(Specification):
+    """A motor command as it is, of a vessel without an autopilot, in force while it is repeated."""
+
+    number: Annotated[Annotated[int, Bounds(at_least=0, at_most=99)], "of propellers, then gears, then rudders, from 0"]
+    command: Annotated[float, Bounds(at_least=-1, at_most=1)]
+    vessel: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeMission(Specification):
+    """Start the mission on board from its beginning, clear it, or put waypoints in its place."""
+
+    do: Literal["start", "clear", "replace"] = "start"
+    waypoints_ned_m: Annotated[tuple[Place, ...], "of replace: a list of [north, east]"] = ()
+    vessel: str = ""
+
+    def check(self) -> None:
+        if (self.do == "replace") != bool(self.waypoints_ned_m):
+            problem = "is for do: replace alone" if self.waypoints_ned_m else "is empty; give a list of [north, east]"
+            raise SpecificationError(("waypoints_ned_m",), problem)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndRun(Specification):
+    """The run is over: of a vessel that `driver.kind: ros` drives, which has no end of its own."""
+
+    vessel: str = ""
+
+
 GROUPS: Mapping[str, type[Specification]] = {
     "pause": Pause,
     "resume": Resume,
@@ -133,7 +172,13 @@ GROUPS: Mapping[str, type[Specification]] = {
     "arm": Arm,
     "mode": ChangeMode,
     "goto": GoTo,
+    "velocity": SteerVelocity,
+    "motor": CommandMotor,
+    "mission": ChangeMission,
+    "end": EndRun,
 }
+STREAMED = ("velocity", "motor")
+"""Those that programs repeat many times a second: the latest before an exchange counts, and none is said."""
 OF_PACE = ("pause", "resume", "step", "pace")
 """Those that do not touch the result."""
 

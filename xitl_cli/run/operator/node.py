@@ -12,7 +12,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from sim_core.environment.spec import EnvironmentSpec
 from sim_core.world.debris import BodyKind, Launch
@@ -23,11 +23,9 @@ from xitl_cli.run.nodes.river import RiverNode
 from xitl_cli.run.operator.actions import (
     ENVIRONMENT,
     OF_PACE,
+    STREAMED,
     ActionError,
-    Arm,
-    ChangeMode,
     ChangePace,
-    GoTo,
     ImpairLink,
     LaunchBody,
     Pause,
@@ -38,7 +36,7 @@ from xitl_cli.run.operator.actions import (
     read_action,
 )
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
-from xitl_cli.run.operator.orders import VesselOrders, link_fault_name
+from xitl_cli.run.operator.orders import Order, Steering, VesselOrders, link_fault_name
 from xitl_cli.run.operator.replay import TimedAction
 
 SOURCE = "operator"
@@ -57,9 +55,9 @@ class _Asked(NamedTuple):
 class OperatorNode(RunNode):
     """Carries out actions: see the package. Nothing is carried out that was refused.
 
-    changes, river: what the world's own are asked of. orders: of the vessels, by name; those without an autopilot
-    have none. events: of an earlier run, given again at their instants; those of the pace are recorded again and do
-    nothing else. paused, factor: how the run goes by now; factor None is as fast as it can.
+    changes, river: what the world's own are asked of. steering: of the vessels that can be told where to go, by name.
+    orders: of those that have an autopilot. events: of an earlier run, given again at their instants; those of the pace
+    are recorded again and do nothing else. paused, factor: how the run goes by now; factor None is as fast as it can.
     """
 
     def __init__(
@@ -67,12 +65,14 @@ class OperatorNode(RunNode):
         changes: EnvironmentChanges,
         river: RiverNode,
         vessels: Sequence[str],
+        steering: Mapping[str, Steering],
         orders: Mapping[str, VesselOrders],
         events: Sequence[TimedAction] = (),
     ) -> None:
         self._changes = changes
         self._river = river
         self._vessels = tuple(vessels)
+        self._steering = steering
         self._orders = orders
         self._events = deque(events)
         self._listeners: list[Callable[[], object]] = []
@@ -81,7 +81,7 @@ class OperatorNode(RunNode):
         self._paused = False
         self._now_ns = 0
         self._done: Counter[str] = Counter()
-        self._refused = self._replayed = 0
+        self._refused = self._replayed = self._superseded = 0
 
     @property
     def paused(self) -> bool:
@@ -122,11 +122,22 @@ class OperatorNode(RunNode):
         """Have an action carried out at the next exchange; pause's end at once. A refusal says why, in a sentence."""
         try:
             carry_out = self._carrier(action)
-            self._asked.append(_Asked(_plain(action), source, carry_out))
+            plain = _plain(action)
+            if plain["action"] in STREAMED:
+                self._supersede(plain)
+            self._asked.append(_Asked(plain, source, carry_out))
         except ActionError as error:
             self._refused += 1
             return str(error)
         return None
+
+    def _supersede(self, action: Mapping[str, Any]) -> None:
+        """Forget the one before it that has not been carried out yet."""
+        key = _stream(action)
+        before = [asked for asked in self._asked if asked.action["action"] in STREAMED and _stream(asked.action) == key]
+        for asked in before:
+            self._asked.remove(asked)
+            self._superseded += 1
 
     def exchange(self, step: RunStep) -> None:
         self._now_ns = step.now_ns
@@ -138,19 +149,22 @@ class OperatorNode(RunNode):
             asked.carry_out()
             self._record(asked.action, asked.source)
         self._changes.update(step.now_ns)
-        for vessel, orders in self._orders.items():
-            orders.update(step.now_ns, partial(self._say, vessel))
+        for vessel, steering in self._steering.items():
+            steering.update(step.now_ns, partial(self._say, vessel))
 
     def report(self) -> dict[str, Any]:
         if not (self._done or self._refused or self._events or self._replayed):
             return {"operator": None}
         left = len(self._events)
+        silences = sum(steering.silences for steering in self._steering.values())
         return {
             "operator": {
                 "actions": dict(self._done),
                 "refused": self._refused,
                 "replayed": self._replayed,
                 "not_replayed": left,
+                "superseded": self._superseded,
+                "silences": silences,
             },
             "warnings": [f"{REPLAYED}: the run ended before {left} of the actions were due"] if left else [],
         }
@@ -174,7 +188,8 @@ class OperatorNode(RunNode):
         self._done[str(action["action"])] += 1
         text = json.dumps(action, ensure_ascii=False, allow_nan=False)
         self._recorder.write(self._now_ns, OperatorAction(text, source))
-        self._recorder.log(self._now_ns, INFO, SOURCE, f"{_said(action)} ({source})")
+        if action["action"] not in STREAMED:
+            self._recorder.log(self._now_ns, INFO, SOURCE, f"{_said(action)} ({source})")
 
     def _say(self, vessel: str, text: str) -> None:
         self._recorder.log(self._now_ns, INFO, SOURCE, f"{vessel}: {text}" if vessel else text)
@@ -192,14 +207,19 @@ class OperatorNode(RunNode):
         if isinstance(asked, LaunchBody):
             return partial(self._river.launch, self._body(asked))
         vessel = asked.vessel  # type: ignore[attr-defined]
-        orders = self._orders_of(name, vessel)
+        self._check_vessel(name, vessel)
         if isinstance(asked, SwitchFault):
+            orders = self._orders_of(name, vessel)
             return partial(orders.inject, asked.name, orders.read_fault(asked, self._now_ns))
         if isinstance(asked, ImpairLink):
+            orders = self._orders_of(name, vessel)
             return partial(orders.inject, link_fault_name(asked), orders.read_link(asked, self._now_ns))
-        assert isinstance(asked, (Arm, ChangeMode, GoTo))
-        orders.check(asked)
-        return partial(orders.give, asked)
+        order = cast(Order, asked)
+        if vessel not in self._steering:
+            raise self._no_autopilot(name, vessel)
+        steering = self._steering[vessel]
+        steering.check(order)
+        return partial(steering.give, order)
 
     def _body(self, asked: LaunchBody) -> Launch:
         kind, heading_rad = BodyKind[asked.kind.upper()], math.radians(asked.heading_deg)
@@ -208,16 +228,21 @@ class OperatorNode(RunNode):
             raise ActionError(f"launch: {why}")
         return body
 
-    def _orders_of(self, name: str, vessel: str) -> VesselOrders:
+    def _check_vessel(self, name: str, vessel: str) -> None:
         if vessel not in self._vessels:
             there = (
                 "there is one vessel, without a name" if self._vessels == ("",) else f"use {', '.join(self._vessels)}"
             )
             raise ActionError(f"{name}: vessel = {vessel!r} is not in this run; {there}")
+
+    def _orders_of(self, name: str, vessel: str) -> VesselOrders:
         if vessel not in self._orders:
-            whose = vessel or "the vessel"
-            raise ActionError(f"{name}: {whose} has no autopilot; use autopilot.kind: embedded")
+            raise self._no_autopilot(name, vessel)
         return self._orders[vessel]
+
+    @staticmethod
+    def _no_autopilot(name: str, vessel: str) -> ActionError:
+        return ActionError(f"{name}: {vessel or 'the vessel'} has no autopilot; use autopilot.kind: embedded")
 
     def _pace_carrier(self, name: str, asked: object) -> Callable[[], object]:
         """What ends or shortens a standstill acts at once: no exchange comes meanwhile."""
@@ -249,6 +274,11 @@ class OperatorNode(RunNode):
 def _plain(action: object) -> dict[str, Any]:
     assert isinstance(action, Mapping)
     return dict(action)
+
+
+def _stream(action: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What of them takes the place of what."""
+    return action["action"], action.get("vessel", ""), action.get("number")
 
 
 def _said(action: Mapping[str, Any]) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
+from agent.mavlink.missions import MissionUpload, waypoint_items
 from agent.mavlink.modes import PX4_MODES, ROVER_MODE_NUMBERS, shown_mode
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
@@ -20,11 +21,39 @@ from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
 from xitl_cli.run.nodes.drivers import why_not_armed
 from xitl_cli.run.nodes.fault_injection import FaultInjection
-from xitl_cli.run.operator.actions import ActionError, Arm, ChangeMode, GoTo, ImpairLink, SwitchFault
+from xitl_cli.run.operator.actions import (
+    ActionError,
+    Arm,
+    ChangeMission,
+    ChangeMode,
+    CommandMotor,
+    EndRun,
+    GoTo,
+    ImpairLink,
+    SteerVelocity,
+    SwitchFault,
+)
+from xitl_cli.run.operator.streams import SILENT_S, Say, VelocityStream
 
 GIVE_UP_S = 10.0
+END_OF_ITS_OWN = "the vessel's driver has an end of its own; only a run with driver.kind: ros is ended so"
 SHIPPED = "faults/"
-Say = Callable[[str], object]
+Order = Arm | ChangeMode | GoTo | SteerVelocity | CommandMotor | ChangeMission | EndRun
+
+
+class Steering(Protocol):
+    """Whom an operator's orders to a vessel are given to. silences: how often a stream of commands ended unasked."""
+
+    silences: int
+
+    def check(self, order: Order) -> None:
+        """Raises ActionError for one that cannot be carried out, or while there is nobody to obey."""
+
+    def give(self, order: Order) -> None:
+        """In place of what was asked for before."""
+
+    def update(self, now_ns: int, say: Say) -> None:
+        """Go on with it. To be called at every exchange, after what was given at it."""
 
 
 @dataclass(slots=True)
@@ -39,12 +68,25 @@ class VesselOrders:
     """Of one vessel that has an autopilot; `commands` are the operator's own, on the link that the driver uses too.
 
     An order is repeated every second until the autopilot has accepted it, refuses it, or 10 s have passed, which is
-    said. A place is repeated while the vessel is in GUIDED, since ArduPilot does not answer it.
+    said. A place is repeated while the vessel is in GUIDED, since ArduPilot does not answer it. A velocity is a
+    stream, see there: after it has fallen silent the vessel goes to HOLD.
+
+    finish: ends the run of a driver that has no end of its own. silent_s: how soon a stream is silent.
     """
 
     def __init__(
-        self, profile: RunProfile, commands: AutopilotCommands, frame: LocalFrame, faults: FaultInjection
+        self,
+        profile: RunProfile,
+        commands: AutopilotCommands,
+        frame: LocalFrame,
+        faults: FaultInjection,
+        finish: Callable[[], object],
+        silent_s: float = SILENT_S,
     ) -> None:
+        self.silences = 0
+        self._velocity = VelocityStream(commands, silent_s)
+        self._finish = finish
+        self._upload: MissionUpload | None = None
         self._profile = profile
         self._commands = commands
         self._frame = frame
@@ -53,40 +95,86 @@ class VesselOrders:
         self._armed: bool | None = None
         self._mode: str | None = None
         self._place: tuple[float, float, float] | None = None
+        self._mission: ChangeMission | None = None
+        self._cleared = False
         self._order: _Order | None = None
         self._told_ns: int | None = None
+        self._now_ns = 0
 
-    # What is asked for: `check` raises ActionError, `give` carries out
+    # What is asked for, as of Steering
 
-    def check(self, order: Arm | ChangeMode | GoTo) -> None:
-        """Raises ActionError for a mode that the autopilot does not have, or while there is nobody to obey."""
+    def check(self, order: Order) -> None:
         view = self._commands.view
+        if isinstance(order, EndRun):
+            if self._profile.driver.kind != "ros":
+                raise ActionError(f"end: {END_OF_ITS_OWN}")
+            return
+        if isinstance(order, CommandMotor):
+            raise ActionError(
+                "motor: the autopilot commands the motors; use velocity, or a profile with autopilot.kind: none"
+            )
         if not view.heard:
             raise ActionError("the autopilot has not been heard yet; wait for its heartbeat")
         if isinstance(order, ChangeMode):
             known = PX4_MODES if view.px4 else ROVER_MODE_NUMBERS
             if order.mode not in known:
                 raise ActionError(f"mode = {order.mode!r} is none of this autopilot; use {', '.join(known)}")
+        elif isinstance(order, SteerVelocity) and view.px4:
+            raise ActionError("velocity: PX4 takes no speed and turn rate as ArduPilot does; use goto")
 
-    def give(self, order: Arm | ChangeMode | GoTo) -> None:
-        """In place of what was asked for before."""
-        self._commands.forget()
-        self._armed, self._mode, self._place, self._told_ns = None, None, None, None
-        if isinstance(order, Arm):
-            self._armed = order.armed
-            self._order = _Order("arm" if order.armed else "disarm")
+    def give(self, order: Order) -> None:
+        if isinstance(order, SteerVelocity):
+            if not self._velocity.active:
+                self._begin(self._order if self._armed is not None else None, self._armed)
+            self._velocity.set(order.speed_mps, order.turn_rate_radps)
+        elif isinstance(order, Arm):
+            self._begin(_Order("arm" if order.armed else "disarm"), order.armed)
         elif isinstance(order, ChangeMode):
+            self._velocity.yield_to(order.mode)
+            self._begin(_Order(f"mode {order.mode}"))
             self._mode = order.mode
-            self._order = _Order(f"mode {order.mode}")
-        else:
-            lat, lon, alt = self._frame.geodetic(np.array([[order.north_m, order.east_m, 0.0]]))
+        elif isinstance(order, GoTo):
+            self._velocity.stop()
+            self._begin(_Order(f"go to {order.north_m:.1f} N {order.east_m:.1f} E"))
             self._mode = "GUIDED"
-            self._place = float(lat[0]), float(lon[0]), float(alt[0])
-            self._order = _Order(f"go to {order.north_m:.1f} N {order.east_m:.1f} E")
+            self._place = self._geodetic(order.north_m, order.east_m)
+        elif isinstance(order, ChangeMission):
+            self._begin(_Order(f"{order.do} the mission"))
+            self._mission = order
+            if order.do == "start":
+                self._velocity.yield_to("AUTO")
+            elif order.do == "replace":
+                first = order.waypoints_ned_m[0]
+                places = [self._geodetic(*place) for place in (first, *order.waypoints_ned_m)]
+                self._upload = self._commands.upload(waypoint_items(places))
+        else:
+            self._finish()
+
+    def _begin(self, order: _Order | None, armed: bool | None = None) -> None:
+        self._commands.forget()
+        self._mode = self._place = self._told_ns = self._mission = self._upload = None
+        self._armed, self._order, self._cleared = armed, order, False
+
+    def _geodetic(self, north_m: float, east_m: float) -> tuple[float, float, float]:
+        lat, lon, alt = self._frame.geodetic(np.array([[north_m, east_m, 0.0]]))
+        return float(lat[0]), float(lon[0]), float(alt[0])
+
+    def handle(self, message: Any) -> None:
+        """A message of the autopilot: what it says to a mission that is put in place of another."""
+        if self._mission is None or self._order is None:
+            return
+        if self._upload is not None:
+            self._commands.send_all(self._upload.handle(message, self._now_ns))
+        elif self._mission.do == "clear" and message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ACK:
+            self._cleared = int(message.type) == dialect.MAV_MISSION_ACCEPTED
 
     def update(self, now_ns: int, say: Say) -> None:
         """Repeat what is due. To be called at every exchange."""
         commands = self._commands
+        self._now_ns = now_ns
+        if self._velocity.update(now_ns, say):
+            self.silences += 1
+            self.give(ChangeMode(mode="HOLD"))
         if self._order is not None:
             order = self._order
             if order.since_ns is None:
@@ -104,15 +192,32 @@ class VesselOrders:
         commands = self._commands
         if self._armed is not None:
             return commands.arm(now_ns, self._armed)
+        if self._mission is not None:
+            return self._mission_is_changed(now_ns, self._mission)
         if self._place is not None and commands.view.px4:  # the place brings its mode
             commands.go_to(now_ns, *self._place)
             return commands.accepted(dialect.MAV_CMD_DO_REPOSITION)
         assert self._mode is not None
         return commands.set_mode(now_ns, self._mode)
 
+    def _mission_is_changed(self, now_ns: int, mission: ChangeMission) -> bool:
+        if mission.do == "start":
+            return self._commands.start_mission(now_ns)
+        if self._upload is None:
+            if self._told_ns is None or now_ns - self._told_ns >= REPEAT_S * 1e9:
+                self._told_ns = now_ns
+                self._commands.clear_mission()
+            return self._cleared
+        self._commands.send_all(self._upload.poll(now_ns))
+        return self._upload.accepted
+
     def _refusal(self, waited_ns: int) -> str | None:
-        wanted = dialect.MAV_CMD_COMPONENT_ARM_DISARM if self._armed is not None else dialect.MAV_CMD_DO_SET_MODE
-        result = self._commands.view.acks.get(wanted)
+        wanted: int | None = dialect.MAV_CMD_DO_SET_MODE
+        if self._armed is not None:
+            wanted = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+        elif self._mission is not None:
+            wanted = dialect.MAV_CMD_MISSION_START if self._mission.do == "start" else None
+        result = None if wanted is None else self._commands.view.acks.get(wanted)
         if result in (dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED, dialect.MAV_RESULT_UNSUPPORTED):
             return "refused by the autopilot"
         return f"not accepted within {GIVE_UP_S:g} s" if waited_ns > GIVE_UP_S * 1e9 else None

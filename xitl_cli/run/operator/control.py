@@ -1,0 +1,127 @@
+"""A vessel without an autopilot that an operator drives: by motor commands, or by a speed and a turn rate."""
+
+from __future__ import annotations
+
+from typing import Generic, TypeVar
+
+from agent.fcu.control.allocation import ThrustAllocator
+from agent.fcu.control.controller import Order
+from agent.fcu.control.heading_speed import ground_speed_mps
+from agent.fcu.parameters import Parameters
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.topics import MotorCommand
+from xitl_cli.run.core.node import ControlNode, RunStep
+from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.links.setup import embedded_parameters
+from xitl_cli.run.nodes.direct_control import allocated, chosen_controller, true_estimate
+from xitl_cli.run.operator.actions import ActionError, CommandMotor, EndRun, SteerVelocity
+from xitl_cli.run.operator.streams import SILENT_S, Say
+
+T = TypeVar("T")
+
+
+class _Repeated(Generic[T]):
+    """A command and when it came, as of the first look at it. begins: there was none before it."""
+
+    def __init__(self, value: T, begins: bool = False) -> None:
+        self.value = value
+        self.begins = begins
+        self._since_ns: int | None = None
+
+    def silent(self, now_ns: int, silent_ns: int) -> bool:
+        """Whether it came longer ago."""
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        return now_ns - self._since_ns > silent_ns
+
+
+class OperatedControl(ControlNode):
+    """Does what an operator orders: motor commands as they are, or a speed and a turn rate by the control laws of the
+    embedded autopilot, with the truth for an estimate. The last of the two kinds counts.
+
+    What has not been repeated for `silent_s` is neutral, each motor by itself: silences counts that.
+    """
+
+    def __init__(self, profile: RunProfile, silent_s: float = SILENT_S) -> None:
+        self.silences = 0
+        self._vessel = profile.vehicle
+        self._silent_ns = round(silent_s * 1e9)
+        self._dt_s = 1.0 / profile.clock.exchange_rate_hz
+        parameters = Parameters(embedded_parameters(profile))
+        self._allocator = ThrustAllocator(parameters)
+        self._controller = chosen_controller(profile)(parameters)
+        self._neutral = (0.0,) * self._vessel.commands
+        self._motors: dict[int, _Repeated[float]] = {}
+        self._velocity: _Repeated[SteerVelocity] | None = None
+        self._ended = False
+        self.command = MotorCommand(self._neutral, armed=True)
+        self.progress = self._progress()
+
+    # Orders, as of an operator's Steering
+
+    def check(self, order: object) -> None:
+        """Raises ActionError."""
+        if isinstance(order, CommandMotor):
+            if order.number >= self._vessel.commands:
+                last = self._vessel.commands - 1
+                raise ActionError(
+                    f"motor: number = {order.number} is none of {self._vessel.command_kinds}; use 0 to {last}"
+                )
+        elif isinstance(order, SteerVelocity):
+            if len(self._allocator.neutral) != self._vessel.commands:
+                raise ActionError(f"velocity: the control laws cannot drive {self._vessel.command_kinds}; use motor")
+        elif not isinstance(order, EndRun):
+            raise ActionError(
+                "the vessel has no autopilot, and takes velocity, motor and end; use autopilot.kind: embedded"
+            )
+
+    def give(self, order: object) -> None:
+        """In place of what was in force, but for other motors."""
+        if isinstance(order, CommandMotor):
+            self._velocity = None
+            self._motors[order.number] = _Repeated(order.command)
+        elif isinstance(order, SteerVelocity):
+            self._motors = {}
+            self._velocity = _Repeated(order, begins=self._velocity is None)
+        else:
+            self._ended = True
+
+    def update(self, now_ns: int, say: Say) -> None:
+        """See what has fallen silent."""
+        for number, motor in list(self._motors.items()):
+            if motor.silent(now_ns, self._silent_ns):
+                del self._motors[number]
+                self._fall_silent(f"no command for {self._vessel.command_names[number]}", say)
+        velocity = self._velocity
+        if velocity is not None and velocity.silent(now_ns, self._silent_ns):
+            self._velocity = None
+            self._fall_silent("no velocity", say)
+
+    def _fall_silent(self, what: str, say: Say) -> None:
+        self.silences += 1
+        say(f"{what} for {self._silent_ns * 1e-9:g} s: neutral")
+
+    # In the run
+
+    def exchange(self, step: RunStep) -> None:
+        motors = self._neutral
+        if self._velocity is not None:
+            motors = self._steer(step, self._velocity)
+        elif self._motors:
+            motors = tuple(self._motors[n].value if n in self._motors else 0.0 for n in range(len(motors)))
+        self.command = MotorCommand(motors, armed=True)
+        self.progress = self._progress()
+
+    def _steer(self, step: RunStep, velocity: _Repeated[SteerVelocity]) -> tuple[float, ...]:
+        if velocity.begins:
+            velocity.begins = False
+            self._controller.restart()
+            self._allocator.restart()
+        estimate, wanted, last = true_estimate(step.now_ns, step.motion), velocity.value, self._allocator.last
+        speed_mps = ground_speed_mps(estimate.yaw_rad, *estimate.vel_ned_mps[:2])
+        limited = last.thrust_limited, last.steering_limited
+        order = Order(None, wanted.turn_rate_radps, wanted.speed_mps, speed_mps, *limited)
+        return allocated(self._allocator, self._controller.control(order, estimate, self._dt_s), self._dt_s, speed_mps)
+
+    def _progress(self) -> Progress:
+        return Progress(mode="ROS", armed=True, finished=self._ended, completed=True, waypoints=())

@@ -1,0 +1,97 @@
+"""Commands that a program repeats as long as they are to be in force: what comes of them when it falls silent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+
+from agent.mavlink.modes import shown_mode
+from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.nodes.drivers import why_not_armed
+
+SILENT_S = 1.0
+TOLD_S = 10.0
+RESENT_S = 0.5  # an autopilot behind a link that loses still hears each
+Say = Callable[[str], object]
+
+
+class _State(Enum):
+    IDLE = "nothing is commanded"
+    ASKED = "the autopilot is asked for GUIDED"
+    IN_FORCE = "the autopilot does what is commanded"
+    OVERRULED = "somebody has chosen another mode"
+
+
+class VelocityStream:
+    """Speed and turn rate to an autopilot in GUIDED; `commands` are asked at every exchange.
+
+    The first of a stream brings GUIDED, and the next ones take its place. Who chooses another mode has the vessel: what
+    the stream goes on to say is passed over until it has paused for `silent_s`, or GUIDED is asked for. active: whether
+    one goes on.
+    """
+
+    def __init__(self, commands: AutopilotCommands, silent_s: float) -> None:
+        self._commands = commands
+        self._silent_ns = round(silent_s * 1e9)
+        self._state = _State.IDLE
+        self._wanted = (0.0, 0.0)
+        self._fresh = self._seen = self._told = False
+        self._since_ns = self._heard_ns = self._sent_ns = 0
+
+    @property
+    def active(self) -> bool:
+        return self._state is not _State.IDLE
+
+    def set(self, speed_mps: float, turn_rate_radps: float) -> None:
+        """From the next `update` on. turn_rate_radps: to starboard."""
+        self._wanted, self._fresh = (speed_mps, turn_rate_radps), True
+
+    def stop(self) -> None:
+        """Another order takes its place; one that goes on begins anew."""
+        self._state = _State.IDLE
+
+    def yield_to(self, mode: str) -> None:
+        """Somebody asks for a mode."""
+        if self._state is not _State.IDLE:
+            self._state = _State.IDLE if mode == "GUIDED" else _State.OVERRULED
+
+    def update(self, now_ns: int, say: Say) -> bool:
+        """Send what is due. True once, when one that was in force has fallen silent."""
+        if self._fresh:
+            self._heard_ns = now_ns
+            if self._state is _State.IDLE:
+                self._state, self._since_ns, self._seen, self._told = _State.ASKED, now_ns, False, False
+        if self._state is _State.IDLE:
+            return False
+        if now_ns - self._heard_ns > self._silent_ns:
+            was, self._state = self._state, _State.IDLE
+            if was is _State.IN_FORCE:
+                say(f"no velocity for {self._silent_ns * 1e-9:g} s: HOLD, outputs neutral")
+            return was is _State.IN_FORCE
+        if self._state is _State.ASKED:
+            self._ask(now_ns, say)
+        if self._state is _State.IN_FORCE:
+            self._steer(now_ns, say)
+        self._fresh = False
+        return False
+
+    def _ask(self, now_ns: int, say: Say) -> None:
+        commands = self._commands
+        if commands.set_mode(now_ns, "GUIDED"):
+            self._state, self._fresh = _State.IN_FORCE, True
+            say("velocity: in GUIDED")
+        elif not self._told and now_ns - self._since_ns > TOLD_S * 1e9:
+            self._told = True
+            why = why_not_armed(commands.view.texts, commands.view.unhealthy)
+            say(f"velocity: not in GUIDED after {TOLD_S:g} s{why}; it is asked again")
+
+    def _steer(self, now_ns: int, say: Say) -> None:
+        view = self._commands.view
+        guided = view.mode == shown_mode("GUIDED", view.px4)
+        self._seen = self._seen or guided
+        if self._seen and not guided:
+            self._state = _State.OVERRULED
+            say(f"velocity: passed over, since somebody has chosen {view.mode}; ask for GUIDED, or pause the stream")
+        elif self._fresh or now_ns - self._sent_ns >= RESENT_S * 1e9:
+            self._sent_ns = now_ns
+            self._commands.steer(now_ns, *self._wanted)
