@@ -102,7 +102,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": usual_spelling},
     )
     app.command("init")(init.init)
-    app.command("sim")(sim.sim)
+    app.command("sim", cls=sim.SimCommand)(sim.sim)
     app.command("doctor")(doctor.doctor)
     app.command("wdri")(wdri.wdri)
     app.command("map")(map_command)

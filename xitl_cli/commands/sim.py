@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from xitl_cli.commands.options import DEFAULT_PROFILE, Json, Overwrite, Set, complete_profile
 from xitl_cli.commands.output import still_read
@@ -105,6 +106,15 @@ def sim(
         int | None,
         typer.Option("--live-port", metavar="PORT", help="Where: of 127.0.0.1 (default: 8765, or a free one)."),
     ] = None,
+    ros: Annotated[
+        str | None,
+        typer.Option(
+            "--ros",
+            metavar="[ros1://HOST:PORT]",
+            help="Publish it for nodes of ROS 2 while it goes on, or of ROS 1 at this master, and do what they ask.",
+        ),
+    ] = None,
+    no_ros: Annotated[bool, typer.Option("--no-ros", help="Without ROS, though the profile has it.")] = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Also print the tables of links, tasks, clocks and faults.")
     ] = False,
@@ -134,6 +144,7 @@ def sim(
         "view.show": True if view_host is not None or view_port is not None else view,
         "view.host": view_host,
         "view.port": view_port,
+        **ros_options(ros, no_ros),
     }
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
     found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given], parts or ())
@@ -158,6 +169,32 @@ def sim(
     if result.summary["error"]:
         raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
     raise typer.Exit(result.exit_code)
+
+
+class SimCommand(TyperCommand):
+    """`--ros` may stand without a value, wherever it stands: what follows is one if it names a ROS."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        whole = []
+        for number, text in enumerate(args):
+            follows = args[number + 1] if number + 1 < len(args) else ""
+            whole.append("--ros=ros2" if text == "--ros" and not follows.startswith(("ros1:", "ros2")) else text)
+        return super().parse_args(ctx, whole)
+
+
+def ros_options(ros: str | None, without: bool) -> dict[str, str | None]:
+    """What `--ros` and `--no-ros` mean in the profile. Raises UserError for what names no ROS."""
+    if without:
+        if ros is not None:
+            raise UserError("--ros and --no-ros: are opposites; give one of them")
+        return {"ros.enabled": "false"}
+    if ros is None:
+        return {}
+    if ros == "ros2":
+        return {"ros.enabled": "true", "ros.master": "null"}
+    if ros.startswith("ros1:"):
+        return {"ros.enabled": "true", "ros.master": ros}
+    raise UserError(f"--ros {ros}: names no ROS; use --ros, or --ros ros1://localhost:11311")
 
 
 def _beyond_firmware(profile: Profile, firmware: str | None) -> Iterator[str]:

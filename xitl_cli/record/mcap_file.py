@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -35,8 +35,8 @@ class ChannelMirror(Protocol):
 
     def open_channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
-    ) -> Callable[[bytes, int], object]:
-        """What takes each payload of the channel and its instant."""
+    ) -> Callable[[bytes, int], object] | None:
+        """What takes each payload of the channel and its instant; None for a channel that is not wanted."""
 
 
 class PayloadWriter(Protocol):
@@ -57,7 +57,7 @@ class McapFile:
     The file on disk always ends with a whole chunk, also when the disk refuses a write: that is raised as UserError,
     once, and what comes after it is not kept. Raises UserError too when the file cannot be made.
 
-    mirror: is given the same channels and payloads.
+    mirrors: are given the same channels and payloads.
     """
 
     def __init__(
@@ -65,10 +65,10 @@ class McapFile:
         path: Path,
         compression: str = "lz4",
         now_s: Callable[[], float] = time.monotonic,
-        mirror: ChannelMirror | None = None,
+        mirrors: Sequence[ChannelMirror] = (),
     ) -> None:
         self.path = path
-        self._mirror = mirror
+        self._mirrors = tuple(mirrors)
         self._now_s = now_s
         self._flushed_s = now_s()
         self._whole_bytes = 0
@@ -145,13 +145,15 @@ class McapFile:
             if self._filled_bytes >= CHUNK_BYTES:
                 self._write_kept(everything=False)
 
-        if self._mirror is None:
+        described = topic, encoding, schema_name, schema_encoding, definition
+        wanted = [show for mirror in self._mirrors if (show := mirror.open_channel(*described)) is not None]
+        if not wanted:
             return self._channels.setdefault(topic, log)
-        show = self._mirror.open_channel(topic, encoding, schema_name, schema_encoding, definition)
 
         def log_and_show(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
             log(payload, stamp_ns, sent_ns)
-            show(payload, stamp_ns)
+            for show in wanted:
+                show(payload, stamp_ns)
 
         return self._channels.setdefault(topic, log_and_show)
 

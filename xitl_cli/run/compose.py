@@ -20,6 +20,7 @@ from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
 from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.live_foxglove import LiveFoxgloveNode
+from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.live_view import LiveViewNode, VesselWatch
 from xitl_cli.run.nodes.ais import AisLine, AisNode, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
@@ -236,6 +237,12 @@ def compose_world(
         opened.callback(foxglove.close)
         if operator is not None:
             foxglove.meet(operator)
+    ros = None
+    if profile.ros.enabled:
+        ros = LiveRosNode([setup.profile for setup in setups], tell)
+        opened.callback(ros.close)
+        if operator is not None:
+            ros.meet(operator)
     behind: list[RunNode | None] = [
         *among,
         None if river is None else river.launching,
@@ -244,6 +251,7 @@ def compose_world(
         first.stations,
         view,
         foxglove,
+        ros,
     ]
     return WorldNodes(_present(ahead), _present(behind))
 

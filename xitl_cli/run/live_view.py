@@ -23,6 +23,7 @@ import numpy as np
 from sim_core import frames
 from sim_core.fleet import Fleet
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
+from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import SONAR_POINT
@@ -32,8 +33,8 @@ from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.status_display import RunStatus
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scene import make_debris_scene, make_scripted_scene
+from xitl_cli.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.view.model import Array, BodyInstant, Points, SceneWaves, VesselInstant, ViewEvent, ViewInstant
-from xitl_cli.view.pipe import Pipe, PipeClosedError, ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.view.scene import NO_WAVES, scene_waves
 from xitl_cli.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
 

@@ -34,6 +34,7 @@ from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.live_foxglove import LiveFoxgloveNode
+from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import Steering, VesselOrders
@@ -122,7 +123,9 @@ def run(
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
     scene = cache(partial(make_scene, profiles, scenery))
-    operation = replace(operation, viewed=lead.view.show)
+    operation = replace(operation, viewed=lead.view.show, ros=lead.ros.enabled)
+    if lead.ros.enabled and operation.pace is None:
+        operation = replace(operation, pace=lead.ros.pace)
     with ExitStack() as opened:
         drawn = lambda: scene().encode()  # noqa: E731
         nodes = _composed(profiles, plant, scenery, out, make_display, interruption, opened, drawn, tell, operation)
@@ -132,7 +135,7 @@ def run(
         directory.create(out, overwrite, [each.vessel for each in profiles if each.vessel])
         with directory.reserve(out), interruption.noticed():
             directory.write_profile(out, resolved_yaml(profile))
-            recorders = open_recorders(out / directory.RECORDING, profiles, nodes.mirror)
+            recorders = open_recorders(out / directory.RECORDING, profiles, nodes.mirrors)
             pace = _pace(lead, plant, operation, interruption)
             outcome = replace(_go(profile, profiles, scene, plant, nodes, pace, recorders, interruption), timed=timed)
     for name, node in nodes.named():
@@ -183,9 +186,9 @@ class RunNodes:
     warnings: tuple[str, ...]
 
     @property
-    def mirror(self) -> ChannelMirror | None:
-        """The node that shows what is recorded elsewhere too, if there is one."""
-        return next((node for node in self.world.behind if isinstance(node, LiveFoxgloveNode)), None)
+    def mirrors(self) -> tuple[ChannelMirror, ...]:
+        """The nodes that show what is recorded elsewhere too."""
+        return tuple(node for node in self.world.behind if isinstance(node, (LiveFoxgloveNode, LiveRosNode)))
 
     def named(self) -> Iterator[tuple[str, RunNode]]:
         """Each with its vessel's name, in the order of the calls; those of the world have none."""
@@ -232,14 +235,14 @@ def _composed(
 
 
 def open_recorders(
-    path: Path, profiles: Sequence[RunProfile], mirror: ChannelMirror | None = None
+    path: Path, profiles: Sequence[RunProfile], mirrors: Sequence[ChannelMirror] = ()
 ) -> tuple[Recorder, dict[str, Recorder]]:
     """That of the run and one for each vessel by name, into one file; of a vessel alone it is the same.
 
-    mirror: what is recorded goes there too.
+    mirrors: what is recorded goes there too.
     """
     lead = profiles[0]
-    file = McapFile(path, lead.recording.compression, mirror=mirror)
+    file = McapFile(path, lead.recording.compression, mirrors=mirrors)
     if not lead.vessel:
         recorder = Recorder(file, links=link_names(lead))
         return recorder, {"": recorder}

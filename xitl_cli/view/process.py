@@ -16,11 +16,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.view.camera import Cameras
 from xitl_cli.view.controls import Controls
 from xitl_cli.view.drawing import SceneDrawing
+from xitl_cli.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.view.model import BodyInstant, SceneMesh, ViewInstant
-from xitl_cli.view.pipe import Pipe, PipeClosedError, ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.view.readouts import Readouts
 from xitl_cli.view.scene import make_view_scene, read_bodies, read_scene_update
 from xitl_cli.view.server import make_server
@@ -134,7 +135,7 @@ def main(arguments: list[str]) -> None:
     """See the module."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's, which then ends this
     listener, end = (socket.socket(fileno=int(number)) for number in arguments)
-    pipe = Pipe.of_view(end)
+    pipe = Pipe.of_process(end)
     try:
         start, *rest = _first(pipe)
         ViewProcess(listener, pipe, start).run(rest)

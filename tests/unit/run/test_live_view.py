@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
@@ -26,8 +27,8 @@ from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
 from xitl_cli.seeds import Seeds
+from xitl_cli.view.messages import ViewRefusal, ViewStart
 from xitl_cli.view.model import ViewInstant
-from xitl_cli.view.pipe import Pipe, PipeClosedError, ViewRefusal, ViewStart
 
 STATUS = RunStatus(0.0, 60.0, "AUTO", True, 1, 6, 2.5, 90.0, -0.4, 0.2, 0.5, 4.0, (0.5, 0.4), lost=3, missed=2)
 
@@ -68,7 +69,7 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
 
     def popen(arguments: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
         end = socket.socket(fileno=options["pass_fds"][1])
-        made.end = Pipe.of_view(end.dup())
+        made.end = Pipe.of_process(end.dup())
         end.detach()
         return REAL_POPEN([sys.executable, "-S", "-c", ""])
 

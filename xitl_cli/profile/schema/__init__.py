@@ -12,6 +12,7 @@ Profile                        profile.py
 ├── mission, driver, autopilot, companion   agents.py
 ├── clock, recording           profile.py
 ├── view                       view.py
+├── ros                        ros.py
 ├── faults                     faults.py
 ├── graph                      graph.py, derived_graph.py (what follows from the others)
 ├── ais                        sim_core/world/spec.py

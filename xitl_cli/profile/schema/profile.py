@@ -14,6 +14,7 @@ from xitl_cli.profile.schema.agents import AutopilotSpec, CompanionSpec, DriverS
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.graph import NodeGraph
+from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.view import ViewSpec
 from xitl_cli.profile.schema.world import SiteSpec, WorldSpec
@@ -66,6 +67,7 @@ class Profile(Specification):
     clock: ClockSpec | None = None
     recording: RecordingSpec | None = None
     view: ViewSpec | None = None
+    ros: RosSpec | None = None
     faults: Annotated[dict[str, FaultSpec] | None, "by name"] = None
     graph: NodeGraph | None = None
     ais: AisSpec | None = None
@@ -112,7 +114,8 @@ class Profile(Specification):
     def run_profiles(self) -> tuple[RunProfile, ...]:
         """Each vessel that is simulated as a profile with every group in place, in their order: at least one.
 
-        Site, world, environment, clock, recording, view and traffic are the same in all. UserError as of `runnable`.
+        Site, world, environment, clock, recording, view, ros and traffic are the same in all. UserError as of
+        `runnable`.
         """
         if self.vessels is None:
             return (self.runnable(),)
@@ -150,6 +153,7 @@ class Profile(Specification):
             ("clock", ClockSpec),
             ("recording", RecordingSpec),
             ("view", lambda: ViewSpec(show=False)),
+            ("ros", lambda: RosSpec(enabled=False)),
             ("faults", dict),
         ):
             given[group] = given[group] or default()
@@ -188,6 +192,7 @@ class RunProfile:
     clock: ClockSpec
     recording: RecordingSpec
     view: ViewSpec
+    ros: RosSpec
     faults: dict[str, FaultSpec]
     graph: NodeGraph
     ais: AisSpec

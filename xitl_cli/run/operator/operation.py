@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 class Operation:
     """people: who may act as it goes on; each is given the operator before the run begins. events: actions that are
     given again. pace: times real time in lockstep, None for as fast as it can. viewed: it has a view, at whose page
-    people act. live: what it is served to as well, at live_port of this machine, None for the usual one or a free one.
+    people act. ros: nodes of ROS do. live: what it is served to as well, at live_port of this machine, None for the
+    usual one or a free one.
     """
 
     people: tuple[Callable[[OperatorNode], object], ...] = ()
     events: tuple[TimedAction, ...] = ()
     pace: float | None = None
     viewed: bool = False
+    ros: bool = False
     live: str | None = None
     live_port: int | None = None
 
@@ -42,7 +44,7 @@ class Operation:
 
     @property
     def _attended(self) -> bool:
-        return bool(self.people or self.viewed or self.live)
+        return bool(self.people or self.viewed or self.live or self.ros)
 
 
 UNATTENDED = Operation()

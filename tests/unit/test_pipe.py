@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from xitl_cli.view.pipe import Pipe, PipeClosedError, ViewEnd, ViewUpdate
+from xitl_cli.pipe import Pipe, PipeClosedError
+from xitl_cli.view.messages import ViewEnd, ViewUpdate
 
 Ends = tuple[Pipe, Pipe]
 
@@ -15,7 +16,7 @@ Ends = tuple[Pipe, Pipe]
 @pytest.fixture
 def ends() -> Iterator[Ends]:
     run, view = socket.socketpair()
-    pipes = Pipe.of_run(run), Pipe.of_view(view)
+    pipes = Pipe.of_run(run), Pipe.of_process(view)
     yield pipes
     for pipe in pipes:
         pipe.close()

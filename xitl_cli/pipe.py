@@ -1,4 +1,4 @@
-"""What goes between a run and the process of its view: down what is to be drawn, up what the view asks for.
+"""What goes between a run and a process beside it, its view or its bridge to ROS: objects down, JSON up.
 
 Nobody waits for anybody: what the socket does not take stays here, and is offered again.
 """
@@ -12,58 +12,10 @@ import socket
 import struct
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
-
-from xitl_cli.profile.schema import RunProfile
-from xitl_cli.view.model import ViewInstant
-from xitl_cli.view.server import ViewAddress
 
 _LENGTH = struct.Struct("<I")
 _CHUNK = 1 << 18
-
-
-@dataclass(frozen=True, slots=True)
-class ViewStart:
-    """The first thing down the pipe. updates: SceneUpdates as they are recorded. profiles: of each vessel.
-
-    operated: the run does what is asked of it at the page, and `faults` names what can be switched there by vessel.
-    lockstep: it can pause, step and change its pace, which is `pace` times real time while somebody looks.
-    """
-
-    title: str
-    address: ViewAddress
-    dark: bool
-    updates: tuple[bytes, ...]
-    profiles: tuple[RunProfile, ...]
-    operated: bool = False
-    lockstep: bool = True
-    faults: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    pace: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ViewUpdate:
-    """Something new to draw, as a SceneUpdate: debris."""
-
-    update: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class ViewRefusal:
-    """Why an action that was asked for at the page is not carried out."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class ViewEnd:
-    """The run is over, and how."""
-
-    text: str
-
-
-Down = ViewStart | ViewUpdate | ViewInstant | ViewRefusal | ViewEnd
 
 
 class PipeClosedError(Exception):
@@ -78,7 +30,7 @@ class Pipe:
         self._end = end
         self._encode, self._decode = encode, decode
         self._out = bytearray()
-        self._sending = threading.Lock()  # what is clicked at a page comes in threads of their own
+        self._sending = threading.Lock()  # threads of the process send too
         self._in = bytearray()
 
     @classmethod
@@ -87,8 +39,8 @@ class Pipe:
         return cls(end, lambda message: pickle.dumps(message, pickle.HIGHEST_PROTOCOL), json.loads)
 
     @classmethod
-    def of_view(cls, end: socket.socket) -> Pipe:
-        """The view's end."""
+    def of_process(cls, end: socket.socket) -> Pipe:
+        """The end of the process beside it."""
         return cls(end, lambda message: json.dumps(message).encode(), pickle.loads)
 
     @property

@@ -1,0 +1,87 @@
+"""Cyclone DDS as ROS 2's own middleware uses it, with itself at the other end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+cyclonedds = pytest.importorskip("cyclonedds")
+
+from rosbags.typesys import Stores, get_typestore  # noqa: E402
+
+from xitl_cli.errors import UserError  # noqa: E402
+from xitl_cli.profile.schema.ros import RosSpec  # noqa: E402
+from xitl_cli.ros.cyclone_middleware import CycloneMiddleware, dds_type, ros_domain  # noqa: E402
+from xitl_cli.ros.middleware import CLOCK, COMMANDS, RELIABLE  # noqa: E402
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TWIST = "geometry_msgs/msg/Twist"
+DOMAIN = 101
+
+
+@pytest.fixture
+def node() -> Iterator[CycloneMiddleware]:
+    node = CycloneMiddleware(RosSpec(domain=DOMAIN))
+    yield node
+    node.close()
+
+
+def until(node: CycloneMiddleware, come: Callable[[], bool]) -> None:
+    limit_s = time.monotonic() + 30.0
+    while not come():
+        assert time.monotonic() < limit_s, "nothing came"
+        node.spin(0.02)
+
+
+def test_bytes_go_through_as_they_are(node: CycloneMiddleware) -> None:
+    vector = STORE.types["geometry_msgs/msg/Vector3"]
+    twist = STORE.types[TWIST](linear=vector(1.0, 2.0, 3.0), angular=vector(0.0, 0.0, 0.5))
+    payload = bytes(STORE.serialize_cdr(twist, TWIST))
+    taken: list[bytes] = []
+    node.subscribe("/cmd_vel", TWIST, COMMANDS, taken.append)
+    publish = node.advertise("/cmd_vel", TWIST, RELIABLE)
+    publish(payload)
+    until(node, lambda: bool(taken))
+    assert taken == [payload]
+
+
+def test_a_qos_that_does_not_match_is_named_once(node: CycloneMiddleware) -> None:
+    node.advertise("/clock", "rosgraph_msgs/msg/Clock", CLOCK)
+    node.subscribe("/clock", "rosgraph_msgs/msg/Clock", RELIABLE, lambda payload: None)
+    problems: list[str] = []
+
+    def told() -> bool:
+        problems.extend(node.problems())
+        return bool(problems)
+
+    until(node, told)
+    node.spin(0.0)
+    assert len([*problems, *node.problems()]) == 1
+    assert problems[0].startswith("/clock: reliability")
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("sensor_msgs/msg/PointCloud2", ["header", "height", "width", "fields", "is_bigendian"]),
+        ("tf2_msgs/msg/TFMessage", ["transforms"]),
+    ],
+)
+def test_a_type_is_named_as_ros_names_it(name: str, fields: list[str]) -> None:
+    kind = dds_type(name)
+    package, _, last = name.split("/")
+    assert kind.__idl_typename__.replace(".", "::") == f"{package}::msg::dds_::{last}_"
+    assert list(kind.__annotations__)[: len(fields)] == fields
+
+
+def test_the_domain_is_the_profile_s_or_the_environment_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    assert ros_domain(RosSpec()) == 0
+    monkeypatch.setenv("ROS_DOMAIN_ID", "42")
+    assert ros_domain(RosSpec()) == 42
+    assert ros_domain(RosSpec(domain=3)) == 3
+    monkeypatch.setenv("ROS_DOMAIN_ID", "one")
+    with pytest.raises(UserError, match="ROS_DOMAIN_ID=one: is no domain"):
+        ros_domain(RosSpec())

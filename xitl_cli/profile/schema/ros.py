@@ -1,0 +1,58 @@
+"""`ros`: topics of a run for nodes of ROS 2 or ROS 1, and what they ask of it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from sim_core.keys import Bounds, NonNegative, Positive, Specification, SpecificationError
+
+Depth = Annotated[int, Bounds(at_least=1, at_most=10_000)]
+_NAMESPACE = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
+_MASTER = re.compile(r"ros1://[^/:\s]+(:\d{1,5})?/?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosTopicSpec(Specification):
+    """How one topic is published; what is not given is as the table of topics has it."""
+
+    publish: bool = True
+    reliability: Literal["reliable", "best_effort"] | None = None
+    durability: Annotated[
+        Literal["volatile", "transient_local"] | None, "transient_local: who comes later has the last ones too"
+    ] = None
+    depth: Annotated[Depth | None, "null: `ros.depth`"] = None
+    rate_hz: Annotated[NonNegative | None, "at most; null: each that is recorded"] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosSpec(Specification):
+    """Nodes of ROS read the run and drive it: [ros.md](ros.md); a profile with this group has that."""
+
+    enabled: Annotated[bool, "`--ros` and `--no-ros` say the same for a run"] = True
+    master: Annotated[
+        str | None, "null: ROS 2; `ros1://localhost:11311`: ROS 1 with the master there, `ros1://` for $ROS_MASTER_URI"
+    ] = None
+    way: Annotated[
+        Literal["auto", "rclpy", "cyclonedds"],
+        "into ROS 2; auto: rclpy where a ROS is sourced, else cyclonedds of the extra `ros2`",
+    ] = "auto"
+    domain: Annotated[
+        Annotated[int, Bounds(at_least=0, at_most=232)] | None, "of ROS 2; null: $ROS_DOMAIN_ID, else 0"
+    ] = None
+    namespace: Annotated[str, "before every topic but `/clock`, `/tf` and `/tf_static`"] = ""
+    depth: Annotated[Depth, "messages that a publisher keeps for a reader that is behind"] = 100
+    pace: Annotated[Positive | None, "times real time, in lockstep; null: as fast as it goes"] = 1.0
+    queue_mb: Annotated[Positive, "of messages that wait for ROS; beyond it the oldest are dropped, and counted"] = 16.0
+    topics: Annotated[dict[str, RosTopicSpec], "by name without namespace, as `imu/data`"] = field(default_factory=dict)
+
+    def check(self) -> None:
+        if self.namespace and not _NAMESPACE.fullmatch(self.namespace):
+            raise SpecificationError(
+                ("namespace",), f"= {self.namespace!r} is no namespace of ROS; use letters, digits and _, as boats/one"
+            )
+        if self.master is not None and self.master != "ros1://" and not _MASTER.fullmatch(self.master):
+            raise SpecificationError(
+                ("master",), f"= {self.master!r} is no master; use ros1://HOST:PORT, as ros1://localhost:11311"
+            )

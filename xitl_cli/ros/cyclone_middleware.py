@@ -1,0 +1,218 @@
+"""ROS 2 without an installed ROS: Cyclone DDS under the names, types and QoS that ROS 2's own middleware uses.
+
+Cyclone DDS takes and gives serialised bytes, so that a topic costs no conversion here. That `ros2 node list` shows a
+node is what `ros_discovery_info` is for (rmw_dds_common), that tools show types' hashes what a topic's user data say
+(REP 2011, REP 2016).
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+from cyclonedds import core
+from cyclonedds._clayer import ddspy_take, ddspy_write
+from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import make_idl_struct, types
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import DomainParticipantQos, Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema.ros import RosSpec
+from xitl_cli.ros.middleware import NODE_NAME, QosProfile
+
+CONFIGURATION = """<CycloneDDS><Domain><Compatibility>
+<IgnoreTypeInformation>1.15</IgnoreTypeInformation>
+</Compatibility></Domain></CycloneDDS>"""
+"""1.15 is eProsima: Fast DDS 3 describes types otherwise than Cyclone DDS expects, and nothing arrives."""
+DOMAIN_VARIABLE, CONFIGURATION_VARIABLE = "ROS_DOMAIN_ID", "CYCLONEDDS_URI"
+BLOCKED_NS = 100_000_000
+MOST_TAKEN = 100
+GRAPH = "ros_discovery_info"
+GRAPH_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+GRAPH_QOS = QosProfile(durability="transient_local", depth=1)
+_ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+_TYPES: dict[str, Any] = {
+    **{name: getattr(types, name) for name in ("int8", "int16", "int32", "int64", "float32", "float64")},
+    **{name: getattr(types, name) for name in ("uint8", "uint16", "uint32", "uint64")},
+    **{"bool": bool, "byte": types.byte, "char": types.uint8, "string": str},
+}
+_POLICIES = {
+    11: ("reliability", "a best-effort publisher never matches a reliable subscriber"),
+    2: ("durability", "a volatile publisher never matches a transient-local subscriber"),
+}
+"""By the number that DDS has for them."""
+
+
+class CycloneMiddleware:
+    """A node in a participant of its own: see Middleware."""
+
+    def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
+        self._domain_id = ros_domain(spec)
+        self._node = node_name
+        given = os.environ.get(CONFIGURATION_VARIABLE)
+        parts = [given] if given else []
+        try:
+            self._domain = Domain(self._domain_id, ",".join([*parts, CONFIGURATION]))
+            about = Policy.Userdata(data=b"enclave=/;")
+            self._participant = DomainParticipant(self._domain_id, qos=DomainParticipantQos(about))
+        except DDSException as error:
+            hint = f"; see {CONFIGURATION_VARIABLE}" if given else ""
+            raise UserError(f"ros: domain {self._domain_id} cannot be entered ({error}){hint}") from error
+        self.name = f"cyclonedds {version('cyclonedds')}, domain {self._domain_id}"
+        self._topics: dict[str, Topic[Any]] = {}
+        self._writers: list[DataWriter[Any]] = []
+        self._readers: list[tuple[DataReader[Any], Callable[[bytes], None]]] = []
+        self._waiting = WaitSet(self._participant)
+        self._conditions: list[ReadCondition] = []
+        self._problems: list[str] = []
+        self._told: set[tuple[str, int]] = set()
+        self._lock = threading.Lock()
+        self._graph = self._writer(GRAPH, GRAPH_TYPE, GRAPH_QOS)
+        self._graph_changed = True
+        self._closed = False
+
+    def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
+        """See Middleware."""
+        writer = self._writer(f"rt{topic}", type_name, qos, self._mismatch(topic))
+        self._writers.append(writer)
+        self._graph_changed = True
+        ref = writer._ref
+
+        def publish(cdr: bytes) -> None:
+            ddspy_write(ref, cdr)  # a reader that does not keep up costs BLOCKED_NS, and the message is then kept
+
+        return publish
+
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+        """See Middleware."""
+        listener = self._mismatch(topic)
+        named = self._topic(f"rt{topic}", type_name)
+        reader = DataReader(self._participant, named, _qos(qos, type_name), listener)
+        condition = ReadCondition(reader, _ANY)
+        self._conditions.append(condition)
+        self._waiting.attach(condition)
+        self._readers.append((reader, take))
+        self._graph_changed = True
+
+    def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
+        """Not by this way: each middleware of ROS says in its own way to which request a response belongs."""
+
+    def spin(self, timeout_s: float) -> None:
+        """See Middleware."""
+        if self._graph_changed:
+            self._graph_changed = False
+            ddspy_write(self._graph._ref, self._node_graph())
+        if not self._readers:
+            time.sleep(timeout_s)
+            return
+        if self._waiting.wait(round(timeout_s * 1e9)) == 0:
+            return
+        for reader, take in self._readers:
+            taken = ddspy_take(reader._ref, _ANY, MOST_TAKEN)
+            if isinstance(taken, list):
+                for payload, about in taken:
+                    if about.valid_data:
+                        take(payload)
+
+    def problems(self) -> list[str]:
+        """See Middleware."""
+        with self._lock:
+            problems, self._problems = self._problems, []
+        return problems
+
+    def close(self) -> None:
+        """See Middleware."""
+        if not self._closed:
+            self._closed = True
+            self._domain._delete(self._domain._ref)  # with all that is in it
+
+    def _topic(self, name: str, type_name: str) -> Topic[Any]:
+        if name not in self._topics:
+            self._topics[name] = Topic(self._participant, name, dds_type(type_name))
+        return self._topics[name]
+
+    def _writer(self, name: str, type_name: str, qos: QosProfile, listener: Listener | None = None) -> DataWriter[Any]:
+        return DataWriter(self._participant, self._topic(name, type_name), _qos(qos, type_name), listener)
+
+    def _mismatch(self, topic: str) -> Listener:
+        """Notes that somebody's QoS does not match; called in threads of Cyclone DDS."""
+
+        def note(entity: object, status: Any) -> None:
+            policy, why = _POLICIES.get(int(status.last_policy_id), ("QoS", "what is asked for is not offered"))
+            with self._lock:
+                if (topic, status.last_policy_id) not in self._told:
+                    self._told.add((topic, status.last_policy_id))
+                    self._problems.append(f"{topic}: {policy} of another node does not match ({why})")
+
+        return Listener(on_offered_incompatible_qos=note, on_requested_incompatible_qos=note)
+
+    def _node_graph(self) -> bytes:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        kinds = store.types
+
+        def gid(entity: core.Entity) -> Any:
+            import numpy as np
+
+            return kinds["rmw_dds_common/msg/Gid"](data=np.frombuffer(entity.get_guid().bytes, dtype=np.uint8))
+
+        node = kinds["rmw_dds_common/msg/NodeEntitiesInfo"](
+            node_namespace="/",
+            node_name=self._node,
+            reader_gid_seq=[gid(reader) for reader, _ in self._readers],
+            writer_gid_seq=[gid(writer) for writer in self._writers],
+        )
+        message = kinds[GRAPH_TYPE](gid=gid(self._participant), node_entities_info_seq=[node])
+        return bytes(store.serialize_cdr(message, GRAPH_TYPE))
+
+
+def ros_domain(spec: RosSpec) -> int:
+    """Raises UserError for an environment that says no number."""
+    given = os.environ.get(DOMAIN_VARIABLE, "")
+    if spec.domain is not None or not given:
+        return spec.domain or 0
+    if given.isdecimal() and int(given) <= 232:
+        return int(given)
+    raise UserError(f"{DOMAIN_VARIABLE}={given}: is no domain of ROS 2; use 0 to 232, or ros.domain")
+
+
+@cache
+def dds_type(type_name: str) -> Any:
+    """The type of a message as DDS has it."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    package, kind, name = type_name.split("/")
+
+    def dds(node: Any) -> Any:
+        form, inner = node
+        if form is Nodetype.BASE:
+            return _TYPES[inner[0]]
+        if form is Nodetype.NAME:
+            return dds_type(inner)
+        element = dds(inner[0])
+        return types.array[element, inner[1]] if form is Nodetype.ARRAY else types.sequence[element]
+
+    fields = {field: dds(node) for field, node in store.fielddefs[type_name][1]}
+    fields = fields or {"structure_needs_at_least_one_member": types.uint8}
+    return make_idl_struct(name, f"{package}.{kind}.dds_.{name}_", fields)
+
+
+def _qos(qos: QosProfile, type_name: str) -> Qos:
+    reliable = qos.reliability == "reliable"
+    hashed = get_typestore(Stores.ROS2_JAZZY).hash_rihs01(type_name)
+    return Qos(
+        Policy.Reliability.Reliable(BLOCKED_NS) if reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if qos.durability == "transient_local" else Policy.Durability.Volatile,
+        Policy.History.KeepLast(qos.depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(data=f"typehash={hashed};".encode()),
+    )

@@ -1,0 +1,99 @@
+"""What carries messages to nodes and theirs to us, behind one interface: rclpy, Cyclone DDS, or ROS 1.
+
+CDR bytes with their 4-byte header are the currency; types are named as in `sensor_msgs/msg/Imu`, names are whole, as
+`/boats/one/imu/data`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Literal, Protocol
+
+from xitl_cli.errors import UserError
+from xitl_cli.extras import ROS2
+from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
+
+NODE_NAME = "xitl"
+
+
+@dataclass(frozen=True, slots=True)
+class QosProfile:
+    """What a publisher offers or a subscriber asks for. depth: messages kept for a reader that is behind."""
+
+    reliability: Literal["reliable", "best_effort"] = "reliable"
+    durability: Literal["volatile", "transient_local"] = "volatile"
+    depth: int = 100
+
+
+RELIABLE = QosProfile()
+LATCHED = QosProfile(durability="transient_local", depth=1)
+CLOCK = QosProfile(reliability="best_effort", depth=1)
+COMMANDS = QosProfile(reliability="best_effort", depth=10)
+"""Of a subscriber: best effort takes from every publisher."""
+
+
+def qos_with(usual: QosProfile, asked: RosTopicSpec) -> QosProfile:
+    """That of a topic as the profile has it."""
+    given = {key: getattr(asked, key) for key in ("reliability", "durability", "depth")}
+    return replace(usual, **{key: value for key, value in given.items() if value is not None})
+
+
+def ros_name(*parts: str) -> str:
+    """A whole name from a namespace, a vessel and a topic, of which any may be empty; a topic with / is whole."""
+    if parts[-1].startswith("/"):
+        return parts[-1]
+    return "/" + "/".join(part.strip("/") for part in parts if part.strip("/"))
+
+
+class Middleware(Protocol):
+    """A node of ROS. Handlers are called within `spin`; publishers may be called from any thread."""
+
+    name: str
+    """What it is, for people: `cyclonedds 11.0.1, domain 0`."""
+
+    def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
+        """A publisher of CDR bytes."""
+
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+        """Have `take` called with the CDR bytes of each message."""
+
+    def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
+        """Have `answer` called with the CDR bytes of a request; it returns those of the response."""
+
+    def spin(self, timeout_s: float) -> None:
+        """Call handlers of what has come, after at most `timeout_s`."""
+
+    def problems(self) -> list[str]:
+        """What has gone wrong since the last call, in sentences that say what to do."""
+
+    def close(self) -> None:
+        """Leave the graph. A second call does nothing."""
+
+
+def open_middleware(spec: RosSpec, node_name: str = NODE_NAME) -> Middleware:
+    """The way in that the profile asks for. Raises UserError where there is none."""
+    if spec.master is not None:
+        tcpros: Any = import_module("xitl_cli.ros.tcpros.middleware")
+        ros1: Middleware = tcpros.TcprosMiddleware(spec, node_name)
+        return ros1
+    if ros2_way(spec) == "rclpy":
+        from xitl_cli.ros.rclpy_middleware import RclpyMiddleware
+
+        return RclpyMiddleware(spec, node_name)
+    from xitl_cli.ros.cyclone_middleware import CycloneMiddleware
+
+    return CycloneMiddleware(spec, node_name)
+
+
+def ros2_way(spec: RosSpec) -> Literal["rclpy", "cyclonedds"]:
+    """Which of the two there is. Raises UserError where it is not."""
+    if spec.way != "cyclonedds" and find_spec("rclpy") is not None:
+        return "rclpy"
+    if spec.way == "rclpy":
+        raise UserError("ros.way = rclpy: it cannot be imported here; source a ROS 2, or use ros.way: cyclonedds")
+    if ROS2.missing:
+        raise UserError(f"ros: neither rclpy (source a ROS 2) nor cyclonedds is here; {ROS2.pip_line}")
+    return "cyclonedds"

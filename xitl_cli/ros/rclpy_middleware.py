@@ -1,0 +1,102 @@
+"""ROS 2 by rclpy, where one is sourced: with the middleware, the types and the configuration of that ROS."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+import rclpy.context
+import rclpy.executors
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema.ros import RosSpec
+from xitl_cli.ros.middleware import NODE_NAME, QosProfile
+
+
+class RclpyMiddleware:
+    """A node in a context of its own: see Middleware."""
+
+    def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
+        self._context = rclpy.context.Context()
+        rclpy.init(args=[], context=self._context, domain_id=spec.domain)
+        self._node = rclpy.create_node(node_name, context=self._context, start_parameter_services=False)
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._problems: list[str] = []
+        self._told: set[tuple[str, str]] = set()
+        implementation = rclpy.get_rmw_implementation_identifier()
+        distribution = os.environ.get("ROS_DISTRO", "")
+        self.name = f"rclpy {distribution} ({implementation}), domain {self._context.get_domain_id()}".replace(
+            "  ", " "
+        )
+
+    def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
+        """See Middleware."""
+        events = PublisherEventCallbacks(incompatible_qos=self._mismatch(topic), use_default_callbacks=False)
+        publisher = self._node.create_publisher(message_type(type_name), topic, _qos(qos), event_callbacks=events)
+        publish: Callable[[bytes], None] = publisher.publish
+        return publish
+
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+        """See Middleware."""
+        events = SubscriptionEventCallbacks(incompatible_qos=self._mismatch(topic), use_default_callbacks=False)
+        kind = message_type(type_name)
+        self._node.create_subscription(kind, topic, take, _qos(qos), event_callbacks=events, raw=True)
+
+    def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
+        """See Middleware."""
+        kind = message_type(type_name)
+
+        def serve(request: Any, response: Any) -> Any:
+            return deserialize_message(answer(serialize_message(request)), kind.Response)
+
+        self._node.create_service(kind, service, serve)
+
+    def spin(self, timeout_s: float) -> None:
+        """See Middleware."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    def problems(self) -> list[str]:
+        """See Middleware."""
+        problems, self._problems = self._problems, []
+        return problems
+
+    def close(self) -> None:
+        """See Middleware."""
+        if self._context.ok():
+            self._executor.shutdown()
+            self._node.destroy_node()
+            rclpy.shutdown(context=self._context)
+
+    def _mismatch(self, topic: str) -> Callable[[Any], None]:
+        def note(event: Any) -> None:
+            policy = event.last_policy_kind.name.lower() if hasattr(event.last_policy_kind, "name") else "QoS"
+            if (topic, policy) not in self._told:
+                self._told.add((topic, policy))
+                self._problems.append(f"{topic}: {policy} of another node does not match")
+
+        return note
+
+
+def message_type(type_name: str) -> Any:
+    """The class of a message or service. Raises UserError where its package is not there."""
+    package, kind, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), name)
+    except (ImportError, AttributeError) as error:
+        raise UserError(f"{type_name}: is not in the ROS that is sourced; install its package {package}") from error
+
+
+def _qos(qos: QosProfile) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=qos.depth,
+        reliability=ReliabilityPolicy[qos.reliability.upper()],
+        durability=DurabilityPolicy[qos.durability.upper()],
+    )

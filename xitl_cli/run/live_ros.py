@@ -1,0 +1,265 @@
+"""ROS beside a run: gives what is recorded to the process of the bridge, and has the operator do what nodes ask.
+
+The run waits for nothing: what the process does not take waits in a bounded queue, from which the oldest is dropped.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from xitl_cli.errors import UserError
+from xitl_cli.pipe import Pipe, PipeClosedError
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.ros.middleware import ros2_way
+from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosEnd, RosStart
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.operator.node import OperatorNode
+
+SOURCE = "ros"
+WARNING = 4  # MAV_SEVERITY
+OPENING_S = 60.0
+SILENT_S = 5.0
+"""For which the process may take nothing before that is said."""
+END_S = 5.0
+MOST_IN_PIPE_BYTES = 1 << 20
+"""Of the queue's: what is in the pipe can no longer be dropped."""
+
+
+class LiveRosNode(RunNode):
+    """The bridge of a run to ROS. One that dies or hangs leaves the run as it is.
+
+    profiles: of each vessel. tell: says something to the user. It is a mirror of the recording, see McapFile.
+    """
+
+    def __init__(self, profiles: Sequence[RunProfile], tell: Callable[[str], object]) -> None:
+        self._profiles = tuple(profiles)
+        self._spec = profiles[0].ros
+        self._tell = tell
+        self._operator: OperatorNode | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._pipe: Pipe | None = None
+        self._words: Any = None
+        self._recorder: Any = None
+        self._queue: deque[tuple[int, int, bytes]] = deque()
+        self._queued_bytes = 0
+        self._limit_bytes = round(self._spec.queue_mb * 1e6)
+        self._topics: list[str] = []
+        self._dropped: Counter[int] = Counter()
+        self._now_ns = 0
+        self._taken_s: float | None = None
+        self._silent = False
+        self._name = ""
+        self._counts: dict[str, dict[str, int]] = {}
+        self._problems: list[str] = []
+        self._actions = self._refused = 0
+        self.ready_ns: dict[str, int] = {}
+
+    def meet(self, operator: OperatorNode) -> None:
+        """Have it carry out what nodes ask for, and be polled by it: while the run stands still too."""
+        self._operator = operator
+        operator.listen(self.poll)
+
+    def prepare(self) -> None:
+        """Start the process, and wait until it is in the graph. Raises UserError when it cannot be."""
+        if self._spec.master is None:
+            ros2_way(self._spec)
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._words = tempfile.TemporaryFile()  # noqa: SIM115  # read when the process has ended
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "xitl_cli.ros.process", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=self._words,
+                start_new_session=True,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+            )
+        self._pipe = Pipe.of_run(ours)
+        try:
+            self._pipe.send(RosStart(self._profiles, self._operator is not None))
+            self._await_opening()
+        except PipeClosedError:
+            raise UserError(f"ros: the bridge has ended at its start ({self._last_word()})") from None
+        self._tell(f"ros: {self._name}")
+
+    def _await_opening(self) -> None:
+        assert self._pipe is not None
+        until_s = time.monotonic() + OPENING_S
+        while time.monotonic() < until_s:
+            for message in self._pipe.receive(0.1):
+                if "failed" in message:
+                    raise UserError(str(message["failed"]))
+                if "opened" in message:
+                    self._name = str(message["opened"])
+                    return
+        raise UserError(f"ros: the bridge was not ready within {OPENING_S:g} s; try again")
+
+    def open_channel(
+        self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
+    ) -> Callable[[bytes, int], object]:
+        """A channel as the recording has it; what is returned queues a payload of an instant."""
+        number = len(self._topics)
+        self._topics.append(topic)
+        self._send(RosChannel(number, topic))
+        append = self._queue.append
+
+        def queue(payload: bytes, stamp_ns: int) -> None:
+            append((number, stamp_ns, payload))
+            self._queued_bytes += len(payload)
+
+        return queue
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+
+    def exchange(self, step: RunStep) -> None:
+        self._now_ns = step.now_ns
+        self._hand_over()
+        self.poll()
+
+    def _hand_over(self) -> None:
+        """Give the process what is queued, unless it has too much already; then drop what is too much."""
+        pipe, queue = self._pipe, self._queue
+        if pipe is None:
+            queue.clear()
+            self._queued_bytes = 0
+            return
+        if pipe.waiting_bytes <= MOST_IN_PIPE_BYTES:
+            batch = RosBatch(self._now_ns, tuple(queue))
+            queue.clear()
+            self._queued_bytes = 0
+            self._send(batch)
+        while self._queued_bytes > self._limit_bytes:
+            number, _, payload = queue.popleft()
+            self._queued_bytes -= len(payload)
+            self._dropped[number] += 1
+
+    def poll(self) -> None:
+        """Take in what nodes ask for."""
+        if self._pipe is None:
+            return
+        before = self._pipe.waiting_bytes
+        try:
+            for message in self._pipe.receive():
+                self._take_in(message)
+        except PipeClosedError:
+            self._lose()
+            return
+        self._watch(before)
+
+    def _take_in(self, message: Mapping[str, Any]) -> None:
+        if isinstance(action := message.get("action"), dict):
+            self._actions += 1
+            refusal = "nobody carries out actions in this run"
+            if self._operator is not None:
+                refused = self._operator.ask(action, SOURCE)
+                self._refused += refused is not None
+                refusal = refused or ""
+            if (request := message.get("request")) is not None:
+                self._send(RosAnswer(int(request), refusal or None))
+        elif isinstance(ready := message.get("ready"), dict):
+            self.ready_ns[str(ready["node"])] = int(ready["stamp_ns"])
+        elif isinstance(counts := message.get("counts"), dict):
+            self._counts = counts
+        elif "problem" in message:
+            self._warn(str(message["problem"]))
+
+    def _watch(self, before: int) -> None:
+        """Whether the process still takes what it is given."""
+        now_s = time.monotonic()
+        assert self._pipe is not None
+        if not before or self._pipe.waiting_bytes < before:
+            self._taken_s, self._silent = now_s, False
+        elif self._taken_s is not None and now_s - self._taken_s > SILENT_S and not self._silent:
+            self._silent = True
+            self._warn(f"ros: the bridge takes nothing since {SILENT_S:g} s; the run goes on, what is old is dropped")
+
+    def _warn(self, text: str) -> None:
+        self._problems.append(text)
+        self._tell(f"warning: {text}")
+        if self._recorder is not None:
+            self._recorder.log(self._now_ns, WARNING, SOURCE, text)
+
+    def _send(self, message: Any) -> None:
+        if self._pipe is not None:
+            try:
+                self._pipe.send(message)
+            except PipeClosedError:
+                self._lose()
+
+    def _lose(self) -> None:
+        """It is gone: said once, and the run goes on."""
+        if self._pipe is None:
+            return
+        self._pipe.close()
+        self._pipe = None
+        reason = self._last_word()
+        self._warn("ros: the bridge has ended; the run goes on without it" + (f" ({reason})" if reason else ""))
+
+    def _last_word(self) -> str:
+        """Why the process has ended."""
+        code = None
+        if self._process is not None:
+            try:
+                code = self._process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                return ""
+        if code is not None and code < 0:
+            return f"signal {-code}"
+        if self._words is None:
+            return ""
+        self._words.seek(0)
+        lines = self._words.read().decode(errors="replace").strip().splitlines()
+        return lines[-1].strip() if lines else ""
+
+    def end(self) -> None:
+        """The process publishes what is left and tells its counts."""
+        self._hand_over()
+        self._send(RosEnd())
+        until_s = time.monotonic() + END_S
+        while self._pipe is not None and time.monotonic() < until_s:
+            try:
+                for message in self._pipe.receive(0.05):
+                    self._take_in(message)
+            except PipeClosedError:
+                self._pipe.close()
+                self._pipe = None
+
+    def close(self) -> None:
+        pipe, process, self._pipe, self._process = self._pipe, self._process, None, None
+        if pipe is not None:
+            pipe.close()
+        if process is not None:
+            try:
+                process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        if self._words is not None:
+            self._words.close()
+            self._words = None
+
+    def report(self) -> dict[str, Any]:
+        """ros: way in, messages published, dropped and received by topic, actions asked for and refused."""
+        return {
+            "ros": {
+                "way": self._name,
+                "namespace": self._spec.namespace,
+                "published": self._counts.get("published", {}),
+                "dropped": {self._topics[number]: count for number, count in sorted(self._dropped.items())},
+                "received": self._counts.get("received", {}),
+                "not_taken": self._counts.get("refused", {}),
+                "actions": self._actions,
+                "refused": self._refused,
+            },
+            "warnings": list(self._problems),
+        }
