@@ -23,7 +23,7 @@ class PipeClosedError(Exception):
 
 
 class Pipe:
-    """One end. encode, decode: of what is sent and received."""
+    """One end. encode, decode: of what is sent and received. taken_bytes: that the socket has taken so far."""
 
     def __init__(self, end: socket.socket, encode: Callable[[Any], bytes], decode: Callable[[bytes], Any]) -> None:
         end.setblocking(False)
@@ -32,6 +32,7 @@ class Pipe:
         self._out = bytearray()
         self._sending = threading.Lock()  # threads of the process send too
         self._in = bytearray()
+        self.taken_bytes = 0
 
     @classmethod
     def of_run(cls, end: socket.socket) -> Pipe:
@@ -66,6 +67,7 @@ class Pipe:
                 except OSError as error:
                     raise PipeClosedError from error
                 del self._out[:taken]
+                self.taken_bytes += taken
 
     def receive(self, timeout_s: float = 0.0) -> list[Any]:
         """All that has come, after at most `timeout_s`. Raises PipeClosedError once nothing will come any more."""

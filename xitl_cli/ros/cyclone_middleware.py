@@ -15,6 +15,7 @@ from functools import cache
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
 from cyclonedds import core
 from cyclonedds._clayer import ddspy_take, ddspy_write
 from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
@@ -25,10 +26,10 @@ from cyclonedds.qos import DomainParticipantQos, Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_typestore
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
+from xitl_cli.ros.definitions import ros2_types, serialize, type_hash
 from xitl_cli.ros.middleware import NODE_NAME, QosProfile
 
 CONFIGURATION = """<CycloneDDS><Domain><Compatibility>
@@ -158,12 +159,9 @@ class CycloneMiddleware:
         return Listener(on_offered_incompatible_qos=note, on_requested_incompatible_qos=note)
 
     def _node_graph(self) -> bytes:
-        store = get_typestore(Stores.ROS2_JAZZY)
-        kinds = store.types
+        kinds = ros2_types().types
 
         def gid(entity: core.Entity) -> Any:
-            import numpy as np
-
             return kinds["rmw_dds_common/msg/Gid"](data=np.frombuffer(entity.get_guid().bytes, dtype=np.uint8))
 
         node = kinds["rmw_dds_common/msg/NodeEntitiesInfo"](
@@ -173,7 +171,7 @@ class CycloneMiddleware:
             writer_gid_seq=[gid(writer) for writer in self._writers],
         )
         message = kinds[GRAPH_TYPE](gid=gid(self._participant), node_entities_info_seq=[node])
-        return bytes(store.serialize_cdr(message, GRAPH_TYPE))
+        return serialize(message)
 
 
 def ros_domain(spec: RosSpec) -> int:
@@ -189,7 +187,7 @@ def ros_domain(spec: RosSpec) -> int:
 @cache
 def dds_type(type_name: str) -> Any:
     """The type of a message as DDS has it."""
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = ros2_types()
     package, kind, name = type_name.split("/")
 
     def dds(node: Any) -> Any:
@@ -208,7 +206,7 @@ def dds_type(type_name: str) -> Any:
 
 def _qos(qos: QosProfile, type_name: str) -> Qos:
     reliable = qos.reliability == "reliable"
-    hashed = get_typestore(Stores.ROS2_JAZZY).hash_rihs01(type_name)
+    hashed = type_hash(type_name)
     return Qos(
         Policy.Reliability.Reliable(BLOCKED_NS) if reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if qos.durability == "transient_local" else Policy.Durability.Volatile,

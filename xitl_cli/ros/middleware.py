@@ -15,6 +15,7 @@ from typing import Any, Literal, Protocol
 from xitl_cli.errors import UserError
 from xitl_cli.extras import ROS2
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
+from xitl_cli.ros.outputs import QosKind
 
 NODE_NAME = "xitl"
 
@@ -31,6 +32,8 @@ class QosProfile:
 RELIABLE = QosProfile()
 LATCHED = QosProfile(durability="transient_local", depth=1)
 CLOCK = QosProfile(reliability="best_effort", depth=1)
+QOS: dict[QosKind, QosProfile] = {"sensor": replace(RELIABLE, depth=0), "latched": LATCHED, "clock": CLOCK}
+"""By their names in the table of topics; depth 0: the profile's."""
 COMMANDS = QosProfile(reliability="best_effort", depth=10)
 """Of a subscriber: best effort takes from every publisher."""
 
@@ -39,13 +42,6 @@ def qos_with(usual: QosProfile, asked: RosTopicSpec) -> QosProfile:
     """That of a topic as the profile has it."""
     given = {key: getattr(asked, key) for key in ("reliability", "durability", "depth")}
     return replace(usual, **{key: value for key, value in given.items() if value is not None})
-
-
-def ros_name(*parts: str) -> str:
-    """A whole name from a namespace, a vessel and a topic, of which any may be empty; a topic with / is whole."""
-    if parts[-1].startswith("/"):
-        return parts[-1]
-    return "/" + "/".join(part.strip("/") for part in parts if part.strip("/"))
 
 
 class Middleware(Protocol):

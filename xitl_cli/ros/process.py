@@ -13,17 +13,56 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe, PipeClosedError
-from xitl_cli.ros.middleware import CLOCK, Middleware, open_middleware
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.ros import RosTopicSpec
+from xitl_cli.ros.conversion import RosConversion, RosMessage
+from xitl_cli.ros.middleware import QOS, Middleware, open_middleware, qos_with
+from xitl_cli.ros.outputs import OUTPUTS, RosTopic
 from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosEnd, RosStart
 
 SPIN_S = 0.05
 COUNTS_S = 0.5
 ANSWER_S = 5.0
+
+
+class Publisher:
+    """Of one topic: `send` takes CDR. rate_hz: at most, in simulation time; None: every message."""
+
+    def __init__(self, name: str, send: Callable[[bytes], object], rate_hz: float | None) -> None:
+        self.name, self.send = name, send
+        self._rate_hz = rate_hz
+        self._next_ns = -1
+
+    def due(self, stamp_ns: int) -> bool:
+        """Whether a message of this instant is to be sent."""
+        if self._rate_hz is None:
+            return True
+        if not self._rate_hz or stamp_ns < self._next_ns:
+            return False
+        period_ns = round(1e9 / self._rate_hz)
+        self._next_ns = (stamp_ns // period_ns + 1) * period_ns
+        return True
+
+
+def outputs_of(profiles: Iterable[RunProfile], wanted: Callable[[str], bool]) -> Iterator[tuple[RosTopic, str]]:
+    """Topics that a run has from its start, each with its vessel; `wanted`: whether a recorded topic is converted."""
+    for number, profile in enumerate(profiles):
+        prefix = f"/{profile.vessel}" if profile.vessel else ""
+        for topic in OUTPUTS.values():
+            if "{" in topic.name or (topic.of_all and number):
+                continue
+            if not topic.sources or any(wanted(prefix + source) for source in topic.sources):
+                yield topic, "" if topic.of_all else profile.vessel
+
+
+def _discard(cdr: bytes) -> None:
+    """Of a topic that the profile does not want."""
 
 
 class RosBridge:
@@ -41,7 +80,12 @@ class RosBridge:
         self._answers: dict[int, tuple[threading.Event, list[str | None]]] = {}
         self._over = threading.Event()
         self._told_s = 0.0
-        self._clock = middleware.advertise("/clock", "rosgraph_msgs/msg/Clock", CLOCK)
+        self._conversion = RosConversion(start.profiles)
+        self._publishers: dict[tuple[RosTopic, str], Publisher] = {}
+        for topic, vessel in outputs_of(start.profiles, self._conversion.wants):
+            self._publisher(topic, vessel)
+        for message in self._conversion.static():
+            self._publish(message)
 
     def run(self, messages: Iterable[Any]) -> None:
         """Until the run is over or gone. messages: that have come already."""
@@ -100,9 +144,27 @@ class RosBridge:
             self._over.set()
 
     def _publish_batch(self, batch: RosBatch) -> None:
-        seconds, nanoseconds = divmod(batch.now_ns, 1_000_000_000)
-        self._clock(b"\0\1\0\0" + seconds.to_bytes(4, "little") + nanoseconds.to_bytes(4, "little"))
-        self._published["/clock"] += 1
+        for number, stamp_ns, payload in batch.messages:
+            for message in self._conversion.convert(self._channels[number], payload, stamp_ns):
+                self._publish(message)
+
+    def _publish(self, message: RosMessage) -> None:
+        publisher = self._publisher(message.topic, message.vessel)
+        if publisher.due(message.stamp_ns):
+            publisher.send(message.cdr)
+            self._published[publisher.name] += 1
+
+    def _publisher(self, topic: RosTopic, vessel: str) -> Publisher:
+        found = self._publishers.get((topic, vessel))
+        if found is None:
+            asked = self._spec.topics.get(topic.name, RosTopicSpec())
+            name = topic.full_name(vessel, self._spec.namespace)
+            send: Callable[[bytes], object] = _discard
+            if asked.publish:
+                qos = qos_with(replace(QOS[topic.qos], depth=QOS[topic.qos].depth or self._spec.depth), asked)
+                send = self._middleware.advertise(name, topic.type, qos)
+            found = self._publishers[topic, vessel] = Publisher(name, send, asked.rate_hz if asked.publish else 0.0)
+        return found
 
     def _tell(self, last: bool = False) -> None:
         for problem in self._middleware.problems():

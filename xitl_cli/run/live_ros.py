@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 from xitl_cli.errors import UserError
@@ -26,6 +27,8 @@ from xitl_cli.run.operator.node import OperatorNode
 SOURCE = "ros"
 WARNING = 4  # MAV_SEVERITY
 OPENING_S = 60.0
+HAND_OVER_HZ = 100.0
+"""How often the process is given what is recorded, in simulation time."""
 SILENT_S = 5.0
 """For which the process may take nothing before that is said."""
 END_S = 5.0
@@ -54,7 +57,8 @@ class LiveRosNode(RunNode):
         self._topics: list[str] = []
         self._dropped: Counter[int] = Counter()
         self._now_ns = 0
-        self._taken_s: float | None = None
+        self._every = max(round(profiles[0].clock.physics_rate_hz / HAND_OVER_HZ), 1)
+        self._taken = (0, 0.0)
         self._silent = False
         self._name = ""
         self._counts: dict[str, dict[str, int]] = {}
@@ -105,8 +109,10 @@ class LiveRosNode(RunNode):
 
     def open_channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
-    ) -> Callable[[bytes, int], object]:
+    ) -> Callable[[bytes, int], object] | None:
         """A channel as the recording has it; what is returned queues a payload of an instant."""
+        if not self._wanted(topic):
+            return None
         number = len(self._topics)
         self._topics.append(topic)
         self._send(RosChannel(number, topic))
@@ -118,13 +124,23 @@ class LiveRosNode(RunNode):
 
         return queue
 
+    @cached_property
+    def _wanted(self) -> Callable[[str], bool]:
+        from xitl_cli.ros.conversion import RosConversion
+
+        return RosConversion(self._profiles).wants
+
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder
 
     def exchange(self, step: RunStep) -> None:
         self._now_ns = step.now_ns
-        self._hand_over()
         self.poll()
+
+    def record(self, step: RunStep) -> None:
+        if step.number % self._every == 0 and self._queue:
+            self._now_ns = step.now_ns
+            self._hand_over()
 
     def _hand_over(self) -> None:
         """Give the process what is queued, unless it has too much already; then drop what is too much."""
@@ -147,14 +163,13 @@ class LiveRosNode(RunNode):
         """Take in what nodes ask for."""
         if self._pipe is None:
             return
-        before = self._pipe.waiting_bytes
         try:
             for message in self._pipe.receive():
                 self._take_in(message)
         except PipeClosedError:
             self._lose()
             return
-        self._watch(before)
+        self._watch(self._pipe)
 
     def _take_in(self, message: Mapping[str, Any]) -> None:
         if isinstance(action := message.get("action"), dict):
@@ -173,13 +188,12 @@ class LiveRosNode(RunNode):
         elif "problem" in message:
             self._warn(str(message["problem"]))
 
-    def _watch(self, before: int) -> None:
+    def _watch(self, pipe: Pipe) -> None:
         """Whether the process still takes what it is given."""
         now_s = time.monotonic()
-        assert self._pipe is not None
-        if not before or self._pipe.waiting_bytes < before:
-            self._taken_s, self._silent = now_s, False
-        elif self._taken_s is not None and now_s - self._taken_s > SILENT_S and not self._silent:
+        if not pipe.waiting_bytes or pipe.taken_bytes != self._taken[0]:
+            self._taken, self._silent = (pipe.taken_bytes, now_s), False
+        elif now_s - self._taken[1] > SILENT_S and not self._silent:
             self._silent = True
             self._warn(f"ros: the bridge takes nothing since {SILENT_S:g} s; the run goes on, what is old is dropped")
 
@@ -223,7 +237,8 @@ class LiveRosNode(RunNode):
 
     def end(self) -> None:
         """The process publishes what is left and tells its counts."""
-        self._hand_over()
+        if self._queue:
+            self._hand_over()
         self._send(RosEnd())
         until_s = time.monotonic() + END_S
         while self._pipe is not None and time.monotonic() < until_s:

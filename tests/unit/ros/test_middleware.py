@@ -7,20 +7,7 @@ import pytest
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 from xitl_cli.ros import middleware
-from xitl_cli.ros.middleware import LATCHED, RELIABLE, QosProfile, qos_with, ros2_way, ros_name
-
-
-@pytest.mark.parametrize(
-    ("parts", "name"),
-    [
-        (("", "", "imu/data"), "/imu/data"),
-        (("boats", "", "imu/data"), "/boats/imu/data"),
-        (("boats/north", "alpha", "imu/data"), "/boats/north/alpha/imu/data"),
-        (("boats", "alpha", "/tf"), "/tf"),
-    ],
-)
-def test_a_name_is_namespace_vessel_and_topic(parts: tuple[str, ...], name: str) -> None:
-    assert ros_name(*parts) == name
+from xitl_cli.ros.middleware import LATCHED, RELIABLE, QosProfile, qos_with, ros2_way
 
 
 def test_a_topic_has_the_qos_that_the_profile_gives_it() -> None:

@@ -31,7 +31,9 @@ class Beside:
         self.bridge = Pipe.of_process(theirs)
 
     def exchange(self, now_ns: int = 0) -> None:
-        self.node.exchange(cast(RunStep, SimpleNamespace(now_ns=now_ns)))
+        step = cast(RunStep, SimpleNamespace(number=8, now_ns=now_ns))
+        self.node.exchange(step)
+        self.node.record(step)
 
     def report(self) -> dict[str, Any]:
         return self.node.report()
@@ -58,21 +60,21 @@ def test_what_is_recorded_goes_down_at_each_exchange(beside: Beside) -> None:
     assert beside.bridge.receive(5.0) == [
         RosChannel(0, "/truth/odometry"),
         RosBatch(20, ((0, 5, b"one"), (0, 7, b"two"))),
-        RosBatch(40),
     ]
+    assert channel(beside.node, "/sizes") is None
 
 
 def test_what_a_bridge_does_not_take_is_dropped_oldest_first_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_ros, "MOST_IN_PIPE_BYTES", 0)
     slow = Beside(queue_mb=0.05)
-    cloud, small = channel(slow.node, "/lidar/points"), channel(slow.node, "/clocks")
+    cloud, small = channel(slow.node, "/truth/odometry"), channel(slow.node, "/environment")
     cloud(bytes(4_000_000), 0)
     slow.exchange()  # more than a socket takes at once
     for number in range(8):
         small(b"word", number)
         cloud(bytes(10_000), number)
         slow.exchange(number)
-    assert slow.report()["ros"]["dropped"] == {"/lidar/points": 4, "/clocks": 4}
+    assert slow.report()["ros"]["dropped"] == {"/truth/odometry": 4, "/environment": 4}
     batches: list[RosBatch] = []
     while len(batches) < 2:
         batches += [one for one in slow.bridge.receive(5.0) if isinstance(one, RosBatch)]
@@ -85,7 +87,7 @@ def test_what_a_bridge_does_not_take_is_dropped_oldest_first_and_counted(monkeyp
 
 
 def test_a_bridge_that_is_gone_is_said_once_and_the_run_goes_on(beside: Beside) -> None:
-    write = channel(beside.node, "/clocks")
+    write = channel(beside.node, "/environment")
     beside.bridge.close()
     for number in range(3):
         write(b"word", number)
@@ -97,7 +99,7 @@ def test_a_bridge_that_is_gone_is_said_once_and_the_run_goes_on(beside: Beside) 
 def test_a_bridge_that_takes_nothing_is_said_once(beside: Beside, monkeypatch: pytest.MonkeyPatch) -> None:
     clock_s = iter((0.0, 1.0, 7.0, 8.0))
     monkeypatch.setattr(live_ros, "time", SimpleNamespace(monotonic=lambda: next(clock_s)))
-    channel(beside.node, "/lidar/points")(bytes(4_000_000), 0)
+    channel(beside.node, "/truth/odometry")(bytes(4_000_000), 0)
     for _ in range(4):
         beside.exchange()
     monkeypatch.undo()
@@ -125,7 +127,7 @@ def test_an_action_is_asked_for_and_its_refusal_goes_back(beside: Beside) -> Non
 
 def test_the_counts_of_the_bridge_are_the_summary_s(beside: Beside) -> None:
     beside.bridge.send({"counts": {"published": {"/clock": 3}, "received": {"/cmd_vel": 2}, "refused": {}}})
-    beside.bridge.close()
+    beside.bridge.close_sending()
     beside.node.end()
     ros = beside.report()["ros"]
     assert (ros["published"], ros["received"]) == ({"/clock": 3}, {"/cmd_vel": 2})
@@ -134,7 +136,7 @@ def test_the_counts_of_the_bridge_are_the_summary_s(beside: Beside) -> None:
 def test_the_end_of_a_run_is_told(beside: Beside) -> None:
     beside.bridge.close_sending()
     beside.node.end()
-    assert beside.bridge.receive(5.0) == [RosBatch(0), RosEnd()]
+    assert beside.bridge.receive(5.0) == [RosEnd()]
 
 
 def test_a_process_s_last_word_is_why_it_ended(tmp_path: Any) -> None:
