@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # Many tests wait for processes that they started.
 WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 
-.PHONY: run package test test-fast test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
+.PHONY: run package test checks test-fast test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -35,8 +35,10 @@ package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
 
 test: $(VENV)/.dev  ## all tests; those that keep real time one at a time
 	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
-	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadfile
+	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadgroup --no-loadscope-reorder
 	$(BIN)/python -m pytest -m realtime
+
+checks: lint types check-dialect docs wheel  ## everything else that has to pass
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
 	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto

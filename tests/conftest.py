@@ -1,8 +1,66 @@
-"""What holds for all tests: they may not depend on how fast the machine is, and what else it does."""
+"""What holds for all tests: they may not depend on how fast the machine is, and what else it does.
+
+Of those that take long the longest begin first, so that no processor is idle in the end; and only what has to be in one
+process is: the tests of a file that share a fixture (`make test` runs them with `--dist loadgroup`).
+"""
 
 from __future__ import annotations
 
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
+
+LONGEST_FIRST = (
+    "test_documentation.py",
+    "test_campaigns.py",
+    "test_view_controls.py",
+    "test_estimate_runs.py",
+    "test_loopbacks.py",
+    "test_network.py",
+    "test_fleet_traffic.py",
+    "test_validation.py",
+    "test_sim.py",
+    "test_live_view_runs.py",
+    "test_fleet_run.py",
+    "test_view_recording.py",
+    "test_link_faults.py",
+)
+RANKS = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
+KINDS = ("slow", "realtime")
+FOR_ALL_TESTS_OF_A_FILE = 'scope="module"'
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Of `-m "slow and …"` and `-m realtime`, files without such tests: to import them all takes half a minute."""
+    wanted = re.match(rf"({'|'.join(KINDS)})\b(?!.*\bor\b)", config.option.markexpr)
+    if wanted and re.fullmatch(r"test_\w+\.py", collection_path.name) and not has_mark(collection_path, wanted[1]):
+        return True
+    return None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in items:
+        for kind in KINDS:
+            if item.get_closest_marker(kind) and not has_mark(item.path, kind):
+                raise pytest.UsageError(f"{item.nodeid}: is {kind}; mark it in its file, `-m {kind}` reads no others")
+    if config.getoption("dist", "no") == "loadgroup":
+        items.sort(key=lambda item: RANKS.get(item.path.name, len(RANKS)))
+        for item in items:
+            if FOR_ALL_TESTS_OF_A_FILE in text(item.path):
+                item.add_marker(pytest.mark.xdist_group(item.path.name))
+
+
+def has_mark(file: Path, kind: str) -> bool:
+    return f"mark.{kind}" in text(file)
+
+
+@cache
+def text(file: Path) -> str:
+    return file.read_text(encoding="utf-8")

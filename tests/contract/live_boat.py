@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -61,12 +62,18 @@ def boat(udp_ports: int = 1, host: bool = True, agent_options: tuple[str, ...] =
                 "environment.wind.gust.spectrum": "none",
             }
             overrides = [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
-            _start(
+            said = folder / "host.log"
+            host_process = _start(
                 opened,
-                folder / "host.log",
+                said,
                 *("-m", "xitl_cli.main", "sim", "--profile", "hitl-loopback", "--clock", "realtime"),
                 *("--duration", str(RUN_S), "--out", str(folder / "run"), *overrides),
             )
+            until_s = time.monotonic() + READY_S
+            while "\nt " not in f"\n{said.read_text()}":  # its beginning resets the agent: mission and all
+                assert host_process.poll() is None, said.read_text()
+                assert time.monotonic() < until_s, said.read_text()
+                time.sleep(0.05)
         yield made
 
 

@@ -21,7 +21,7 @@ from pymavlink import mavutil
 
 from agent.fcu.parameters import TABLE
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 WAIT_S = 40.0
 FLEET = """
 extends: ground-station

@@ -213,7 +213,7 @@ def test_a_restart_is_noticed_and_served_from_where_the_run_is(world: JsonWorld,
         assert autopilot.told[-1].timestamp_s == pytest.approx(2.0, abs=0.02)
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_dead_autopilot_holds_the_world_and_is_spoken_of_once(world: JsonWorld, autopilot: Autopilot) -> None:
     host = Host(world)
     host.run(0.5)

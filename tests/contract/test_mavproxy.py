@@ -21,7 +21,7 @@ from agent.fcu.parameters import TABLE
 PROGRAM = Path(sys.executable).with_name("mavproxy.py")
 
 pytestmark = [
-    pytest.mark.realtime,
+    pytest.mark.slow,
     pytest.mark.skipif(
         importlib.util.find_spec("MAVProxy") is None or not PROGRAM.exists(),
         reason="MAVProxy is not installed: pip install MAVProxy",

@@ -18,7 +18,7 @@ from mavsdk.asyncio.plugins.mission_raw import MissionItem, MissionRawAsync
 from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 WAIT_S = 40.0
 DEG_PER_M = 1.0 / 110_600.0
 

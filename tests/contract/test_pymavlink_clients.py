@@ -15,7 +15,7 @@ from pymavlink import mavparm, mavutil, mavwp
 
 from agent.fcu.parameters import TABLE
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 WAIT_S = 20.0
 
 

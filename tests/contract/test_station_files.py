@@ -19,7 +19,6 @@ from pymavlink.mavftp import MAVFTP
 
 from agent.fcu.parameters import TABLE
 
-pytestmark = pytest.mark.realtime
 WAIT_S = 20.0
 LOG = random.Random(3).randbytes(20_000)
 
@@ -57,6 +56,7 @@ def lossy(link: Any, lose: float) -> None:
     link.mav.file_transfer_protocol_send, link.recv_match = lossy_send, lossy_receive
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lose", [0.0, 0.2])
 def test_mavftp_brings_parameters_and_a_log(idle: Boat, tmp_path: Path, lose: float) -> None:
     with client(idle.tcp) as link:
@@ -72,6 +72,7 @@ def test_mavftp_brings_parameters_and_a_log(idle: Boat, tmp_path: Path, lose: fl
         assert (tmp_path / "log.bin").read_bytes() == LOG
 
 
+@pytest.mark.slow
 def test_mavsdk_brings_files_and_logs(idle: Boat, tmp_path: Path) -> None:
     pytest.importorskip("mavsdk", reason="MAVSDK is not installed: pip install mavsdk")
     import asyncio
@@ -127,8 +128,9 @@ print(*asked, taken.type, count, item.command, round(item.x, 3), value.param_val
 """
 
 
+@pytest.mark.realtime
 def test_a_client_of_mavlink_1_is_served_in_it(idle: Boat, tmp_path: Path) -> None:
-    """In a process of its own, as pymavlink keeps the version for the whole process."""
+    """In a process of its own, as pymavlink keeps the version for the whole process; it speaks before the next beat."""
     plan = tmp_path / "plan.txt"
     plan.write_text(
         "QGC WPL 110\n"
@@ -146,6 +148,7 @@ def test_a_client_of_mavlink_1_is_served_in_it(idle: Boat, tmp_path: Path) -> No
     assert rest == "MISSION_REQUEST MISSION_REQUEST MISSION_REQUEST 0 3 16 -8.798 2.0 2"
 
 
+@pytest.mark.slow
 def test_log_messages_bring_a_log(idle: Boat) -> None:
     with client(idle.tcp) as link:
         link.mav.log_request_list_send(1, 1, 0, 0xFFFF)

@@ -21,7 +21,7 @@ from agent.wire.transport import Transport, open_transport
 from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_multicast_keeps_the_contract() -> None:
     """The rows for multicast, in a network of their own that ends at this machine."""
     lonely = f"ip link set lo up multicast on && ip route add {GROUP}/32 dev lo"

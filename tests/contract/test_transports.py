@@ -88,7 +88,7 @@ def test_a_full_datagram_arrives_whole(pair: Ends) -> None:
     assert take_bytes(listening, len(payload), calling) == payload
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_queues_are_bounded_and_losses_do_not_raise(pair: Ends) -> None:
     listening, calling = pair
     payload = bytes(min(4000, largest(calling)))

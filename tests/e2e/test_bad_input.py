@@ -114,7 +114,7 @@ def test_the_beaglebone_profile_gives_up_within_ten_seconds(xitl: Xitl, tmp_path
 REALTIME = ("--profile", "sitl", "--clock", "realtime", "--duration", "600")
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupt_ends_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     with running(tmp_path, *REALTIME) as process:
@@ -129,7 +129,7 @@ def test_an_interrupt_ends_cleanly(tmp_path: Path, number: signal.Signals) -> No
     assert told["duration_s"] - last_ns * 1e-9 < 0.03
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_kill_loses_at_most_the_last_second(tmp_path: Path) -> None:
     told_s = 0.0
     with running(tmp_path, *REALTIME) as process:
@@ -154,7 +154,7 @@ def test_a_kill_loses_at_most_the_last_second(tmp_path: Path) -> None:
     assert newest_ns * 1e-9 > told_s - 1.0 - 0.02 - SLIP_NS * 1e-9
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_port: int) -> None:
     """Noise, a frame cut short, one with a flipped bit, one of an unknown kind; from somebody who is not the host."""
     whole = bytearray(common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None)))
@@ -181,7 +181,7 @@ def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_po
     assert sensors["received"] == sensors["sent"]
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_an_agent_that_dies_ends_the_run_with_a_summary(tmp_path: Path, free_port: int) -> None:
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
     with running(tmp_path, "--profile", "hitl-loopback", "--set", link, "--duration", "600") as process:

@@ -128,7 +128,7 @@ def held(tmp_path: Path, tcp_port: int) -> Iterator[Callable[..., subprocess.Pop
         process.communicate()
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
     held: Callable[..., subprocess.Popen[str]], tmp_path: Path, tcp_port: int
 ) -> None:
@@ -161,7 +161,7 @@ def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
     assert mav.MAVLINK_MSG_ID_COMMAND_LONG not in sent  # the host gave no order
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_an_interrupt_ends_a_run_that_waits(
     held: Callable[..., subprocess.Popen[str]], tmp_path: Path, tcp_port: int
 ) -> None:
@@ -178,7 +178,7 @@ def test_an_interrupt_ends_a_run_that_waits(
     assert not told["driver"]["completed"]
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_the_duration_counts_the_time_for_which_the_vessel_is_frozen(
     held: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
@@ -190,7 +190,7 @@ def test_the_duration_counts_the_time_for_which_the_vessel_is_frozen(
     assert told["duration_s"] == told["driver"]["moored_s"] == pytest.approx(1.0)
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_parameters_of_the_embedded_autopilot_are_pushed_and_pulled(
     xitl: Xitl, tmp_path: Path, free_port: int, tcp_port: int
 ) -> None:

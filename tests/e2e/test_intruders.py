@@ -24,7 +24,7 @@ SPOOFED = (
 )
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_run_is_not_taken_over_by_datagrams(tmp_path: Path, free_port: int) -> None:
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
     packer = Packer(255, 190)

@@ -21,8 +21,6 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
-pytestmark = pytest.mark.realtime
-
 Start = Callable[..., subprocess.Popen[str]]
 
 
@@ -96,6 +94,7 @@ def assert_counts_add_up(told: dict[str, Any]) -> None:
         assert link["sent"] == link["received"] - link["repeated"] + link["lost"], link
 
 
+@pytest.mark.slow
 def test_an_agent_that_is_killed_ends_the_run(start: Start, tmp_path: Path) -> None:
     process = start("--duration", "60")
     (agent,) = children_of(process)
@@ -110,6 +109,7 @@ def test_an_agent_that_is_killed_ends_the_run(start: Start, tmp_path: Path) -> N
     assert payloads(tmp_path / "run/run.mcap")["/truth/state"]
 
 
+@pytest.mark.slow
 def test_a_host_that_is_killed_leaves_no_agent_behind(start: Start) -> None:
     """It would hold its ports, and every later run would fail for that."""
     process = start("--duration", "60")
@@ -122,6 +122,7 @@ def test_a_host_that_is_killed_leaves_no_agent_behind(start: Start) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_an_agent_that_is_silent_for_five_seconds_is_said_and_the_run_goes_on(start: Start, tmp_path: Path) -> None:
     process = start("--duration", "7.5")
     (agent,) = children_of(process)
@@ -140,6 +141,7 @@ def test_an_agent_that_is_silent_for_five_seconds_is_said_and_the_run_goes_on(st
     assert_counts_add_up(told)
 
 
+@pytest.mark.slow
 def test_an_agent_that_stays_silent_ends_the_run_with_one_sentence(start: Start, tmp_path: Path) -> None:
     process = start("--duration", "60", "--set", "autopilot.silent_s=1")
     (agent,) = children_of(process)
@@ -150,6 +152,7 @@ def test_an_agent_that_stays_silent_ends_the_run_with_one_sentence(start: Start,
     assert payloads(tmp_path / "run/run.mcap")["/truth/state"]
 
 
+@pytest.mark.realtime
 def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(start: Start, tmp_path: Path) -> None:
     process = start("--duration", "4")
     process.send_signal(signal.SIGSTOP)
@@ -177,6 +180,7 @@ def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(start: 
     assert states == [number * 20_000_000 for number in range(1, 201)]
 
 
+@pytest.mark.slow
 def test_a_link_that_is_cut_for_five_seconds(start: Start, tmp_path: Path) -> None:
     """Some 1500 frames to the agent and 500 from it are lost in a row, which no sequence number can tell."""
     cut = "extends: hitl-loopback\nfaults:\n  gap: {from_s: 1.0, until_s: 6.0, link: {cut: true}}\n"
@@ -196,6 +200,7 @@ def test_a_link_that_is_cut_for_five_seconds(start: Start, tmp_path: Path) -> No
     assert (fault["from_s"], fault["until_s"]) == (1.0, 6.0)
 
 
+@pytest.mark.slow
 def test_a_link_that_loses_repeats_delays_and_reorders_adds_up(start: Start, tmp_path: Path) -> None:
     link = "{loss: 0.1, duplicate: 0.1, reorder: 0.1, delay_s: 0.02, jitter_s: 0.01}"
     ended(start("--duration", "4", yaml=f"extends: hitl-loopback\nfaults:\n  bad: {{from_s: 0.5, link: {link}}}\n"), 0)
@@ -207,6 +212,7 @@ def test_a_link_that_loses_repeats_delays_and_reorders_adds_up(start: Start, tmp
         assert report["latency_us"]["p50"] > 20_000
 
 
+@pytest.mark.realtime
 def test_a_board_clock_that_steps_is_found_and_the_run_goes_on(start: Start, tmp_path: Path) -> None:
     step = "extends: hitl-loopback\nfaults:\n  step: {from_s: 2.0, agent: {clock_offset_s: 0.5}}\n"
     ended(start("--duration", "4.5", yaml=step), 0)
@@ -221,6 +227,7 @@ def test_a_board_clock_that_steps_is_found_and_the_run_goes_on(start: Start, tmp
     assert step_s == pytest.approx(0.5, abs=2e-3)  # at most 100 ppm of 5 s, and half a round trip
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_ends_the_run_and_leaves_summary_and_recording(tmp_path: Path) -> None:
     script = 'mount -t tmpfs -o size=1500k none small && cd small && "$@"; code=$?; cp -r run ../run; exit $code'
     if os.geteuid() != 0 or shutil.which("unshare") is None:
@@ -261,6 +268,7 @@ autopilot: {standby: {runs: process, link: "udp://127.0.0.1:%d", takeover_s: 0.2
 """
 
 
+@pytest.mark.realtime
 def test_the_standby_takes_over_without_a_jump(start: Start, tmp_path: Path, free_ports: list[int]) -> None:
     process = start("--duration", "16", yaml=STANDBY % free_ports[1])
     active, _ = children_of(process)
@@ -290,6 +298,7 @@ def test_the_standby_takes_over_without_a_jump(start: Start, tmp_path: Path, fre
     assert_counts_add_up({"links": [sensors, actuators]})
 
 
+@pytest.mark.slow
 def test_an_agent_that_was_started_anew_ends_the_run(tmp_path: Path, start: Start, free_ports: list[int]) -> None:
     def agent() -> subprocess.Popen[bytes]:
         link = f"udp://127.0.0.1:{free_ports[0]}"

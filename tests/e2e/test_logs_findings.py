@@ -13,8 +13,6 @@ import pytest
 
 from tests.recorded import LOGS
 
-pytestmark = pytest.mark.realtime
-
 FAULTS = """
 extends: [hitl-loopback]
 faults:
@@ -34,6 +32,7 @@ def keys(found: dict[str, Any], *severities: str) -> set[str]:
     return {finding["key"] for finding in found["findings"] if finding["severity"] in severities}
 
 
+@pytest.mark.realtime
 def test_a_cut_link_and_a_clock_that_leapt_are_reported_with_their_times(tmp_path: Path) -> None:
     profile = tmp_path / "faulty.yaml"
     profile.write_text(FAULTS)
@@ -54,6 +53,7 @@ def test_a_cut_link_and_a_clock_that_leapt_are_reported_with_their_times(tmp_pat
     assert "sensors.recording_pauses" not in keys(found, "warning", "critical")
 
 
+@pytest.mark.slow
 def test_gusts_differ_from_calm_by_the_steering_at_its_end() -> None:
     calm, gust = (analysed(LOGS / f"boat-auto-{name}.bin") for name in ("calm", "gust"))
     assert keys(calm, "warning", "critical") == set()

@@ -26,7 +26,7 @@ LOOPBACKS = {
 }
 AT_ONCE = 3  # together they keep about one processor busy
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

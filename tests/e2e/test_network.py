@@ -131,7 +131,7 @@ def assert_all_accounted_for(told: dict[str, object]) -> None:
         assert link["sent"] == link["received"] + link["lost"], link
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_mission_over_the_cable(cable: Cable, agent: subprocess.Popen[str], tmp_path: Path) -> None:
     host = sim(cable, tmp_path, "--set", "mission.waypoints_ned_m=[[8.0, 6.0], [24.0, 18.0]]")
     _, errors = host.communicate(timeout=180)
@@ -147,7 +147,7 @@ def test_a_mission_over_the_cable(cable: Cable, agent: subprocess.Popen[str], tm
     assert list((tmp_path / "logs").glob("*.BIN"))
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_cable_that_is_out_for_five_seconds(cable: Cable, agent: subprocess.Popen[str], tmp_path: Path) -> None:
     """The interface goes down in earnest: the host's sends fail, and the run goes on when it is back."""
     host = sim(cable, tmp_path, "--duration", "25")
@@ -166,7 +166,7 @@ def test_a_cable_that_is_out_for_five_seconds(cable: Cable, agent: subprocess.Po
     assert_all_accounted_for(told)
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_only_the_link_reaches_the_agent(cable: Cable, agent: subprocess.Popen[str], tmp_path: Path) -> None:
     def answers(url: str) -> bool:
         asked = cable.start(cable.host, sys.executable, "-c", ASKS, url, cwd=tmp_path)

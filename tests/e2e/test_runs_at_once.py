@@ -14,7 +14,7 @@ TOGETHER = {
 }
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 @pytest.mark.parametrize("profiles", TOGETHER.values(), ids=TOGETHER)
 def test_runs_that_start_at_once(tmp_path: Path, profiles: tuple[str, ...]) -> None:
     started = [

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import PATIENCE_S, command, environment, summary
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 
 
 def test_a_terminal_that_hangs_up_ends_the_run_with_its_summary(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def test_it_starts_one_process_a_processor_and_leaves_none() -> None:
     assert gone(pids)
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_it_takes_time() -> None:
     load = CpuLoad()
     try:

@@ -216,7 +216,7 @@ def test_set_reads_back(params: Params) -> None:
     assert "WP_SPED = 3 was refused, the vehicle does not answer for it; it may have no such parameter" in unknown.error
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_pulled_file_pushes_back_as_nothing(params: Params, tmp_path: Path) -> None:
     file = str(tmp_path / "boat.parm")
     double = VehicleDouble(ROVER, lose=5)
@@ -256,7 +256,7 @@ def test_a_px4_keeps_whole_numbers_in_their_bytes(params: Params, tmp_path: Path
         assert "push without --with-script" in params("push", "px4-rover", url, "--with-script").error
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_vehicle_that_never_answers(params: Params) -> None:
     with over_tcp(VehicleDouble({})) as url:
         assert "the vehicle sends no parameters" in params("show", url).error

@@ -50,7 +50,7 @@ def log_of(folder: Path) -> str:
         return "\n".join(m.data.decode("latin-1") for _, _, m in make_reader(file).iter_messages(topics=["/log"]))
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 @pytest.mark.parametrize(("clock", "link"), [("lockstep", "tcp://127.0.0.1:0"), ("realtime", "udp://127.0.0.1:0")])
 def test_one_that_dies_is_told_and_the_run_goes_on(
     clock: str, link: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
