@@ -19,6 +19,7 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
+    from xitl_cli.logs.export.exporting import BagFormat, ExportResult
     from xitl_cli.params.vehicle import VehicleFiles
 
 _ASK_AGAIN_S = 2.0
@@ -126,9 +127,12 @@ def export(
     messages: Annotated[
         list[str] | None, typer.Argument(metavar="[MESSAGE...]", help="Names of messages or topics; all without any.")
     ] = None,
-    file_format: Annotated[str, typer.Option("--format", help="csv, parquet or mcap.")] = "csv",
+    file_format: Annotated[
+        str, typer.Option("--format", help="csv, parquet, mcap, rosbag2-mcap, rosbag2-sqlite3 or rosbag1.")
+    ] = "csv",
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="PATH", help="Directory of the files; for mcap the file itself.")
+        Path | None,
+        typer.Option("--out", metavar="PATH", help="Directory of the files; for mcap and bags the file or bag itself."),
     ] = None,
     from_time: From = None,
     until_time: Until = None,
@@ -137,15 +141,20 @@ def export(
     vessel: Vessel = None,
     as_json: Json = False,
 ) -> None:
-    """Write messages to CSV (a file each), Parquet (a file each) or one MCAP with a ROS 2 topic each.
+    """Write messages to CSV (a file each), Parquet (a file each), one MCAP with a ROS 2 topic each, or a bag of ROS.
 
-    PlotJuggler reads all three, Foxglove and Lichtblick the MCAP.
+    PlotJuggler reads all of them, Foxglove and Lichtblick MCAP and bags. In a bag a recording has the topics that the
+    run has live, with the types that ROS has for them; other logs have their positions, attitudes and inertial data as
+    such, and each message by itself. MESSAGE is a topic of ROS there too: imu/data.
     """
     from xitl_cli.logs import open_log
-    from xitl_cli.logs.export.exporting import ExportSelection, export_log
+    from xitl_cli.logs.export.exporting import BAG_FORMATS, ExportSelection, export_log
     from xitl_cli.logs.model.query import stamps_between, tables_named
     from xitl_cli.logs.model.text import parse_optional_seconds
 
+    if (bag_format := next((each for each in BAG_FORMATS if each == file_format), None)) is not None:
+        _export_bag(file, messages or [], bag_format, out, (from_time, until_time), raw, overwrite, vessel, as_json)
+        return
     with open_log(file, vessel) as log:
         named = tables_named(log, messages or list(log.tables))
         if not named.tables:
@@ -155,6 +164,36 @@ def export(
         tell_damage(log)
     for name in named.rowless:
         typer.echo(f"{file}: has no row of {name}", err=True)
+    _tell_export(done, as_json)
+
+
+def _export_bag(
+    file: Path,
+    names: list[str],
+    bag_format: BagFormat,
+    out: Path | None,
+    between: tuple[str | None, str | None],
+    raw: bool,
+    overwrite: bool,
+    vessel: str | None,
+    as_json: bool,
+) -> None:
+    from xitl_cli.logs import open_log
+    from xitl_cli.logs.export.exporting import ExportSelection
+    from xitl_cli.logs.model.query import stamps_between
+    from xitl_cli.logs.model.text import parse_optional_seconds
+    from xitl_cli.ros.bag_export import export_bag
+
+    with open_log(file, vessel) as log:
+        named = {name.strip("/") for name in names}
+        tables = tuple(table for table in log.tables.values() if not names or table.name.strip("/") in named)
+        from_ns, until_ns = stamps_between(log, *(parse_optional_seconds(text) for text in between))
+        done = export_bag(log, ExportSelection(tables, from_ns, until_ns, raw), names, bag_format, out, overwrite)
+        tell_damage(log)
+    _tell_export(done, as_json)
+
+
+def _tell_export(done: ExportResult, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(done.as_json(), ensure_ascii=False))
         return

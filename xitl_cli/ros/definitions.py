@@ -7,6 +7,7 @@ in Humble); ours, xitl_msgs, come from the topics of a recording.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +17,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from xitl_cli.record.topics import TOPICS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rosbags.typesys.store import Typestore
 
 _OURS = "xitl_msgs/"
@@ -25,24 +24,49 @@ _ONLY_ROS2 = ("tf2_msgs/msg/TFMessage",)
 """Types that ROS 1 has as well and rosbags' table of it lacks."""
 
 
-@cache
-def ros2_types() -> Typestore:
-    """Of ROS 2 Jazzy, and ours."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for name, text in own_definitions().items():
-        store.register(get_types_from_msg(text, name))
-    return store
+class MessageTypes:
+    """Those of ROS 2 Jazzy and ROS 1 Noetic, ours, and `further` by their names, as ros2msg texts."""
 
+    def __init__(self, further: Mapping[str, str] | None = None) -> None:
+        self.ros2: Typestore = get_typestore(Stores.ROS2_JAZZY)
+        self.ros1: Typestore = get_typestore(Stores.ROS1_NOETIC)
+        for name in _ONLY_ROS2:
+            self.ros1.register({name: self.ros2.fielddefs[name]})
+        for name, text in {**own_definitions(), **(further or {})}.items():
+            found = get_types_from_msg(text, name)
+            self.ros2.register(found)
+            self.ros1.register(found)
+        self._converters: dict[tuple[str, bool], Callable[[bytes], bytes | memoryview]] = {}
 
-@cache
-def ros1_types() -> Typestore:
-    """Of ROS 1 Noetic, and ours."""
-    store = get_typestore(Stores.ROS1_NOETIC)
-    for name in _ONLY_ROS2:
-        store.register({name: ros2_types().fielddefs[name]})
-    for name, text in own_definitions().items():
-        store.register(get_types_from_msg(text, name))
-    return store
+    def serialize(self, message: Any) -> bytes:
+        """CDR of a message of `ros2`."""
+        return bytes(self.ros2.serialize_cdr(message, message.__msgtype__, little_endian=True))
+
+    def deserialize(self, cdr: bytes, type_name: str) -> Any:
+        """The message in a CDR payload. Raises rosbags' SerdeError where it is none of this type."""
+        return self.ros2.deserialize_cdr(cdr, type_name)
+
+    def to_ros1(self, cdr: bytes, type_name: str) -> bytes:
+        """A CDR payload as ROS 1 has it: `seq` of headers is 0, and what ROS 1's type lacks is left out."""
+        return bytes(self._converter(type_name, True)(cdr))
+
+    def from_ros1(self, data: bytes, type_name: str) -> bytes:
+        """A message of ROS 1 as CDR. Raises rosbags' SerdeError where it is none of this type."""
+        return bytes(self._converter(type_name, False)(data))
+
+    def _converter(self, type_name: str, to_ros1: bool) -> Callable[[bytes], bytes | memoryview]:
+        key = type_name, to_ros1
+        if key not in self._converters:
+            self._converters[key] = self._made_converter(type_name, to_ros1)
+        return self._converters[key]
+
+    def _made_converter(self, type_name: str, to_ros1: bool) -> Callable[[bytes], bytes | memoryview]:
+        source, target = (self.ros2, self.ros1) if to_ros1 else (self.ros1, self.ros2)
+        if is_same_wireformat(source, target, type_name, type_name):
+            return partial(source.cdr_to_ros1 if to_ros1 else source.ros1_to_cdr, typename=type_name)
+        return lambda data: migrate_bytes(
+            source, target, type_name, type_name, {}, data, src_is2=to_ros1, dst_is2=not to_ros1
+        )
 
 
 @cache
@@ -55,50 +79,45 @@ def own_definitions() -> dict[str, str]:
     }
 
 
+@cache
+def known_types() -> MessageTypes:
+    """Those of ROS and ours."""
+    return MessageTypes()
+
+
 def serialize(message: Any) -> bytes:
-    """CDR of a message of `ros2_types`."""
-    return bytes(ros2_types().serialize_cdr(message, message.__msgtype__, little_endian=True))
+    """As MessageTypes."""
+    return known_types().serialize(message)
 
 
 def deserialize(cdr: bytes, type_name: str) -> Any:
-    """The message in a CDR payload. Raises rosbags' SerdeError where it is none of this type."""
-    return ros2_types().deserialize_cdr(cdr, type_name)
+    """As MessageTypes."""
+    return known_types().deserialize(cdr, type_name)
+
+
+def to_ros1(cdr: bytes, type_name: str) -> bytes:
+    """As MessageTypes."""
+    return known_types().to_ros1(cdr, type_name)
+
+
+def from_ros1(data: bytes, type_name: str) -> bytes:
+    """As MessageTypes."""
+    return known_types().from_ros1(data, type_name)
 
 
 @cache
 def ros2_definition(type_name: str) -> str:
     """Text with all that is nested in it, as MCAP and rosbag2 keep it (ros2msg)."""
-    return ros2_types().generate_msgdef(type_name, ros_version=2)[0]
+    return known_types().ros2.generate_msgdef(type_name, ros_version=2)[0]
 
 
 @cache
 def type_hash(type_name: str) -> str:
     """RIHS01_… of ROS 2 (REP 2016)."""
-    return ros2_types().hash_rihs01(type_name)
+    return known_types().ros2.hash_rihs01(type_name)
 
 
 @cache
 def ros1_definition(type_name: str) -> tuple[str, str]:
     """Text with all that is nested in it, and its MD5, as ROS 1 exchanges them."""
-    return ros1_types().generate_msgdef(type_name, ros_version=1)
-
-
-def to_ros1(cdr: bytes, type_name: str) -> bytes:
-    """A CDR payload as ROS 1 has it: `seq` of headers is 0, and what ROS 1's type lacks is left out."""
-    return bytes(_converter(type_name, True)(cdr))
-
-
-def from_ros1(data: bytes, type_name: str) -> bytes:
-    """A message of ROS 1 as CDR. Raises rosbags' SerdeError where it is none of this type."""
-    return bytes(_converter(type_name, False)(data))
-
-
-@cache
-def _converter(type_name: str, to_ros1: bool) -> Callable[[bytes], bytes | memoryview]:
-    stores = ros2_types(), ros1_types()
-    source, target = stores if to_ros1 else stores[::-1]
-    if not is_same_wireformat(source, target, type_name, type_name):
-        return lambda data: migrate_bytes(
-            source, target, type_name, type_name, {}, data, src_is2=to_ros1, dst_is2=not to_ros1
-        )
-    return partial(source.cdr_to_ros1 if to_ros1 else source.ros1_to_cdr, typename=type_name)
+    return known_types().ros1.generate_msgdef(type_name, ros_version=1)

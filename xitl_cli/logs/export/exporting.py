@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.model.text import plural
 
 FORMATS = ("csv", "parquet", "mcap")
+BagFormat = Literal["rosbag2-mcap", "rosbag2-sqlite3", "rosbag1"]
+BAG_FORMATS: tuple[BagFormat, ...] = get_args(BagFormat)
+"""Bags of ROS, which know what the messages mean and are written elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +52,7 @@ class ExportResult:
 def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | None, overwrite: bool) -> ExportResult:
     """Write the selected tables. Raises LogError for an unknown format, an unwritable place, an existing file."""
     if file_format not in FORMATS:
-        raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join(FORMATS)}")
+        raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join((*FORMATS, *BAG_FORMATS))}")
     if file_format == "mcap":
         return _as_mcap(log, wanted, out, overwrite)
     return _as_files(log, wanted, file_format, out or Path(f"{log.path.stem}-{file_format}"), overwrite)

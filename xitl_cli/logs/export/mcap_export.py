@@ -58,7 +58,7 @@ class _Field:
         return _TYPES[self.dtype.str[1:]] + suffix
 
 
-class RosMessage:
+class TableMessages:
     """A table's rows as ROS 2 messages. definition: of the message, in ros2msg."""
 
     def __init__(self, table: Table, raw: bool) -> None:
@@ -172,11 +172,11 @@ def write_mcap(
     from mcap.writer import CompressionType, Writer
 
     names = type_names(table.name for table in tables)
-    messages = [RosMessage(table, raw) for table in tables]
+    messages = [TableMessages(table, raw) for table in tables]
     rows_written = early = 0
     with path.open("xb") as file:
         writer: Any = Writer(file, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)
-        writer.start("xitl", "xitl")
+        writer.start("ros2", "xitl")
         channels = []
         for table, message in zip(tables, messages, strict=True):
             name = f"xitl_export/msg/{names[table.name]}"
