@@ -85,6 +85,11 @@ def known_types() -> MessageTypes:
     return MessageTypes()
 
 
+def ros2_types() -> Typestore:
+    """Of ROS 2, and ours."""
+    return known_types().ros2
+
+
 def serialize(message: Any) -> bytes:
     """As MessageTypes."""
     return known_types().serialize(message)
