@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from functools import cache
 from importlib.metadata import version
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from cyclonedds import core
 from cyclonedds._clayer import ddspy_take, ddspy_write
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
@@ -30,15 +31,18 @@ from rosbags.interfaces import Nodetype
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.definitions import ros2_types, serialize, type_hash
-from xitl_cli.ros.middleware import NODE_NAME, QosProfile
+from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, QosProfile, mismatch_text, others_text
 
-CONFIGURATION = """<CycloneDDS><Domain><Compatibility>
-<IgnoreTypeInformation>1.15</IgnoreTypeInformation>
-</Compatibility></Domain></CycloneDDS>"""
-"""1.15 is eProsima: Fast DDS 3 describes types otherwise than Cyclone DDS expects, and nothing arrives."""
+CONFIGURATION = """<CycloneDDS><Domain>
+<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>
+<Internal><Watermarks><WhcHigh>64 MB</WhcHigh></Watermarks></Internal>
+</Domain></CycloneDDS>"""
+"""1.15 is eProsima: Fast DDS 3 describes types otherwise than Cyclone DDS expects, and nothing arrives. The watermark:
+what a publisher holds for readers that have not confirmed it before it stands still for all of them."""
 DOMAIN_VARIABLE, CONFIGURATION_VARIABLE = "ROS_DOMAIN_ID", "CYCLONEDDS_URI"
 BLOCKED_NS = 100_000_000
 MOST_TAKEN = 100
+MOST_ENDPOINTS = 10_000
 GRAPH = "ros_discovery_info"
 GRAPH_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 GRAPH_QOS = QosProfile(durability="transient_local", depth=1)
@@ -48,10 +52,7 @@ _TYPES: dict[str, Any] = {
     **{name: getattr(types, name) for name in ("uint8", "uint16", "uint32", "uint64")},
     **{"bool": bool, "byte": types.byte, "char": types.uint8, "string": str},
 }
-_POLICIES = {
-    11: ("reliability", "a best-effort publisher never matches a reliable subscriber"),
-    2: ("durability", "a volatile publisher never matches a transient-local subscriber"),
-}
+_POLICIES = {2: "durability", 11: "reliability"}
 """By the number that DDS has for them."""
 
 
@@ -73,11 +74,14 @@ class CycloneMiddleware:
         self.name = f"cyclonedds {version('cyclonedds')}, domain {self._domain_id}"
         self._topics: dict[str, Topic[Any]] = {}
         self._writers: list[DataWriter[Any]] = []
+        self._published: list[str] = []
         self._readers: list[tuple[DataReader[Any], Callable[[bytes], None]]] = []
         self._waiting = WaitSet(self._participant)
         self._conditions: list[ReadCondition] = []
         self._problems: list[str] = []
         self._told: set[tuple[str, int]] = set()
+        self._others = OtherPublishers(self._participant)
+        self._next_look_s = 0.0
         self._lock = threading.Lock()
         self._graph = self._writer(GRAPH, GRAPH_TYPE, GRAPH_QOS)
         self._graph_changed = True
@@ -85,8 +89,9 @@ class CycloneMiddleware:
 
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
         """See Middleware."""
-        writer = self._writer(f"rt{topic}", type_name, qos, self._mismatch(topic))
+        writer = self._writer(f"rt{topic}", type_name, qos, self._mismatch(topic, qos, True))
         self._writers.append(writer)
+        self._published.append(topic)
         self._graph_changed = True
         ref = writer._ref
 
@@ -97,7 +102,7 @@ class CycloneMiddleware:
 
     def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
         """See Middleware."""
-        listener = self._mismatch(topic)
+        listener = self._mismatch(topic, qos, False)
         named = self._topic(f"rt{topic}", type_name)
         reader = DataReader(self._participant, named, _qos(qos, type_name), listener)
         condition = ReadCondition(reader, _ANY)
@@ -130,6 +135,12 @@ class CycloneMiddleware:
         """See Middleware."""
         with self._lock:
             problems, self._problems = self._problems, []
+        now_s = time.monotonic()
+        if now_s >= self._next_look_s:
+            self._next_look_s = now_s + LOOK_S
+            others = self._others.new({f"rt{topic}" for topic in self._published})
+            if others:
+                problems.append(others_text([name[2:] for name in others], f"in domain {self._domain_id}"))
         return problems
 
     def close(self) -> None:
@@ -146,15 +157,15 @@ class CycloneMiddleware:
     def _writer(self, name: str, type_name: str, qos: QosProfile, listener: Listener | None = None) -> DataWriter[Any]:
         return DataWriter(self._participant, self._topic(name, type_name), _qos(qos, type_name), listener)
 
-    def _mismatch(self, topic: str) -> Listener:
+    def _mismatch(self, topic: str, qos: QosProfile, offers: bool) -> Listener:
         """Notes that somebody's QoS does not match; called in threads of Cyclone DDS."""
 
         def note(entity: object, status: Any) -> None:
-            policy, why = _POLICIES.get(int(status.last_policy_id), ("QoS", "what is asked for is not offered"))
+            policy = _POLICIES.get(int(status.last_policy_id), "QoS")
             with self._lock:
                 if (topic, status.last_policy_id) not in self._told:
                     self._told.add((topic, status.last_policy_id))
-                    self._problems.append(f"{topic}: {policy} of another node does not match ({why})")
+                    self._problems.append(mismatch_text(topic, policy, qos, offers))
 
         return Listener(on_offered_incompatible_qos=note, on_requested_incompatible_qos=note)
 
@@ -172,6 +183,25 @@ class CycloneMiddleware:
         )
         message = kinds[GRAPH_TYPE](gid=gid(self._participant), node_entities_info_seq=[node])
         return serialize(message)
+
+
+class OtherPublishers:
+    """Who publishes in the domain beside this participant."""
+
+    def __init__(self, participant: DomainParticipant) -> None:
+        self._reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+        self._own = participant.get_guid()
+        self._told: set[str] = set()
+
+    def new(self, topics: Set[str]) -> list[str]:
+        """Those of `topics` that somebody else publishes, and that were not told before."""
+        found = set()
+        for endpoint in self._reader.read(MOST_ENDPOINTS):
+            if getattr(endpoint, "participant_key", self._own) != self._own and endpoint.topic_name in topics:
+                found.add(endpoint.topic_name)
+        new = sorted(found - self._told)
+        self._told |= found
+        return new
 
 
 def ros_domain(spec: RosSpec) -> int:

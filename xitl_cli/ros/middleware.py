@@ -6,7 +6,7 @@ CDR bytes with their 4-byte header are the currency; types are named as in `sens
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
@@ -18,6 +18,8 @@ from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 from xitl_cli.ros.outputs import QosKind
 
 NODE_NAME = "xitl"
+LOOK_S = 1.0
+"""How often it is seen whether others publish the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +33,7 @@ class QosProfile:
 
 RELIABLE = QosProfile()
 LATCHED = QosProfile(durability="transient_local", depth=1)
-CLOCK = QosProfile(reliability="best_effort", depth=1)
-QOS: dict[QosKind, QosProfile] = {"sensor": replace(RELIABLE, depth=0), "latched": LATCHED, "clock": CLOCK}
+QOS: dict[QosKind, QosProfile] = {"sensor": replace(RELIABLE, depth=0), "latched": LATCHED, "clock": RELIABLE}
 """By their names in the table of topics; depth 0: the profile's."""
 COMMANDS = QosProfile(reliability="best_effort", depth=10)
 """Of a subscriber: best effort takes from every publisher."""
@@ -42,6 +43,40 @@ def qos_with(usual: QosProfile, asked: RosTopicSpec) -> QosProfile:
     """That of a topic as the profile has it."""
     given = {key: getattr(asked, key) for key in ("reliability", "durability", "depth")}
     return replace(usual, **{key: value for key, value in given.items() if value is not None})
+
+
+def ros_name(*parts: str) -> str:
+    """A whole name from a namespace, a vessel and a topic, of which any may be empty; a topic with / is whole."""
+    if parts[-1].startswith("/"):
+        return parts[-1]
+    return "/" + "/".join(part.strip("/") for part in parts if part.strip("/"))
+
+
+def mismatch_text(topic: str, policy: str, ours: QosProfile, offers: bool) -> str:
+    """Why nothing goes between a topic of ours and another node, and what to do. offers: we publish it."""
+    if policy not in _WEAKER:
+        return f"ros: {topic}: {policy} of another node does not match ours ({ours}); see `ros2 topic info -v {topic}`"
+    weak, strong = _WEAKER[policy]
+    if offers:
+        fix = f"subscribe with {weak}, or give the topic {policy}: {strong} in ros.topics"
+        return f"ros: {topic}: a node asks for {policy} {strong} and is offered {weak}, so that it gets nothing; {fix}"
+    return f"ros: {topic}: a node publishes with {policy} {weak}, so that nothing of it arrives; publish with {strong}"
+
+
+_WEAKER = {"reliability": ("best_effort", "reliable"), "durability": ("volatile", "transient_local")}
+
+
+def others_text(topics: Sequence[str], domain: str) -> str:
+    """What is said where somebody else publishes what we do."""
+    shown = ", ".join(topics[:3]) + (f" and {len(topics) - 3} more" if len(topics) > 3 else "")
+    fix = "use another ros.domain" if domain else "use another master"
+    if not any(topic.startswith(_OF_ALL) for topic in topics):
+        fix += ", or ros.namespace"
+    where = domain or "at this master"
+    return f"ros: another node publishes {shown} {where}, so that its readers get both; {fix}"
+
+
+_OF_ALL = ("/clock", "/tf")
 
 
 class Middleware(Protocol):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 QosKind = Literal["sensor", "latched", "clock"]
-"""sensor: reliable, volatile; latched: reliable, transient local, the last one; clock: best effort, volatile."""
+"""sensor: reliable, volatile; latched: reliable, transient local, the last one; clock: as sensor."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from xitl_cli.ros.outputs import OUTPUTS, RosTopic
 from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosEnd, RosStart
 
 SPIN_S = 0.05
+DISCOVERY_S = 0.5
 COUNTS_S = 0.5
 ANSWER_S = 5.0
 
@@ -86,6 +87,13 @@ class RosBridge:
             self._publisher(topic, vessel)
         for message in self._conversion.static():
             self._publish(message)
+
+    def meet_others(self) -> None:
+        """Give nodes that are there already the time to find it, so that they have all from the first message on."""
+        until_s = time.monotonic() + DISCOVERY_S
+        while time.monotonic() < until_s:
+            self._middleware.spin(SPIN_S)
+        self._tell()
 
     def run(self, messages: Iterable[Any]) -> None:
         """Until the run is over or gone. messages: that have come already."""
@@ -188,6 +196,7 @@ def main(arguments: list[str], opened: Callable[..., Middleware] = open_middlewa
             pipe.send({"failed": str(error)})
             return
         bridge = RosBridge(pipe, start, middleware)
+        bridge.meet_others()
         pipe.send({"opened": middleware.name})
         bridge.run(rest)
     except PipeClosedError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,12 +12,12 @@ import rclpy
 import rclpy.context
 import rclpy.executors
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 from rclpy.serialization import deserialize_message, serialize_message
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
-from xitl_cli.ros.middleware import NODE_NAME, QosProfile
+from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, QosProfile, mismatch_text, others_text
 
 
 class RclpyMiddleware:
@@ -29,6 +30,9 @@ class RclpyMiddleware:
         self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._problems: list[str] = []
+        self._published: list[str] = []
+        self._shared: set[str] = set()
+        self._next_look_s = 0.0
         self._told: set[tuple[str, str]] = set()
         implementation = rclpy.get_rmw_implementation_identifier()
         distribution = os.environ.get("ROS_DISTRO", "")
@@ -38,14 +42,17 @@ class RclpyMiddleware:
 
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
         """See Middleware."""
-        events = PublisherEventCallbacks(incompatible_qos=self._mismatch(topic), use_default_callbacks=False)
+        events = PublisherEventCallbacks(incompatible_qos=self._mismatch(topic, qos, True), use_default_callbacks=False)
+        self._published.append(topic)
         publisher = self._node.create_publisher(message_type(type_name), topic, _qos(qos), event_callbacks=events)
         publish: Callable[[bytes], None] = publisher.publish
         return publish
 
     def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
         """See Middleware."""
-        events = SubscriptionEventCallbacks(incompatible_qos=self._mismatch(topic), use_default_callbacks=False)
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=self._mismatch(topic, qos, False), use_default_callbacks=False
+        )
         kind = message_type(type_name)
         self._node.create_subscription(kind, topic, take, _qos(qos), event_callbacks=events, raw=True)
 
@@ -65,7 +72,18 @@ class RclpyMiddleware:
     def problems(self) -> list[str]:
         """See Middleware."""
         problems, self._problems = self._problems, []
+        now_s = time.monotonic()
+        if now_s >= self._next_look_s:
+            self._next_look_s = now_s + LOOK_S
+            others = [topic for topic in self._published if topic not in self._shared and self._is_shared(topic)]
+            self._shared.update(others)
+            if others:
+                problems.append(others_text(others, f"in domain {self._context.get_domain_id()}"))
         return problems
+
+    def _is_shared(self, topic: str) -> bool:
+        shared: bool = self._node.count_publishers(topic) > 1
+        return shared
 
     def close(self) -> None:
         """See Middleware."""
@@ -74,12 +92,12 @@ class RclpyMiddleware:
             self._node.destroy_node()
             rclpy.shutdown(context=self._context)
 
-    def _mismatch(self, topic: str) -> Callable[[Any], None]:
+    def _mismatch(self, topic: str, qos: QosProfile, offers: bool) -> Callable[[Any], None]:
         def note(event: Any) -> None:
-            policy = event.last_policy_kind.name.lower() if hasattr(event.last_policy_kind, "name") else "QoS"
+            policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
             if (topic, policy) not in self._told:
                 self._told.add((topic, policy))
-                self._problems.append(f"{topic}: {policy} of another node does not match")
+                self._problems.append(mismatch_text(topic, policy, qos, offers))
 
         return note
 

@@ -105,6 +105,7 @@ class LiveRosNode(RunNode):
                 if "opened" in message:
                     self._name = str(message["opened"])
                     return
+                self._take_in(message)
         raise UserError(f"ros: the bridge was not ready within {OPENING_S:g} s; try again")
 
     def open_channel(

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from xitl_cli.errors import UserError  # noqa: E402
 from xitl_cli.profile.schema.ros import RosSpec  # noqa: E402
 from xitl_cli.ros.cyclone_middleware import CycloneMiddleware, dds_type, ros_domain  # noqa: E402
-from xitl_cli.ros.middleware import CLOCK, COMMANDS, RELIABLE  # noqa: E402
+from xitl_cli.ros.middleware import COMMANDS, RELIABLE  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TWIST = "geometry_msgs/msg/Twist"
@@ -48,7 +48,7 @@ def test_bytes_go_through_as_they_are(node: CycloneMiddleware) -> None:
 
 
 def test_a_qos_that_does_not_match_is_named_once(node: CycloneMiddleware) -> None:
-    node.advertise("/clock", "rosgraph_msgs/msg/Clock", CLOCK)
+    node.advertise("/clock", "rosgraph_msgs/msg/Clock", COMMANDS)
     node.subscribe("/clock", "rosgraph_msgs/msg/Clock", RELIABLE, lambda payload: None)
     problems: list[str] = []
 
@@ -59,7 +59,8 @@ def test_a_qos_that_does_not_match_is_named_once(node: CycloneMiddleware) -> Non
     until(node, told)
     node.spin(0.0)
     assert len([*problems, *node.problems()]) == 1
-    assert problems[0].startswith("/clock: reliability")
+    assert "ros: /clock: a node asks for reliability reliable and is offered best_effort" in problems[0]
+    assert problems[0].endswith("subscribe with best_effort, or give the topic reliability: reliable in ros.topics")
 
 
 @pytest.mark.parametrize(

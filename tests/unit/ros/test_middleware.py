@@ -7,7 +7,43 @@ import pytest
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 from xitl_cli.ros import middleware
-from xitl_cli.ros.middleware import LATCHED, RELIABLE, QosProfile, qos_with, ros2_way
+from xitl_cli.ros.middleware import (
+    LATCHED,
+    RELIABLE,
+    QosProfile,
+    mismatch_text,
+    others_text,
+    qos_with,
+    ros2_way,
+    ros_name,
+)
+
+
+@pytest.mark.parametrize(
+    ("parts", "name"),
+    [
+        (("", "", "imu/data"), "/imu/data"),
+        (("boats/north", "alpha", "imu/data"), "/boats/north/alpha/imu/data"),
+        (("boats", "alpha", "/tf"), "/tf"),
+    ],
+)
+def test_a_name_is_namespace_vessel_and_topic(parts: tuple[str, ...], name: str) -> None:
+    assert ros_name(*parts) == name
+
+
+def test_a_mismatch_names_the_fix() -> None:
+    ours = QosProfile()
+    wants = mismatch_text("/boats/imu/data", "durability", ours, offers=True)
+    assert wants.endswith("subscribe with volatile, or give the topic durability: transient_local in ros.topics")
+    assert mismatch_text("/arm", "reliability", ours, offers=False).endswith("publish with reliable")
+    assert "ros2 topic info -v /arm" in mismatch_text("/arm", "deadline", ours, offers=False)
+
+
+def test_others_that_publish_the_same_are_told_with_the_fix() -> None:
+    text = others_text(["/fix", "/imu/data", "/odometry", "/points"], "in domain 3")
+    assert text.startswith("ros: another node publishes /fix, /imu/data, /odometry and 1 more in domain 3")
+    assert text.endswith("use another ros.domain, or ros.namespace")
+    assert others_text(["/clock"], "in domain 3").endswith("use another ros.domain")
 
 
 def test_a_topic_has_the_qos_that_the_profile_gives_it() -> None:

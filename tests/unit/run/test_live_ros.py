@@ -140,8 +140,10 @@ def test_the_end_of_a_run_is_told(beside: Beside) -> None:
 
 
 def test_a_process_s_last_word_is_why_it_ended(tmp_path: Any) -> None:
-    node = Beside().node
+    beside = Beside()
+    node = beside.node
     node._words = (tmp_path / "words").open("w+b")
     node._words.write(b"Traceback\nOSError: no domain\n")
     assert node._last_word() == "OSError: no domain"
+    beside.bridge.close()
     node.close()
