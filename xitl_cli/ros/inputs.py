@@ -14,14 +14,16 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 from agent.mavlink.modes import ROVER_MODE_NUMBERS
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, VESSEL_FRAME
-from xitl_cli.ros.definitions import deserialize, serialize_fields
+from xitl_cli.ros.definitions import deserialize
 from xitl_cli.ros.frames import frame_name, thruster_names
-from xitl_cli.ros.middleware import COMMANDS, RELIABLE, Middleware, ros_name
+from xitl_cli.ros.middleware import COMMANDS, RELIABLE, Middleware
+from xitl_cli.ros.outputs import ros_name
 
 Action = Mapping[str, Any]
 STREAM_S = 0.005
@@ -61,15 +63,16 @@ class RosInput:
 
 _TABLE = (
     RosInput("cmd_vel", "geometry_msgs/msg/Twist",
-             "`linear.x` is the speed over ground in m/s, negative astern, `angular.z` the turn rate in rad/s, positive to "
-             "port; with `ros.cmd_vel: TwistStamped` that type", streams=True),
+             "`linear.x`: speed over ground in m/s, negative astern, `angular.z`: turn rate in rad/s to port; "
+             "with `ros.cmd_vel: TwistStamped` that type", streams=True),
     RosInput("thrusters/{thruster}/cmd", _NUMBER,
-             "thrust in N at rest, negative astern, as VRX has it; with `ros.thrust: share` a motor command in [-1, 1]; "
-             "without an autopilot", streams=True),
+             "without an autopilot: thrust at rest in N, negative astern, as VRX has it; with `ros.thrust: share` a "
+             "motor command in [-1, 1]", streams=True),
     RosInput("thrusters/{gear}/pos", _NUMBER,
-             "angle of a steering gear or rudder in rad, positive counter-clockwise seen from above; without an autopilot",
+             "without an autopilot: angle of a steering gear or rudder in rad, counter-clockwise seen from above",
              streams=True),
-    RosInput("goal_pose", "geometry_msgs/msg/PoseStamped", "GUIDED to a place in `map` or `odom`; its heading is passed over"),
+    RosInput("goal_pose", "geometry_msgs/msg/PoseStamped",
+             "GUIDED to a place in `map` or `odom`; its heading is passed over"),
     RosInput("arm", SET_BOOL, "arms or disarms"),
     RosInput("set_mode", _STRING, "a mode by its name, as `LOITER`"),
     RosInput("mode/{mode}", TRIGGER, "the same as a service for each: `mode/hold`; it has no topic"),
@@ -78,12 +81,13 @@ _TABLE = (
     RosInput("set_mission", "nav_msgs/msg/Path", "its poses in `map` or `odom` become the mission"),
     RosInput("launch_debris", TRIGGER, f"a trunk adrift {AHEAD_M:g} m ahead of the vessel"),
     RosInput("finish", TRIGGER, "the run is over, with `driver.kind: ros`"),
-    RosInput("clicked_point", "geometry_msgs/msg/PointStamped", "a trunk adrift at a point of `map`, as RViz publishes it",
-             "run"),
+    RosInput("clicked_point", "geometry_msgs/msg/PointStamped",
+             "a trunk adrift at a point of `map`, as RViz publishes it", "run"),
     RosInput("pause", TRIGGER, "in lockstep: the run stands still", "run"),
     RosInput("resume", TRIGGER, "it goes on", "run"),
     RosInput("step", TRIGGER, "paused: it goes on for `ros.lockstep.step_s`, or 0.1 s", "run"),
-    RosInput("operator/ask", _STRING, "any action as JSON: [view.md](view.md#what-a-person-does-is-part-of-the-run)", "run"),
+    RosInput("operator/ask", _STRING,
+             "any action as JSON: [view.md](view.md#what-a-person-does-is-part-of-the-run)", "run"),
     RosInput(READY, "std_msgs/msg/Header",
              "with `ros.lockstep`: the node of this name (`frame_id`) has answered the `/clock` of this stamp", "run"),
 )  # fmt: skip
@@ -94,9 +98,9 @@ INPUTS = {one.name: one for one in _TABLE}
 class RosInputs:
     """Subscribes and serves all of INPUTS at `middleware`, for the vessels of `profiles`.
 
-    ask: has the run carry out an action, and tells the refusal, None for none. hope: the same without waiting. answered:
-    a node has answered a /clock. problem: says a sentence to people. received, refused, superseded: messages by topic;
-    superseded ones had a newer one behind them before they were passed on.
+    ask: has the run carry out an action, and tells the refusal, None for none. hope: the same without waiting.
+    answered: a node has answered a /clock. problem: says a sentence to people. received, refused, superseded: messages
+    by topic; superseded ones had a newer one behind them before they were passed on.
     """
 
     def __init__(
@@ -236,13 +240,13 @@ class RosInputs:
         if (topic, why) not in self._said and len(self._said) < MOST_A_SECOND:
             self._said.add((topic, why))
             self._problem(f"{topic} {why}")
-            self._refusals(serialize_fields(_STRING, data=f"{topic} {why}"))
+            self._refusals(string_cdr(f"{topic} {why}"))
 
     def refused_by_run(self, text: str) -> None:
         """The same of what the run would not do."""
         if ("", text) not in self._said and len(self._said) < MOST_A_SECOND:
             self._said.add(("", text))
-            self._refusals(serialize_fields(_STRING, data=text))
+            self._refusals(string_cdr(text))
 
     def _velocity(self, message: Any, vessel: str, stamped: bool) -> dict[str, Any]:
         twist = message.twist if stamped else message
@@ -264,6 +268,8 @@ class RosInputs:
         return {"action": "launch", "kind": "trunk", "north_m": round(north_m, 3), "east_m": round(east_m, 3)}
 
     def _on_ready(self, message: Any) -> None:
+        for stream in self._streams:
+            stream.flush(waits=False)  # what came before it goes before it
         self._answered(str(message.frame_id), message.stamp.sec * 1_000_000_000 + message.stamp.nanosec)
 
 
@@ -276,6 +282,12 @@ class _Switch:
     """A request of std_srvs/SetBool."""
 
     data: bool
+
+
+def string_cdr(text: str) -> bytes:
+    """A std_msgs/String."""
+    data = text.encode() + b"\0"
+    return b"\0\1\0\0" + struct.pack("<I", len(data)) + data
 
 
 def answer_cdr(success: bool, text: str) -> bytes:
@@ -296,11 +308,18 @@ def motor_commands(profile: RunProfile, shares: bool) -> Iterator[tuple[str, Cal
         ahead_n, astern_n = propeller.static_thrust_n(density)
         command = _limited if shares else lambda newton, full=(ahead_n, astern_n): command_of_thrust(newton, *full)
         yield f"thrusters/{name}/cmd", command
-    turning = [(name, one.steering) for name, one in zip(names, vehicle.propellers, strict=True) if one.steering]
-    rudders = [(f"rudder_{number}", rudder) for number, rudder in enumerate(vehicle.rudders)]
-    for name, gear in (*turning, *rudders):
-        most_rad = math.radians(gear.max_angle_deg)  # type: ignore[union-attr]
-        yield f"thrusters/{name}/pos", lambda angle_rad, most_rad=most_rad: _limited(angle_rad / most_rad)  # type: ignore[misc]
+    turning = [
+        (name, one.steering.max_angle_deg)
+        for name, one in zip(names, vehicle.propellers, strict=True)
+        if one.steering is not None
+    ]
+    turning += [(f"rudder_{number}", rudder.max_angle_deg) for number, rudder in enumerate(vehicle.rudders)]
+    for name, most_deg in turning:
+        yield f"thrusters/{name}/pos", partial(_share_of, math.radians(most_deg))
+
+
+def _share_of(most_rad: float, angle_rad: float) -> float:
+    return _limited(angle_rad / most_rad)
 
 
 def command_of_thrust(newton: float, ahead_n: float, astern_n: float) -> float:
@@ -390,9 +409,9 @@ class _Stream:
         self._kept = cdr
         self.flush()
 
-    def flush(self) -> None:
+    def flush(self, waits: bool = True) -> None:
         now_s = self._now_s()
-        if self._kept is not None and now_s >= self._next_s:
+        if self._kept is not None and (now_s >= self._next_s or not waits):
             kept, self._kept, self._next_s = self._kept, None, now_s + STREAM_S
             self._pass_on(kept)
 

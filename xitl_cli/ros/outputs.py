@@ -40,9 +40,12 @@ class RosTopic:
 
     def full_name(self, vessel: str = "", namespace: str = "") -> str:
         """With namespace and vessel: `/harbour/alpha/imu/data`. Topics of all vessels have neither."""
-        if self.of_all:
-            return self.name
-        return "/" + "/".join(part for part in (namespace.strip("/"), vessel, self.name) if part)
+        return self.name if self.of_all else ros_name(namespace, vessel, self.name)
+
+
+def ros_name(*parts: str) -> str:
+    """A whole name, as `/harbour/alpha/imu/data`, of namespace, vessel and topic, of which any may be empty."""
+    return "/" + "/".join(part.strip("/") for part in parts if part.strip("/"))
 
 
 SENSORS_LINK, ANSWERS_LINK = "/link/agent/tx", "/link/agent/rx"

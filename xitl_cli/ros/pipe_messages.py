@@ -36,10 +36,15 @@ class RosBatch:
 
 
 @dataclass(frozen=True, slots=True)
-class RosAnswer:
-    """What became of an action: why it is not carried out, or None."""
+class RosClockAgain:
+    """The run stands still: the latest /clock once more, for a node that has missed it."""
 
-    request: int
+
+@dataclass(frozen=True, slots=True)
+class RosAnswer:
+    """What became of an action: why it is not carried out, or None. request: None where nobody waits for it."""
+
+    request: int | None
     refusal: str | None
 
 

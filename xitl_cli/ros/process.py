@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from xitl_cli.errors import UserError
@@ -22,9 +23,10 @@ from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.ros import RosTopicSpec
 from xitl_cli.ros.conversion import RosConversion, RosMessage
+from xitl_cli.ros.inputs import RosInputs
 from xitl_cli.ros.middleware import QOS, Middleware, open_middleware, qos_with
 from xitl_cli.ros.outputs import OUTPUTS, RosTopic
-from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosEnd, RosStart
+from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosClockAgain, RosEnd, RosStart
 
 SPIN_S = 0.05
 DISCOVERY_S = 0.5
@@ -75,8 +77,6 @@ class RosBridge:
         self._spec = start.profiles[0].ros
         self._channels: dict[int, str] = {}
         self._published: Counter[str] = Counter()
-        self._received: Counter[str] = Counter()
-        self._refused: Counter[str] = Counter()
         self._requests = itertools.count(1)
         self._answers: dict[int, tuple[threading.Event, list[str | None]]] = {}
         self._over = threading.Event()
@@ -85,8 +85,13 @@ class RosBridge:
         self._publishers: dict[tuple[RosTopic, str], Publisher] = {}
         for topic, vessel in outputs_of(start.profiles, self._conversion.wants):
             self._publisher(topic, vessel)
+        self._clock: tuple[Publisher, bytes] | None = None
         for message in self._conversion.static():
             self._publish(message)
+        self._inputs: RosInputs | None = None
+        if start.operated:
+            tell = partial(self._send_up, "problem")
+            self._inputs = RosInputs(start.profiles, middleware, self.ask, self.hope, self._on_ready, tell)
 
     def meet_others(self) -> None:
         """Give nodes that are there already the time to find it, so that they have all from the first message on."""
@@ -102,6 +107,8 @@ class RosBridge:
         try:
             while not self._over.is_set():
                 self._middleware.spin(SPIN_S)
+                if self._inputs is not None:
+                    self._inputs.flush()
                 self._tell()
             reader.join(ANSWER_S)
             self._tell(last=True)
@@ -127,6 +134,12 @@ class RosBridge:
         """The same without waiting: the run counts a refusal and says it."""
         self._pipe.send({"action": dict(action)})
 
+    def _on_ready(self, node: str, stamp_ns: int) -> None:
+        self._send_up("ready", {"node": node, "stamp_ns": stamp_ns})
+
+    def _send_up(self, key: str, value: Any) -> None:
+        self._pipe.send({key: value})
+
     # In the thread of the pipe
 
     def _read(self, messages: list[Any]) -> None:
@@ -144,15 +157,28 @@ class RosBridge:
         elif isinstance(message, RosChannel):
             self._channels[message.number] = message.topic
         elif isinstance(message, RosAnswer):
-            answered, refusal = self._answers.pop(message.request, (None, []))
-            refusal.append(message.refusal)
-            if answered is not None:
-                answered.set()
+            self._on_answer(message)
+        elif isinstance(message, RosClockAgain):
+            if self._clock is not None:
+                publisher, cdr = self._clock
+                publisher.send(cdr)
         elif isinstance(message, RosEnd):
             self._over.set()
 
+    def _on_answer(self, answer: RosAnswer) -> None:
+        if answer.request is None:
+            if self._inputs is not None and answer.refusal is not None:
+                self._inputs.refused_by_run(answer.refusal)
+            return
+        answered, refusal = self._answers.pop(answer.request, (None, []))
+        refusal.append(answer.refusal)
+        if answered is not None:
+            answered.set()
+
     def _publish_batch(self, batch: RosBatch) -> None:
         for number, stamp_ns, payload in batch.messages:
+            if self._inputs is not None:
+                self._inputs.recorded(self._channels[number], payload)
             for message in self._conversion.convert(self._channels[number], payload, stamp_ns):
                 self._publish(message)
 
@@ -160,6 +186,8 @@ class RosBridge:
         publisher = self._publisher(message.topic, message.vessel)
         if publisher.due(message.stamp_ns):
             publisher.send(message.cdr)
+            if message.topic.qos == "clock":
+                self._clock = publisher, message.cdr
             self._published[publisher.name] += 1
 
     def _publisher(self, topic: RosTopic, vessel: str) -> Publisher:
@@ -180,7 +208,9 @@ class RosBridge:
         now_s = time.monotonic()
         if last or now_s - self._told_s >= COUNTS_S:
             self._told_s = now_s
-            counts = {"published": self._published, "received": self._received, "refused": self._refused}
+            counts = {"published": self._published}
+            if (inputs := self._inputs) is not None:
+                counts |= {"received": inputs.received, "refused": inputs.refused, "superseded": inputs.superseded}
             self._pipe.send({"counts": {name: dict(count) for name, count in counts.items()}})
 
 

@@ -45,6 +45,7 @@ from xitl_cli.run.operator.environment_changes import EnvironmentChanges
 from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import Steering, VesselOrders
+from xitl_cli.run.ros_lockstep import RosLockstepNode
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
 from xitl_cli.run.status_display import DisplayNode, StatusDisplay, StatusSource
@@ -111,7 +112,10 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     bridge = autopilot = companion = line = None
     if profile.autopilot.kind == "none":
         by_nodes = profile.driver.kind == "ros"
-        control: ControlNode = made(OperatedControl(profile) if by_nodes else direct_control(profile, setup.others))
+        silent_s = profile.ros.silent_s
+        control: ControlNode = made(
+            OperatedControl(profile, silent_s) if by_nodes else direct_control(profile, setup.others)
+        )
     else:
         if profile.autopilot.kind != "embedded":
             if hears_sentences(profile):
@@ -158,7 +162,9 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
             )
         if setup.operated and faults is not None:
             frame = local_frame(profile.site)
-            orders = VesselOrders(profile, autopilot.new_commands(), frame, faults, autopilot.driver.finish)
+            orders = VesselOrders(
+                profile, autopilot.new_commands(), frame, faults, autopilot.driver.finish, profile.ros.silent_s
+            )
             autopilot.heard.subscribe(orders.handle)
             setup.orders[profile.vessel] = setup.steering[profile.vessel] = orders
         # In lockstep how much has come from a companion depends on the wall clock.
@@ -237,12 +243,14 @@ def compose_world(
         opened.callback(foxglove.close)
         if operator is not None:
             foxglove.meet(operator)
-    ros = None
+    ros = ros_lockstep = None
     if profile.ros.enabled:
         ros = LiveRosNode([setup.profile for setup in setups], tell)
         opened.callback(ros.close)
         if operator is not None:
             ros.meet(operator)
+        if profile.ros.lockstep is not None:
+            ros_lockstep = RosLockstepNode(profile.ros.lockstep, profile.clock, ros, first.interrupted)
     behind: list[RunNode | None] = [
         *among,
         None if river is None else river.launching,
@@ -252,6 +260,7 @@ def compose_world(
         view,
         foxglove,
         ros,
+        ros_lockstep,
     ]
     return WorldNodes(_present(ahead), _present(behind))
 

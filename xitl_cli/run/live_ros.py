@@ -20,7 +20,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.ros.middleware import ros2_way
-from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosEnd, RosStart
+from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosClockAgain, RosEnd, RosStart
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.operator.node import OperatorNode
 
@@ -32,6 +32,7 @@ HAND_OVER_HZ = 100.0
 SILENT_S = 5.0
 """For which the process may take nothing before that is said."""
 END_S = 5.0
+MOST_REFUSALS = 50  # said, each once
 MOST_IN_PIPE_BYTES = 1 << 20
 """Of the queue's: what is in the pipe can no longer be dropped."""
 
@@ -40,6 +41,8 @@ class LiveRosNode(RunNode):
     """The bridge of a run to ROS. One that dies or hangs leaves the run as it is.
 
     profiles: of each vessel. tell: says something to the user. It is a mirror of the recording, see McapFile.
+    answers_ns: the /clock that each node has answered last, by its name. Where nodes are waited for, what they ask is
+    taken in while the run stands still alone (`poll`), so that it does not hang on the clock on the wall.
     """
 
     def __init__(self, profiles: Sequence[RunProfile], tell: Callable[[str], object]) -> None:
@@ -64,12 +67,18 @@ class LiveRosNode(RunNode):
         self._counts: dict[str, dict[str, int]] = {}
         self._problems: list[str] = []
         self._actions = self._refused = 0
-        self.ready_ns: dict[str, int] = {}
+        self._refusals: set[str] = set()
+        self._holds = self._spec.lockstep is not None
+        self.answers_ns: dict[str, int] = {}
 
     def meet(self, operator: OperatorNode) -> None:
         """Have it carry out what nodes ask for, and be polled by it: while the run stands still too."""
         self._operator = operator
-        operator.listen(self.poll)
+        operator.listen(self._listen)
+
+    def _listen(self) -> None:
+        if not self._holds or (self._operator is not None and self._operator.paused):
+            self.poll()
 
     def prepare(self) -> None:
         """Start the process, and wait until it is in the graph. Raises UserError when it cannot be."""
@@ -136,7 +145,8 @@ class LiveRosNode(RunNode):
 
     def exchange(self, step: RunStep) -> None:
         self._now_ns = step.now_ns
-        self.poll()
+        if not self._holds:
+            self.poll()
 
     def record(self, step: RunStep) -> None:
         if step.number % self._every == 0 and self._queue:
@@ -160,12 +170,21 @@ class LiveRosNode(RunNode):
             self._queued_bytes -= len(payload)
             self._dropped[number] += 1
 
-    def poll(self) -> None:
-        """Take in what nodes ask for."""
+    @property
+    def lost(self) -> bool:
+        """Whether there is nobody any more that could ask or answer."""
+        return self._pipe is None
+
+    def tell_clock_again(self) -> None:
+        """For a node that has missed it."""
+        self._send(RosClockAgain())
+
+    def poll(self, timeout_s: float = 0.0) -> None:
+        """Take in what nodes ask for, after at most `timeout_s`."""
         if self._pipe is None:
             return
         try:
-            for message in self._pipe.receive():
+            for message in self._pipe.receive(timeout_s):
                 self._take_in(message)
         except PipeClosedError:
             self._lose()
@@ -180,10 +199,15 @@ class LiveRosNode(RunNode):
                 refused = self._operator.ask(action, SOURCE)
                 self._refused += refused is not None
                 refusal = refused or ""
-            if (request := message.get("request")) is not None:
+            request = message.get("request")
+            if request is not None:
                 self._send(RosAnswer(int(request), refusal or None))
+            elif refusal and refusal not in self._refusals and len(self._refusals) < MOST_REFUSALS:
+                self._refusals.add(refusal)
+                self._warn(f"ros: {refusal}")
+                self._send(RosAnswer(None, refusal))
         elif isinstance(ready := message.get("ready"), dict):
-            self.ready_ns[str(ready["node"])] = int(ready["stamp_ns"])
+            self.answers_ns[str(ready["node"])] = int(ready["stamp_ns"])
         elif isinstance(counts := message.get("counts"), dict):
             self._counts = counts
         elif "problem" in message:
@@ -273,6 +297,7 @@ class LiveRosNode(RunNode):
                 "published": self._counts.get("published", {}),
                 "dropped": {self._topics[number]: count for number, count in sorted(self._dropped.items())},
                 "received": self._counts.get("received", {}),
+                "superseded": self._counts.get("superseded", {}),
                 "not_taken": self._counts.get("refused", {}),
                 "actions": self._actions,
                 "refused": self._refused,

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from sim_core.keys import Bounds, NonNegative, Positive, Specification, SpecificationError
+from sim_core.keys import Bounds, Items, NonNegative, Positive, Specification, SpecificationError
 
 Depth = Annotated[int, Bounds(at_least=1, at_most=10_000)]
 _NAMESPACE = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
@@ -24,6 +24,23 @@ class RosTopicSpec(Specification):
     ] = None
     depth: Annotated[Depth | None, "null: `ros.depth`"] = None
     rate_hz: Annotated[NonNegative | None, "at most; null: each that is recorded"] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosLockstepSpec(Specification):
+    """The run waits for nodes: it goes on when each has published its name and the `/clock` on `ready`."""
+
+    nodes: Annotated[tuple[str, ...], Items(1), "by the names that they give as `frame_id`"]
+    step_s: Annotated[
+        Annotated[float, Bounds(above=0, at_most=60)], "from one standstill to the next; of whole exchanges"
+    ] = 0.1
+    timeout_s: Annotated[Annotated[float, Bounds(above=0, at_most=3600)], "by the clock on the wall, for an answer"] = (
+        10.0
+    )
+    start_timeout_s: Annotated[
+        Annotated[float, Bounds(above=0, at_most=3600)], "the same for the first one, at the start"
+    ] = 60.0
+    without_answer: Annotated[Literal["go-on", "end"], "what then happens"] = "go-on"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +62,17 @@ class RosSpec(Specification):
     depth: Annotated[Depth, "messages that a publisher keeps for a reader that is behind"] = 100
     pace: Annotated[Positive | None, "times real time, in lockstep; null: as fast as it goes"] = 1.0
     queue_mb: Annotated[Positive, "of messages that wait for ROS; beyond it the oldest are dropped, and counted"] = 16.0
+    silent_s: Annotated[
+        Annotated[float, Bounds(at_least=0.05, at_most=60)],
+        "of simulation time: so long after the last `cmd_vel`, or command of a thruster, outputs are neutral",
+    ] = 1.0
+    cmd_vel: Annotated[Literal["Twist", "TwistStamped"], "type of `cmd_vel`; Nav2 has TwistStamped from Kilted on"] = (
+        "Twist"
+    )
+    thrust: Annotated[
+        Literal["newton", "share"], "what `thrusters/*/cmd` are: thrust at rest, or motor commands in [-1, 1]"
+    ] = "newton"
+    lockstep: Annotated[RosLockstepSpec | None, "null: the run waits for nobody"] = None
     topics: Annotated[dict[str, RosTopicSpec], "by name without namespace, as `imu/data`"] = field(default_factory=dict)
 
     def check(self) -> None:

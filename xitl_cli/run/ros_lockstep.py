@@ -1,0 +1,115 @@
+"""Lockstep with nodes of ROS: the run stands still until each has answered the /clock."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema.profile import ClockSpec
+from xitl_cli.profile.schema.ros import RosLockstepSpec
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.core.pace import LISTEN_S, OperatedLockstep
+
+WARNING = 4  # MAV_SEVERITY
+LOOK_S = 0.002
+CLOCK_AGAIN_S = 0.2
+SETTLED_S = 1.0
+"""After the first word of a node, for the rest of what it publishes and reads to be known to the bridge and to it."""
+
+
+class AnsweringNodes(Protocol):
+    """Where nodes answer: see LiveRosNode."""
+
+    answers_ns: dict[str, int]
+
+    @property
+    def lost(self) -> bool: ...
+    def poll(self, timeout_s: float = 0.0) -> None: ...
+    def tell_clock_again(self) -> None: ...
+
+
+class RosLockstepNode(RunNode):
+    """Comes after the bridge, which has been given all that was recorded up to a standstill.
+
+    What nodes ask for before they answer is carried out at the next exchange. interrupted: whether somebody wants to
+    end the run.
+    """
+
+    def __init__(
+        self,
+        keys: RosLockstepSpec,
+        clock: ClockSpec,
+        nodes: AnsweringNodes,
+        interrupted: Callable[[], bool],
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._keys = keys
+        self._every = max(round(keys.step_s * clock.physics_rate_hz), 1)
+        self._nodes = nodes
+        self._interrupted = interrupted
+        self._now_s = now_s
+        self._stood_s = 0.0
+        self._standstills = 0
+        self._unanswered: Counter[str] = Counter()
+        self._warnings: list[str] = []
+        self._recorder: Any = None
+        self._pace: Any = None
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder, self._pace = context.recorder, context.pace
+        self._stand(0, self._keys.start_timeout_s)
+        until_s = self._now_s() + SETTLED_S
+        while self._now_s() < until_s and not self._interrupted() and not self._nodes.lost:
+            self._nodes.poll(LOOK_S)
+
+    def record(self, step: RunStep) -> None:
+        if step.number % self._every == 0:
+            self._standstills += 1
+            self._stand(step.now_ns, self._keys.timeout_s)
+
+    def _stand(self, now_ns: int, timeout_s: float) -> None:
+        """Until each node has answered, `timeout_s` at most."""
+        began_s = now_s = listened_s = told_s = self._now_s()
+        while (missing := self._missing(now_ns)) and not self._interrupted() and not self._nodes.lost:
+            if now_s - began_s >= timeout_s:
+                self._give_up(now_ns, missing, timeout_s)
+                break
+            self._nodes.poll(LOOK_S)
+            now_s = self._now_s()
+            if now_s - told_s >= CLOCK_AGAIN_S:
+                told_s = now_s
+                self._nodes.tell_clock_again()
+            if now_s - listened_s >= LISTEN_S and isinstance(self._pace, OperatedLockstep):
+                listened_s = now_s
+                self._pace.listen()
+        self._stood_s += now_s - began_s
+
+    def _missing(self, now_ns: int) -> list[str]:
+        answers_ns = self._nodes.answers_ns
+        return [node for node in self._keys.nodes if answers_ns.get(node, -1) < now_ns]
+
+    def _give_up(self, now_ns: int, missing: list[str], timeout_s: float) -> None:
+        heard = ", ".join(self._nodes.answers_ns) or "nobody"
+        text = (
+            f"ros.lockstep: {', '.join(missing)} did not answer the /clock {now_ns * 1e-9:g} s on ready within "
+            f"{timeout_s:g} s (heard: {heard})"
+        )
+        if self._keys.without_answer == "end":
+            raise UserError(f"{text}; give more ros.lockstep.timeout_s, or without_answer: go-on")
+        first = not any(self._unanswered[node] for node in missing)
+        self._unanswered.update(missing)
+        if first:
+            self._warnings.append(f"{text}; the run goes on, and does not repeat")
+            self._recorder.log(now_ns, WARNING, "ros", self._warnings[-1])
+
+    def report(self) -> dict[str, Any]:
+        """ros.lockstep: standstills, how long they lasted by the clock on the wall, answers that did not come."""
+        lockstep = {
+            "standstills": self._standstills,
+            "stood_s": self._stood_s,
+            "unanswered": dict(self._unanswered),
+        }
+        return {"ros": {"lockstep": lockstep}, "warnings": list(self._warnings)}
