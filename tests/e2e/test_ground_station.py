@@ -17,6 +17,7 @@ from conftest import Xitl, command, environment, payloads, summary
 from pymavlink.dialects.v20 import ardupilotmega as mav
 
 from sim_core.geodesy import LocalFrame
+from xitl_cli.view.recording import open_scene
 
 FRAME = LocalFrame(-8.80, -63.95, 70.0)
 MANUAL, AUTO = 0, 10
@@ -132,7 +133,7 @@ def held(tmp_path: Path, tcp_port: int) -> Iterator[Callable[..., subprocess.Pop
 def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
     held: Callable[..., subprocess.Popen[str]], tmp_path: Path, tcp_port: int
 ) -> None:
-    """Two waypoints 12 m apart in still water; the profile's own mission of five is replaced by them."""
+    """Two waypoints 12 m apart in still water; the profile's own mission of six is replaced by them."""
     (tmp_path / "calm.yaml").write_text("extends: [ground-station, environments/calm]\n")
     process = held("--profile", "calm.yaml")
     assert process.stdout is not None
@@ -157,6 +158,13 @@ def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
     assert told["mission"]["waypoints_total"] == told["mission"]["waypoints_reached"] == 2
     assert max(told["mission"]["closest_m"]) < 3.0 + 1.5  # radius and the estimate's error
     assert (tmp_path / "run/autopilot.bin").stat().st_size > 0
+    with open_scene([tmp_path / "run/run.mcap"]) as recording:  # what is drawn is the mission under way
+        begin, end = (recording.instant(at_s).vessels[""] for at_s in recording.span_s)
+    assert begin.mission_enu_m is not None
+    assert end.mission_enu_m is not None
+    assert (begin.waypoints_reached, begin.waypoints_total, len(begin.mission_enu_m)) == (0, 6, 7)
+    assert (end.waypoints_reached, end.waypoints_total) == (2, 2)
+    assert end.mission_enu_m[1:] == pytest.approx(np.array([[9.0, 12.0, 0.1], [15.0, 20.0, 0.1]]), abs=0.02)
     sent = {int.from_bytes(data[23:26], "little") for _, data in payloads(tmp_path / "run/run.mcap")["/link/agent/tx"]}
     assert mav.MAVLINK_MSG_ID_COMMAND_LONG not in sent  # the host gave no order
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import payloads
 
+from xitl_cli.logs import open_log
 from xitl_cli.profile import load_profile
 from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.operator.replay import read_events
 from xitl_cli.run.session import run
 from xitl_cli.run.status_display import NoDisplay
+from xitl_cli.view.recording import open_scene
 
 SECONDS = 24.0
 
@@ -87,6 +90,15 @@ def test_a_run_that_was_played_with_repeats_byte_for_byte(tmp_path: Path) -> Non
     faults = {fault["name"]: fault for fault in played.summary["faults"]}
     assert faults["link to agent"]["did"]["frames_lost_to_agent"] > 0
     assert faults["gnss-bias"]["did"] == {"gnss_biased": 5}
+    # What a replay draws is the sea that the vessel was in, before and after its changes.
+    with open_scene([played.recording]) as recording, open_log(played.recording) as log:
+        told = log["/environment"]
+        for row in np.searchsorted(told.stamp_ns, (3e9, 12e9, 20e9)).tolist():
+            at_s = float(told.stamp_ns[row] * 1e-9)
+            instant = recording.instant(at_s)
+            assert instant.waves is not None
+            here_m = float(instant.waves.elevation_m(at_s, instant.vessels[""].position_enu_m[:2]))
+            assert here_m == pytest.approx(float(told["surface_elevation_m"][row]), abs=1e-6)
     # It has obeyed: went to GUIDED on the way to the place, held, and was disarmed.
     said = " ".join(str(payload) for _, payload in one["/log"])
     assert all(word in said for word in ("Mode GUIDED", "Mode HOLD", "Disarmed", "disarm: accepted"))

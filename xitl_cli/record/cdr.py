@@ -32,8 +32,8 @@ _TYPE = re.compile(r"(?P<base>[a-z0-9]+)(?P<array>\[(?P<count>[0-9]*)\])?")
 _NUMBER, _ARRAY, _SEQUENCE, _BYTES, _TEXT = range(5)
 
 _UNITS = {
-    "m": "m", "s": "s", "ns": "ns", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "radps": "rad/s", "n": "N", "hz": "Hz",
-    "grad": "gon", "ppm": "ppm", "percent": "%", "mib": "MiB", "c": "°C",
+    "m": "m", "s": "s", "ns": "ns", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "radps": "rad/s", "radpm": "rad/m",
+    "n": "N", "hz": "Hz", "grad": "gon", "ppm": "ppm", "percent": "%", "mib": "MiB", "c": "°C",
 }  # fmt: skip
 _FRAMES = {"ned": "NED", "frd": "FRD", "enu": "ENU", "flu": "FLU"}
 

@@ -100,6 +100,19 @@ class EnvironmentMessage:
     surface_elevation_m: Float64
 
 
+@dataclass(frozen=True, slots=True)
+class SeaComponents:
+    """Components of the sea, all in one order: the surface rises by the sum of a cos(k_n n + k_e e - omega t + phase)
+    at n, e of the map, t seconds of simulation time.
+    """
+
+    amplitude_m: Float64Sequence
+    wave_number_north_radpm: Float64Sequence
+    wave_number_east_radpm: Float64Sequence
+    angular_frequency_radps: Annotated[Float64Sequence, "at a fixed place"]
+    phase_rad: Float64Sequence
+
+
 class BodyMessage:
     kind: String
     number: Annotated[Uint32, "N of its frame `body_N`"]
@@ -441,6 +454,8 @@ _TABLE = (
           OdometryMessage),
     Topic("/environment", "xitl_msgs/msg/Environment", "10 Hz",
           "current and wind (NED) at the vessel, surface elevation", EnvironmentMessage),
+    Topic("/environment/waves", "xitl_msgs/msg/Waves", "as an operator changes them, 2 Hz while they do",
+          "the components of the sea from then on", SeaComponents, per_vessel=False, from_start=False),
     Topic("/actuators", "xitl_msgs/msg/Actuators", "`clock.exchange_rate_hz`",
           "motor commands in force, armed, failsafe, age", ActuatorsMessage),
     Topic("/actuators/age", "xitl_msgs/msg/ActuatorAge", "1 Hz, real time only",
@@ -479,7 +494,8 @@ _TABLE = (
           "`map` → `base_link` (truth) and `map` → `base_link_estimate`", per_vessel=False),
     Topic("/truth/pose", "foxglove.PoseInFrame", "the same", "pose in `map`"),
     Topic("/truth/fix", "foxglove.LocationFix", "10 Hz", "place on the Earth"),
-    Topic("/scene", "foxglove.SceneUpdate", "once", "log boom, dam, water, mission, vessel", per_vessel=False),
+    Topic("/scene", "foxglove.SceneUpdate", "once",
+          "log boom, dam, water, mission, vessel; debris, and other missions, as they come", per_vessel=False),
     Topic("/log", "foxglove.Log", "as it comes", "messages of the autopilot and of the run", per_vessel=False),
     Topic("/lidar/points", "foxglove.PointCloud", "each frame",
           "a lidar's cloud in `base_link` (x forward, y left, z up): `t` after the stamp, `intensity`; each point as"

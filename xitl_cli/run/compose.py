@@ -150,7 +150,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         findings = findings_from_profile(profile, setup.scenery, setup.plant.bodies if profile.vessel else None)
         companion.heard.subscribe(findings.handle)
         autopilot.heard.subscribe(findings.handle_autopilot)
-    mission = MissionNode(profile.mission.waypoints_ned_m, control)
+    mission = MissionNode(profile, control)
 
     # Injected faults and recorders.
     faults = links = None
@@ -191,7 +191,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         ModelRange(simulation),
         mission,
         TrackNode(control) if profile.vessel else None,
-        VesselWatch(profile, plant, control, status) if profile.view.show else None,
+        VesselWatch(profile, plant, control, mission, status) if profile.view.show else None,
     ]
     return VesselNodes(profile.vessel, control, _present(order), status, _is_awaited(profile))
 

@@ -29,6 +29,7 @@ from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import SONAR_POINT
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.core.pace import OperatedLockstep
+from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.status_display import RunStatus
 from xitl_cli.run.world.plant import Plant, PlantView
@@ -71,12 +72,18 @@ class VesselWatch(RunNode):
     """
 
     def __init__(
-        self, profile: RunProfile, plant: PlantView, control: ControlNode, status: Callable[[], RunStatus]
+        self,
+        profile: RunProfile,
+        plant: PlantView,
+        control: ControlNode,
+        mission: MissionNode,
+        status: Callable[[], RunStatus],
     ) -> None:
         self.name = profile.vessel
         self._profile = profile
         self._plant = plant
         self._control = control
+        self._mission = mission
         self._status = status
         self._estimate: tuple[Sequence[float], Sequence[float]] | None = None
         self._lidar: _Seen | None = None
@@ -132,9 +139,10 @@ class VesselWatch(RunNode):
         places = [frames.ned_to_enu(np.asarray(place, dtype=np.float64)) for _, place, _ in self._obstacles.values()]
         radius = [0.5 * max(float(size[0]), float(size[1])) for _, _, size in self._obstacles.values()]
         waypoints = progress.waypoints if progress.waypoints is not None else self._profile.mission.waypoints_ned_m
+        others = self._mission.others
         target = None
         if progress.target is not None and 0 <= progress.target < len(waypoints):
-            north_m, east_m = waypoints[progress.target][:2]
+            north_m, east_m = waypoints[progress.target]
             target = np.array([east_m, north_m, 0.0])
         return VesselInstant(
             position,
@@ -146,6 +154,7 @@ class VesselWatch(RunNode):
             progress.armed,
             progress.reached,
             status.waypoints_total,
+            None if others is None else np.array([(east_m, north_m, 0.0) for north_m, east_m in others]),
             target,
             self._clouds(),
             np.array(places).reshape(-1, 3),

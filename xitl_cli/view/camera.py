@@ -131,11 +131,6 @@ class Cameras:
     def _leave(self, client: Any) -> None:
         self._lookers.pop(client.client_id, None)
 
-    def subject_of(self, client_id: int) -> str:
-        """The vessel that a browser looks at."""
-        looker = self._lookers.get(client_id)
-        return self._names[0] if looker is None else looker.subject
-
     def update(self, instant: ViewInstant) -> None:
         """Lead every camera to where the vessels are now."""
         now_s = self._now_s()

@@ -31,7 +31,7 @@ from xitl_cli.view.model import (
     ViewInstant,
     ViewScene,
 )
-from xitl_cli.view.scene import view_vessels
+from xitl_cli.view.scene import plain_vessel
 from xitl_cli.view.water import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ NIGHT = Lighting(
 class SceneDrawing:
     """Draws what does not move at once, and everything else at each instant.
 
-    tracks: draw where vessels have been. waves: move the water, in cells of the size that `water` says. dark: by night.
+    tracks: draw where vessels have been. water: how fine its surface is. dark: by night.
     """
 
     def __init__(
@@ -95,7 +95,6 @@ class SceneDrawing:
         *,
         dark: bool = False,
         tracks: bool = True,
-        waves: bool = True,
         water: WaterResolution = SCREEN_WATER,
     ) -> None:
         self.scene = scene
@@ -110,7 +109,7 @@ class SceneDrawing:
         api.world_axes.visible = False
         for number, mesh in enumerate(scene.meshes):
             _add_mesh(api, f"/surroundings/{number} {mesh.name}", mesh)
-        self._water = _WaterDrawing(api, scene.water, waves, water)
+        self._water = _WaterDrawing(api, scene.water, water)
         self.dark = dark
         for name, vessel in scene.vessels.items():
             self._vessels[name] = _VesselDrawing(api, name, vessel, scene.water)
@@ -137,15 +136,14 @@ class SceneDrawing:
             self._time_s = instant.time_s
             for name in instant.vessels:
                 if name not in self._vessels:
-                    plain = view_vessels(self.scene, [name])[name]
-                    self._vessels[name] = _VesselDrawing(self._server.scene, name, plain, self.scene.water)
+                    self._vessels[name] = _VesselDrawing(self._server.scene, name, plain_vessel(), self.scene.water)
             for name, vessel in instant.vessels.items():
                 self._vessels[name].draw(vessel, elapsed_s, self._tracks)
             self._draw_bodies(instant.bodies)
             if instant.vessels:
                 first = next(iter(instant.vessels))
                 place = instant.vessels[first].position_enu_m
-                if instant.waves is not None:
+                if instant.waves is not None and instant.waves is not self._water.waves:
                     self._water.change(instant.waves)
                 self._water.draw(instant.time_s, place[:2])
                 self._vessels[first].draw_streams(place, instant.wind_en_mps, instant.current_en_mps)
@@ -198,11 +196,11 @@ def show_lighting(api: Any, lighting: Lighting) -> None:
 
 
 class _WaterDrawing:
-    def __init__(self, api: Any, water: SceneWater, moving: bool, resolution: WaterResolution) -> None:
+    def __init__(self, api: Any, water: SceneWater, resolution: WaterResolution) -> None:
         self._api = api
         self._level_m = water.level_m
         self._resolution = resolution
-        self._grid = WaterGrid(water.waves if moving else None, resolution=resolution)
+        self._grid = WaterGrid(water.waves, resolution=resolution)
         self._middle = self._grid.middle(np.asarray(water.centre_en_m, dtype=np.float64))
         self._node = self._add()
 
@@ -216,6 +214,10 @@ class _WaterDrawing:
             receive_shadow=False,
             position=(*self._middle, self._level_m),
         )
+
+    @property
+    def waves(self) -> SceneWaves | None:
+        return self._grid.waves
 
     def colour(self, colour: Colour) -> None:
         self._node.color = colour
@@ -268,21 +270,28 @@ class _VesselDrawing:
         self._places: list[list[float]] = []
         self._wind: Any = None
         self._current: Any = None
-        self._marks = self._mission()
+        self._mission: Array = np.empty((0, 3))
+        self._mission_nodes: list[Any] = []
+        self._marks: list[Any] = []
+        self._draw_mission(vessel.mission_enu_m)
 
     def _propeller(self, number: int) -> Any:
         thruster = self._vessel.thrusters[number]
         turning = shapes.propeller(thruster.diameter_m).mesh("propeller", (45, 48, 54))
         return _add_mesh(self._api, f"{self._path}/propellers/{number}", turning, position=thruster.place_flu_m)
 
-    def _mission(self) -> list[Any]:
-        places = self._vessel.mission_enu_m
+    def _draw_mission(self, places: Array) -> None:
+        if places is self._mission or np.array_equal(places, self._mission):
+            return
+        for node in self._mission_nodes:
+            node.remove()
+        self._mission, self._mission_nodes, self._marks = places, [], []
         if len(places) < 2:
-            return []
+            return
         line = places.copy()
         line[:, 2] = self._level_m + self._lift_m
-        path = f"{self._path.replace('/vessels', '/missions', 1)}"
-        _add_line(self._api, f"{path}/line", line, MISSION, 2.0)
+        path = self._path.replace("/vessels", "/missions", 1)
+        lines = [_add_line(self._api, f"{path}/line", line, MISSION, 2.0)]
         size = min(max(self._vessel.length_m, 0.6), 6.0)
         mark = shapes.merged(
             [
@@ -290,18 +299,14 @@ class _VesselDrawing:
                 shapes.frustum((0.5 * size, 0.5 * size, 0.5 * size), 0.0, 1.0, sides=4).placed((0.0, 0.0, 1.85 * size)),
             ]
         )
-        marks = []
-        for number, place in enumerate(line[1:]):
-            marks.append(
-                _add_mesh(
-                    self._api, f"{path}/waypoint {number + 1}", mark.mesh("waypoint", MISSION), position=tuple(place)
-                )
-            )
+        for number, place in enumerate(line[1:], start=1):
+            waypoint = mark.mesh("waypoint", MISSION)
+            self._marks.append(_add_mesh(self._api, f"{path}/waypoint {number}", waypoint, position=tuple(place)))
             if self._vessel.acceptance_radius_m > 0.0:
                 turn = np.linspace(0.0, 2.0 * math.pi, 49)
                 ring = self._vessel.acceptance_radius_m * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
-                _add_line(self._api, f"{path}/radius {number + 1}", ring + place, MISSION, 1.0)
-        return marks
+                lines.append(_add_line(self._api, f"{path}/radius {number}", ring + place, MISSION, 1.0))
+        self._mission_nodes = [*lines, *self._marks]
 
     def draw(self, vessel: VesselInstant, elapsed_s: float, tracked: bool) -> None:
         _place(self._hull, vessel.position_enu_m, vessel.attitude_wxyz)
@@ -309,6 +314,7 @@ class _VesselDrawing:
         self._draw_estimate(vessel)
         if tracked:
             self._draw_track(vessel.position_enu_m)
+        self._draw_mission(self._vessel.mission_enu_m if vessel.mission_enu_m is None else vessel.mission_enu_m)
         for number, mark in enumerate(self._marks):
             colour = REACHED if number < vessel.waypoints_reached else MISSION
             if tuple(mark.color) != colour:

@@ -99,8 +99,9 @@ class ViewScene:
 class VesselInstant:
     """A vessel at an instant.
 
-    motors: -1 to 1. clouds: points (P, 3) in the map by sensor (`lidar`, `sonar`, `map`). obstacles: (O, 3) centre and
-    (O,) radius of what the companion tracks. numbers: what is told beside the picture, by its label with unit.
+    motors: -1 to 1. mission_enu_m: as SceneVessel has it, None for that one. clouds: points (P, 3) in the map by sensor
+    (`lidar`, `sonar`, `map`). obstacles: (O, 3) centre and (O,) radius of what the companion tracks. numbers: what is
+    told beside the picture, by its label with unit.
     """
 
     position_enu_m: Array
@@ -112,6 +113,7 @@ class VesselInstant:
     armed: bool = False
     waypoints_reached: int = 0
     waypoints_total: int = 0
+    mission_enu_m: Array | None = None
     target_enu_m: Array | None = None
     clouds: Mapping[str, Points] = field(default_factory=dict)
     obstacles_enu_m: Array = field(default_factory=lambda: np.empty((0, 3)))
@@ -142,7 +144,7 @@ class ViewInstant:
     """The world at time_s. wind_en_mps, current_en_mps: where they blow and flow to, at the first vessel.
 
     bodies: by number. events: since the instant before. paused: the run stands still. pace: times real time.
-    waves: others than those of the scene, or of an instant before; None while they stay the same.
+    waves: others than those of the scene, or of an instant before; None, or the same object, while they stay the same.
     """
 
     time_s: float

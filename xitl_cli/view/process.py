@@ -23,7 +23,7 @@ from xitl_cli.view.drawing import SceneDrawing
 from xitl_cli.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.view.model import BodyInstant, SceneMesh, ViewInstant
 from xitl_cli.view.readouts import Readouts
-from xitl_cli.view.scene import make_view_scene, read_bodies, read_scene_update
+from xitl_cli.view.scene import make_view_scene, read_bodies, read_scene_updates
 from xitl_cli.view.server import make_server
 
 LOOK_S = 0.25
@@ -39,7 +39,7 @@ class ViewProcess:
 
     def __init__(self, listener: socket.socket, pipe: Pipe, start: ViewStart) -> None:
         self._pipe = pipe
-        scene = make_view_scene(start.title, start.updates, start.profiles)
+        scene = make_view_scene(start.title, read_scene_updates(*start.updates), start.profiles)
         server = self._server = make_server(listener, start.address, start.title)
         self._drawing = SceneDrawing(server, scene, dark=start.dark)
         server.gui.configure_theme(dark_mode=start.dark, show_logo=False, show_share_button=False)
@@ -88,7 +88,7 @@ class ViewProcess:
                     self._asked = False
                     self._draw(message)
                 elif isinstance(message, ViewUpdate):
-                    self._meshes |= read_bodies(read_scene_update(message.update))
+                    self._meshes |= read_bodies(read_scene_updates(message.update))
                 elif isinstance(message, ViewRefusal):
                     self._notify("Not done", message.text, "red", 12.0)
                     if self._controls is not None:

@@ -7,9 +7,11 @@ logs -> one time line (their clocks, else an event of both) and one map (their p
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -30,29 +32,40 @@ from xitl_cli.logs.signals.moments import moments
 from xitl_cli.profile.files.catalogue import PROFILE
 from xitl_cli.profile.load import recorded_profiles
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.topics import vessel_name
-from xitl_cli.view import shapes
+from xitl_cli.record.topics import SeaComponents, vessel_name
 from xitl_cli.view.model import (
     Array,
     BodyInstant,
     SceneMesh,
     SceneVessel,
     SceneWater,
+    SceneWaves,
     VesselInstant,
     ViewEvent,
     ViewInstant,
     ViewScene,
 )
-from xitl_cli.view.scene import make_view_scene, read_bodies, read_scene_update
+from xitl_cli.view.scene import (
+    NO_WAVES,
+    PLAIN_LENGTH_M,
+    DrawnEntity,
+    make_view_scene,
+    plain_vessel,
+    read_bodies,
+    read_missions,
+    read_scene_updates,
+)
 from xitl_cli.view.tracks import (
     FARTHEST_M,
     HeldValues,
     MapPlace,
+    MissionChange,
     PoseTrack,
     Seconds,
     VesselTrack,
     continuous,
     forward,
+    mission_at,
     read_vessel,
 )
 
@@ -60,8 +73,6 @@ if TYPE_CHECKING:
     from xitl_cli.logs.report.model import Report
 
 SCENE = "/scene"
-PLAIN_LENGTH_M = 2.0
-PLAIN_COLOURS = ((235, 237, 242), (240, 150, 50), (90, 190, 240), (150, 210, 90), (230, 110, 170))
 _MARGIN_M = 60.0
 _MARKED = ("fault", "takeover", "error", "event", "estimator")
 _SAID = 6  # MAV_SEVERITY_INFO, of a text whose log does not say
@@ -128,8 +139,8 @@ class LogScene:
         self._bodies = bodies
         spans = [one.track.pose.span_s for one in placed]
         self.span_s = min(span[0] for span in spans), max(span[1] for span in spans)
-        self._totals = {one.name: max(len(scene.vessels[one.name].mission_enu_m) - 1, 0) for one in placed}
         lead = placed[0]
+        self._waves = _seas(lead, scene.water.waves)
         self._wind, self._current = (_stream(lead, name) for name in ("wind_ned_mps", "current_ned_mps"))
         self._said = sorted((event for one in placed for event in _said(one)), key=lambda event: event.time_s)
         self.marks = _marks(placed, self.span_s)
@@ -150,7 +161,7 @@ class LogScene:
 
     def instant(self, time_s: float, since_s: float | None = None, seen: bool = True) -> ViewInstant:
         """The world at time_s, with what was said after since_s. seen: with the clouds of sensors."""
-        vessels = {one.name: one.track.at(time_s, self._totals[one.name], seen) for one in self._placed}
+        vessels = {one.name: one.track.at(time_s, seen) for one in self._placed}
         vessels |= {name: VesselInstant(*pose.at(time_s)) for name, pose in self._others.items()}
         return ViewInstant(
             time_s,
@@ -163,6 +174,7 @@ class LogScene:
                 if body.pose.span_s[0] <= time_s
             },
             tuple(event for event in self._said if since_s is not None and since_s < event.time_s <= time_s),
+            waves=None if self._waves is None else self._waves.at(time_s),
         )
 
     def findings(self) -> list[SceneFinding]:
@@ -221,11 +233,15 @@ class LogScene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Recording:
-    """The surroundings that a recording of ours keeps. raw: all topics of the file. updates: SceneUpdates."""
+    """The surroundings that a recording of ours keeps. raw: all topics of the file. drawn: by their stamps."""
 
     raw: Log
-    profiles: tuple[RunProfile, ...]
-    updates: tuple[bytes, ...]
+    profiles: tuple[RunProfile, ...] = ()
+    drawn: tuple[tuple[int, list[DrawnEntity]], ...] = ()
+
+    @property
+    def entities(self) -> list[DrawnEntity]:
+        return [entity for _, entities in self.drawn for entity in entities]
 
 
 def _worst_first(found: Sequence[tuple[str, SceneFinding]]) -> list[SceneFinding]:
@@ -247,7 +263,7 @@ def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
     with ExitStack() as opened:
         logs = [log for path in dict.fromkeys(paths) for log in _open_vessels(path, vessel, opened)]
         recordings = {log.path: _recording(log, opened) for log in logs}
-        lead = next((log for log in logs if recordings[log.path].updates), logs[0])
+        lead = next((log for log in logs if recordings[log.path].drawn), logs[0])
         logs.sort(key=lambda log: log.path != lead.path)
         notes: list[str] = []
         placed = _place_logs(logs, notes)
@@ -274,8 +290,10 @@ def _open_vessels(path: Path, vessel: str | None, opened: ExitStack) -> Iterator
 def _recording(log: Log, opened: ExitStack) -> _Recording:
     raw = log if not log.vessel else opened.enter_context(open_log(log.path))
     if log.format != "mcap" or log.base != "simulation":
-        return _Recording(raw, (), ())
-    return _Recording(raw, recorded_profiles(log.attachment(PROFILE)), tuple(raw.payloads(SCENE)))
+        return _Recording(raw)
+    stamp_ns = raw.tables[SCENE].stamp_ns.tolist() if SCENE in raw.tables else ()
+    drawn = zip(stamp_ns, map(read_scene_updates, raw.payloads(SCENE)), strict=True)
+    return _Recording(raw, recorded_profiles(log.attachment(PROFILE)), tuple(drawn))
 
 
 def _place_logs(logs: Sequence[Log], notes: list[str]) -> list[PlacedLog]:
@@ -382,28 +400,28 @@ def _origin(log: Log) -> tuple[float, float, float] | None:
 
 
 def _surroundings(
-    placed: Sequence[PlacedLog], recordings: Mapping[Path, _Recording], notes: list[str]
+    placed: list[PlacedLog], recordings: Mapping[Path, _Recording], notes: list[str]
 ) -> tuple[ViewScene, dict[str, PoseTrack], dict[int, DriftingBody]]:
-    """The first one's, with everybody's vessels."""
+    """The first one's, with everybody's vessels; `placed` are given the missions that were drawn."""
     lead = placed[0]
     recording = recordings[lead.log.path]
     title = ", ".join(one.name or one.log.path.name for one in placed)
-    scene = make_view_scene(title, recording.updates, recording.profiles)
+    scene = make_view_scene(title, recording.entities, recording.profiles)
     vessels: dict[str, SceneVessel] = {}
     plain: list[str] = []
     length_m = max((vessel.length_m for vessel in scene.vessels.values()), default=PLAIN_LENGTH_M)
-    for one in placed:
+    for number, one in enumerate(placed):
         theirs = recordings[one.log.path]
-        known = scene if theirs is recording else make_view_scene(title, theirs.updates, theirs.profiles)
+        known = scene if theirs is recording else make_view_scene(title, theirs.entities, theirs.profiles)
         drawn = known.vessels.get(one.log.vessel)
         if drawn is None:
             drawn = plain_vessel(length_m, len(plain))
             plain.append(one.name or one.log.path.name)
-        if len(drawn.mission_enu_m):
-            drawn = replace(drawn, mission_enu_m=drawn.mission_enu_m + _moved(one, lead))
-        else:
-            drawn = replace(drawn, mission_enu_m=one.track.mission_enu_m)
-        vessels[one.name] = drawn
+        if missions := _drawn_missions(theirs, one, lead):
+            placed[number] = replace(one, track=replace(one.track, missions=missions))
+        vessels[one.name] = replace(
+            drawn, mission_enu_m=mission_at(placed[number].track.missions, -math.inf).places_enu_m
+        )
     others: dict[str, PoseTrack] = {}
     if len(recordings) == 1 or lead.log.vessels:
         for name in scene.vessels.keys() - {one.log.vessel for one in placed if one.log.path == lead.log.path}:
@@ -416,7 +434,7 @@ def _surroundings(
             f"{', '.join(plain)}: the log does not say what the vessel looks like; a plain boat of 2 m is drawn"
         )
     water = scene.water
-    if not recording.updates:
+    if not recording.drawn:
         water = _plain_water([one.track.pose for one in placed])
         notes.append(f"{lead.log.path.name}: has no scene; the water is drawn plain, without banks and waves")
     elif not recording.profiles:
@@ -427,10 +445,14 @@ def _surroundings(
     return replace(scene, vessels=vessels, water=water, notes=(*scene.notes, *said)), others, _bodies(recording, lead)
 
 
-def plain_vessel(length_m: float, number: int) -> SceneVessel:
-    """A boat of which nothing more is known, in a colour of its own."""
-    colour = PLAIN_COLOURS[number % len(PLAIN_COLOURS)]
-    return SceneVessel((shapes.boat(length_m).mesh("boat", colour),), length_m=length_m)
+def _drawn_missions(recording: _Recording, one: PlacedLog, lead: PlacedLog) -> tuple[MissionChange, ...]:
+    """Those of a run's vessel, in the map of the scene; none of a profile without waypoints."""
+    found = []
+    for stamp_ns, entities in recording.drawn:
+        places = read_missions(entities).get(one.log.vessel)
+        if places is not None and len(places) > 1:
+            found.append(MissionChange(one.second(stamp_ns), places + _moved(one, lead)))
+    return tuple(found)
 
 
 def _moved(one: PlacedLog, lead: PlacedLog) -> Array:
@@ -472,9 +494,7 @@ def _bodies(recording: _Recording, lead: PlacedLog) -> dict[int, DriftingBody]:
     table = recording.raw.tables.get("/truth/bodies")
     if table is None or "number" not in table.columns:
         return {}
-    meshes: dict[int, SceneMesh] = {}
-    for update in recording.updates:
-        meshes |= read_bodies(read_scene_update(update))
+    meshes = read_bodies(recording.entities)
     numbers = np.asarray(table.values("number"), dtype=np.int64)
     found = {}
     for number in np.unique(numbers).tolist():
@@ -489,6 +509,35 @@ def _stream(lead: PlacedLog, field: str) -> HeldValues | None:
     if table is None or field not in table.columns:
         return None
     return HeldValues(lead.seconds(table.stamp_ns), np.asarray(table.values(field), dtype=np.float64))
+
+
+class _Seas:
+    """Waves that were changed by hand, each from its second on; before the first those that were there at first."""
+
+    def __init__(self, seconds: Array, table: Table, first: SceneWaves | None) -> None:
+        self._seconds, self._table, self._first = seconds, table, first or NO_WAVES
+        self._read = lru_cache(maxsize=8)(self._sea)
+
+    def at(self, time_s: float) -> SceneWaves:
+        """The same object while they stay the same."""
+        row = int(np.searchsorted(self._seconds, time_s, side="right")) - 1
+        found: SceneWaves = self._first if row < 0 else self._read(row)
+        return found
+
+    def _sea(self, row: int) -> SceneWaves:
+        components = np.array(
+            [self._table.values(field.name, np.array([row]))[0] for field in fields(SeaComponents)], dtype=np.float64
+        )
+        # A sea of fewer components than another one is filled up by the table.
+        amplitude, north, east, frequency, phase = components[:, np.isfinite(components[0])]
+        return SceneWaves(amplitude, np.stack([east, north], axis=-1), frequency, phase)
+
+
+def _seas(lead: PlacedLog, first: SceneWaves | None) -> _Seas | None:
+    table = lead.log.tables.get("/environment/waves")
+    if table is None or not {field.name for field in fields(SeaComponents)} <= set(table.columns):
+        return None
+    return _Seas(lead.seconds(table.stamp_ns), table, first)
 
 
 def _flow(stream: HeldValues | None, time_s: float) -> tuple[float, float]:

@@ -118,8 +118,9 @@
     const mode = vessel.modes.filter((each) => each[0] <= time).pop();
     const armed = vessel.armed.some((each) => each[0] <= time && time <= each[1]);
     show("mode", `${mode ? mode[1] : "–"}${armed ? ", armed" : ""}`);
-    if (vessel.waypoints) {
-      show("waypoint", `${vessel.reached_s.filter((each) => each <= time).length} of ${vessel.waypoints}`);
+    const [since, waypoints] = vessel.missions.filter((each) => each[0] <= time).pop() ?? vessel.missions[0] ?? [0, 0];
+    if (waypoints) {
+      show("waypoint", `${vessel.reached_s.filter((each) => since < each && each <= time).length} of ${waypoints}`);
     }
     const row = lastBefore(vessel.seconds, time);
     for (const [label, values] of Object.entries(vessel.numbers)) {

@@ -170,17 +170,17 @@ def _page_data(
 
 
 def _vessel_data(recording: LogScene, name: str, span: Span) -> dict[str, Any]:
-    track, vessel = recording.track(name), recording.scene.vessels[name]
+    track, length_m = recording.track(name), recording.scene.vessels[name].length_m
     many = int(min(span.length_s * NUMBERS_HZ, MOST_NUMBERS)) + 1
     seconds = np.linspace(span.from_s, span.to_s, many)
-    rows = [track.at(time_s, 0, seen=False).numbers for time_s in seconds.tolist()]
+    rows = [track.at(time_s, seen=False).numbers for time_s in seconds.tolist()]
     told = {label for row in rows for label in row}
     labels = [label for label in NUMBERS if label in told] + sorted(told - set(NUMBERS))
     return {
         "name": name,
         "path": f"/vessels/{name or 'vessel'}",
-        "distance_m": round(max(4.0 * vessel.length_m, 4.0), 2),
-        "waypoints": max(len(vessel.mission_enu_m) - 1, 0),
+        "distance_m": round(max(4.0 * length_m, 4.0), 2),
+        "missions": [[round(each.from_s, 2), max(len(each.places_enu_m) - 1, 0)] for each in track.missions],
         "reached_s": np.round(track.reached_s, 2).tolist(),
         "modes": [[round(state.from_s, 2), state.text] for state in track.modes],
         "armed": [[round(state.from_s, 2), round(state.until_s, 2)] for state in track.armed],

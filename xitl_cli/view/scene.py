@@ -5,7 +5,7 @@ The run makes them in xitl_cli/run/world/scene.py; beside a run the same bytes c
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +23,8 @@ from xitl_cli.view.model import Array, Colour, SceneMesh, SceneThruster, SceneVe
 from xitl_cli.view.shapes import Geometry
 
 BODY = "body_"
+PLAIN_LENGTH_M = 2.0
+PLAIN_COLOURS = ((235, 237, 242), (240, 150, 50), (90, 190, 240), (150, 210, 90), (230, 110, 170))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,13 +42,13 @@ class DrawnEntity:
     boxes: tuple[tuple[Array, Array], ...]
 
 
-def read_scene_update(update: bytes) -> list[DrawnEntity]:
-    """Its entities. Raises ValueError when it is none."""
+def read_scene_updates(*updates: bytes) -> list[DrawnEntity]:
+    """Entities of all of them. Raises ValueError when one is none."""
     try:
-        message = foxglove_type("SceneUpdate").FromString(update)
+        messages = [foxglove_type("SceneUpdate").FromString(update) for update in updates]
     except Exception as error:  # DecodeError is of the implementation's own
         raise ValueError("no foxglove.SceneUpdate") from error
-    return [_entity(entity) for entity in message.entities]
+    return [_entity(entity) for message in messages for entity in message.entities]
 
 
 def _entity(entity: Any) -> DrawnEntity:
@@ -105,18 +107,34 @@ def read_bodies(entities: Iterable[DrawnEntity]) -> dict[int, SceneMesh]:
     }
 
 
-def make_view_scene(title: str, updates: Iterable[bytes], profiles: Sequence[RunProfile] = ()) -> ViewScene:
-    """Of all SceneUpdates of a run or recording; debris among them is left out, see `read_bodies`.
+def read_missions(entities: Iterable[DrawnEntity]) -> dict[str, Array]:
+    """Missions among them by vessel, (W, 3) places in the map."""
+    return {
+        vessel: entity.lines_m[0]
+        for entity in entities
+        for vessel, kind in [_of_vessel(entity)]
+        if kind == "mission" and entity.lines_m
+    }
+
+
+def _of_vessel(entity: DrawnEntity) -> tuple[str, str]:
+    """Whose it is, and what."""
+    vessel, _, kind = entity.name.rpartition("/")
+    return vessel, kind
+
+
+def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Sequence[RunProfile] = ()) -> ViewScene:
+    """Of all entities of a run or recording; debris and missions that come later are left out, see `read_bodies` and
+    `read_missions`.
 
     profiles: of each vessel of the run, which its water and its waves are taken from; empty where nothing is known.
     """
-    entities = [entity for update in updates for entity in read_scene_update(update)]
     vessels: dict[str, SceneVessel] = {}
     meshes: list[SceneMesh] = []
     water = SceneWater()
     missions: dict[str, DrawnEntity] = {}
     for entity in entities:
-        vessel, _, kind = entity.name.rpartition("/")
+        vessel, kind = _of_vessel(entity)
         if entity.frame.endswith(VESSEL_FRAME):
             known = vessels.get(vessel, SceneVessel(()))
             if kind == "propellers":
@@ -130,7 +148,7 @@ def make_view_scene(title: str, updates: Iterable[bytes], profiles: Sequence[Run
             middle, size = entity.boxes[0]
             water = SceneWater(0.0, (middle[0], middle[1]), (size[0], size[1]))
         elif kind == "mission" and entity.lines_m:
-            missions[vessel] = entity
+            missions.setdefault(vessel, entity)
         else:
             meshes += entity.meshes
     for vessel, entity in missions.items():
@@ -186,7 +204,7 @@ def scene_waves(field: object) -> SceneWaves | None:
     )
 
 
-def view_vessels(scene: ViewScene, names: Iterable[str]) -> Mapping[str, SceneVessel]:
-    """The scene's, and a plain boat for each other of `names`."""
-    plain = SceneVessel((shapes.boat(2.0).mesh("boat", (235, 237, 242)),))
-    return {**dict.fromkeys(names, plain), **scene.vessels}
+def plain_vessel(length_m: float = PLAIN_LENGTH_M, number: int = 0) -> SceneVessel:
+    """A boat of which nothing more is known, in a colour of its own."""
+    colour = PLAIN_COLOURS[number % len(PLAIN_COLOURS)]
+    return SceneVessel((shapes.boat(length_m).mesh("boat", colour),), length_m=length_m)

@@ -5,8 +5,9 @@ Between two samples a vessel goes on a straight line; before its first and after
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -66,6 +67,23 @@ class HeldValues:
         """None before the first."""
         row = int(np.searchsorted(self.seconds, time_s, side="right")) - 1
         return None if row < 0 else np.asarray(self.values[row])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionChange:
+    """A mission from an instant on: places (W, 3), where the vessel was then first."""
+
+    from_s: float
+    places_enu_m: Array
+
+
+NO_MISSION = MissionChange(-math.inf, np.empty((0, 3)))
+
+
+def mission_at(missions: Sequence[MissionChange], time_s: float) -> MissionChange:
+    """The last that has begun, before all of them the first; `missions` in the order of time."""
+    begun = [mission for mission in missions if mission.from_s <= time_s]
+    return begun[-1] if begun else missions[0] if missions else NO_MISSION
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,19 +206,22 @@ class VesselTrack:
     modes: tuple[State, ...]
     armed: tuple[State, ...]
     motors: HeldValues | None
-    mission_enu_m: Array
+    missions: tuple[MissionChange, ...]
     reached_s: Array
     numbers: Mapping[str, HeldValues]
     clouds: Mapping[str, CloudTrack | GrowingMap]
     obstacles: ObstacleSightings | None
 
-    def at(self, time_s: float, waypoints_total: int, seen: bool = True) -> VesselInstant:
+    def at(self, time_s: float, seen: bool = True) -> VesselInstant:
         """As it was then. seen: with what its sensors saw."""
         place, turn = self.pose.at(time_s)
         estimate = None if self.estimate is None else self.estimate.at(time_s)
         if self.estimate is not None and time_s < self.estimate.span_s[0]:
             estimate = None
-        reached = min(int(np.searchsorted(self.reached_s, time_s, side="right")), waypoints_total)
+        mission = mission_at(self.missions, time_s)
+        places, total = mission.places_enu_m, max(len(mission.places_enu_m) - 1, 0)
+        before, until = np.searchsorted(self.reached_s, (mission.from_s, time_s), side="right").tolist()
+        reached = min(until - before, total) if until > before else 0
         numbers = {"heading °": heading_deg(turn)}
         numbers |= {name: float(found) for name, held in self.numbers.items() if (found := held.at(time_s)) is not None}
         if estimate is not None:
@@ -210,7 +231,7 @@ class VesselTrack:
         clouds = {name: points for name, cloud in tracks if (points := cloud.at(time_s)) is not None}
         obstacles, radius = (np.empty((0, 3)), np.empty(0)) if self.obstacles is None else self.obstacles.at(time_s)
         mode, armed = state_at(self.modes, time_s), state_at(self.armed, time_s) is not None
-        target = self.mission_enu_m[reached + 1] if armed and reached + 1 < len(self.mission_enu_m) else None
+        target = places[reached + 1] if armed and reached < total else None
         return VesselInstant(
             place,
             turn,
@@ -220,7 +241,8 @@ class VesselTrack:
             mode or "",
             armed,
             reached,
-            waypoints_total,
+            total,
+            places,
             target,
             clouds,
             obstacles,
@@ -311,7 +333,7 @@ def read_vessel(log: Log, seconds: Seconds, place: MapPlace) -> VesselTrack | No
         _states(signals.modes(log), seconds),
         _states(signals.armed(log), seconds),
         _motors(log, seconds),
-        _mission(log, place, pose),
+        _missions(log, seconds, place, pose),
         _reached(log, seconds),
         dict(_numbers(log, seconds, truth is not None)),
         dict(_clouds(log, seconds, pose)),
@@ -337,20 +359,23 @@ def _motors(log: Log, seconds: Seconds) -> HeldValues | None:
     return HeldValues(seconds(table.stamp_ns), values) if values.ndim == 2 else None
 
 
-def _mission(log: Log, place: MapPlace, pose: PoseTrack) -> Array:
-    """(W, 3) from where the vessel was first; empty where it is not known, or where on the Earth the map is."""
+def _missions(log: Log, seconds: Seconds, place: MapPlace, pose: PoseTrack) -> tuple[MissionChange, ...]:
+    """None where they are not known, or where on the Earth the map is."""
     from sim_core.geodesy import LocalFrame
 
-    versions = mission_versions(log)
-    if place.origin is None or not versions:
-        return np.empty((0, 3))
-    items = versions[-1].places
-    frame = LocalFrame(*place.origin)
-    lat, lon = (np.array([getattr(item, f"{name}_deg") for item in items]) for name in ("latitude", "longitude"))
-    enu = ned_to_enu(frame.ned(lat, lon, np.full(len(items), frame.altitude_m)))
-    near = np.linalg.norm(enu[:, :2], axis=1) < FARTHEST_M
-    enu[:, 2] = 0.0
-    return np.concatenate([pose.position_enu_m[:1], enu[near] + np.asarray(place.shift_enu_m)])
+    versions = mission_versions(log) if place.origin is not None else []
+    found = []
+    for version in versions:
+        assert place.origin is not None
+        items, frame = version.places, LocalFrame(*place.origin)
+        lat, lon = (np.array([getattr(item, f"{name}_deg") for item in items]) for name in ("latitude", "longitude"))
+        enu = ned_to_enu(frame.ned(lat, lon, np.full(len(items), frame.altitude_m)).reshape(-1, 3))
+        near = np.linalg.norm(enu[:, :2], axis=1) < FARTHEST_M
+        enu[:, 2] = 0.0
+        from_s = float(seconds(np.array([version.at_ns], dtype=np.int64))[0])
+        waypoints = enu[near] + np.asarray(place.shift_enu_m)
+        found.append(MissionChange(from_s, np.concatenate([pose.at(from_s)[0][None], waypoints])))
+    return tuple(found)
 
 
 FARTHEST_M = 50e3
@@ -358,11 +383,11 @@ FARTHEST_M = 50e3
 
 
 def _reached(log: Log, seconds: Seconds) -> Array:
-    stamps: dict[int, int] = {}
-    for text in signals.texts(log):
-        if match := _REACHED.search(text.text):
-            stamps.setdefault(int(match[1]), text.at_ns)
-    return np.sort(seconds(np.array(list(stamps.values()), dtype=np.int64)))
+    """What is said twice of one waypoint counts once."""
+    said = [(text.at_ns, int(match[1])) for text in signals.texts(log) if (match := _REACHED.search(text.text))]
+    said.sort()
+    stamps = [at_ns for (at_ns, number), (_, before) in zip(said, [(0, -1), *said], strict=False) if number != before]
+    return seconds(np.array(stamps, dtype=np.int64))
 
 
 def _numbers(log: Log, seconds: Seconds, truth: bool) -> Iterator[tuple[str, HeldValues]]:

@@ -22,6 +22,7 @@ from xitl_cli.run.core.node import RunContext, SimulationClock
 from xitl_cli.run.core.pace import Lockstep
 from xitl_cli.run.live_view import LiveViewNode, VesselWatch, cloud_points
 from xitl_cli.run.nodes.direct_control import direct_control
+from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.status_display import RunStatus
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery
@@ -84,7 +85,7 @@ def parts(profile: RunProfile, page: Page, tmp_path: Path) -> Iterator[Parts]:
     plant = build_plant([profile], Seeds(1), Scenery(profile))
     with ExitStack() as opened:
         control = direct_control(profile)
-        watch = VesselWatch(profile, plant.vessels[0], control, lambda: STATUS)
+        watch = VesselWatch(profile, plant.vessels[0], control, MissionNode(profile, control), lambda: STATUS)
         node = LiveViewNode([profile], plant, [watch], lambda: b"", page.said.append, lambda: False, lambda: page.now_s)
         opened.callback(node.close)
         recorder = Recorder(tmp_path / "run.mcap", "none")

@@ -84,6 +84,19 @@ def test_waypoints_that_were_reached_change_their_colour(drawing: SceneDrawing) 
     assert tuple(node(drawing, "/missions/vessel/waypoint 2").color) == MISSION
 
 
+def test_a_mission_that_is_another_is_drawn_in_place_of_the_first_until_time_goes_back(drawing: SceneDrawing) -> None:
+    other = np.array([[0.0, 0.0, 0.0], [5.0, 6.0, 0.0]])
+    draw(drawing, 0.0, AT_START)
+    draw(drawing, 1.0, replace(AT_START, mission_enu_m=other, waypoints_reached=1))
+    handles = drawing._server.scene.get_handle_by_name
+    assert node(drawing, "/missions/vessel/waypoint 1").position[:2] == pytest.approx([5.0, 6.0])
+    assert tuple(node(drawing, "/missions/vessel/waypoint 1").color) == REACHED
+    assert handles("/missions/vessel/waypoint 2") is None
+    draw(drawing, 0.5, AT_START)
+    assert node(drawing, "/missions/vessel/waypoint 1").position[:2] == pytest.approx([10.0, 0.0])
+    assert handles("/missions/vessel/waypoint 2") is not None
+
+
 def test_the_track_grows_and_begins_anew_when_time_goes_back(drawing: SceneDrawing) -> None:
     for step in range(5):
         draw(drawing, float(step), replace(AT_START, position_enu_m=np.array([2.0 * step, 0.0, 0.0])))

@@ -15,7 +15,7 @@ from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
 from xitl_cli.seeds import Seeds
 from xitl_cli.view import shapes
-from xitl_cli.view.scene import make_view_scene, read_bodies, read_scene_update, waves_of
+from xitl_cli.view.scene import make_view_scene, read_bodies, read_scene_updates, waves_of
 from xitl_cli.view.water import SCREEN_WATER, WaterGrid
 
 
@@ -46,7 +46,7 @@ def test_a_shape_is_turned_then_moved() -> None:
 
 def test_the_scene_of_a_run_is_read_back() -> None:
     profile = load_profile("sitl").runnable()
-    scene = make_view_scene("sitl", [make_scene([profile], Scenery(profile)).encode()], [profile])
+    scene = make_view_scene("sitl", read_scene_updates(make_scene([profile], Scenery(profile)).encode()), [profile])
     vessel = scene.vessels[""]
     corners = np.concatenate([frd_to_flu(hull_shape(hull).vertices_m) for hull in profile.vehicle.demi_hulls])
     drawn = np.concatenate([mesh.vertices_m for mesh in vessel.meshes])
@@ -65,21 +65,21 @@ def test_the_scene_of_a_run_is_read_back() -> None:
 
 def test_every_vessel_of_a_fleet_is_in_the_scene() -> None:
     profiles = load_profile("fleet-crossing").run_profiles()
-    scene = make_view_scene("fleet", [make_scene(profiles, Scenery(profiles[0])).encode()], profiles)
+    scene = make_view_scene("fleet", read_scene_updates(make_scene(profiles, Scenery(profiles[0])).encode()), profiles)
     assert set(scene.vessels) == {profile.vessel for profile in profiles}
     assert all(vessel.meshes and vessel.thrusters for vessel in scene.vessels.values())
 
 
 def test_bodies_are_told_by_their_number() -> None:
     bodies = [make_body(BodyKind.TRUNK, 4.0), make_body(BodyKind.BRANCH, 2.0)]
-    found = read_bodies(read_scene_update(make_debris_scene(bodies, 1).encode()))
+    found = read_bodies(read_scene_updates(make_debris_scene(bodies, 1).encode()))
     assert list(found) == [1]
     assert np.ptp(found[1].vertices_m[:, 0]) == pytest.approx(2.0, rel=0.2)
 
 
 def test_what_is_no_scene_says_so() -> None:
     with pytest.raises(ValueError, match="SceneUpdate"):
-        read_scene_update(b"\xff\xff\xff")
+        read_scene_updates(b"\xff\xff\xff")
 
 
 def test_the_water_is_that_of_the_run() -> None:

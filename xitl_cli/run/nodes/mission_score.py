@@ -6,7 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from xitl_cli.run.core.node import ControlNode, RunNode, RunStep
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
+from xitl_cli.run.world.scene import make_mission_scene
 
 Point = tuple[float, float]
 
@@ -33,10 +35,12 @@ class MissionScore:
     def __init__(self, waypoints: Sequence[Point]) -> None:
         self._begin(waypoints)
 
-    def follow(self, waypoints: Sequence[Point]) -> None:
-        """Judge by these waypoints from now on; from the beginning when they are not the ones judged by so far."""
-        if list(waypoints) != self._waypoints:
+    def follow(self, waypoints: Sequence[Point]) -> bool:
+        """Judge by these waypoints from now on; from the beginning, and true, when they are not those of before."""
+        another = list(waypoints) != self._waypoints
+        if another:
             self._begin(waypoints)
+        return another
 
     def _begin(self, waypoints: Sequence[Point]) -> None:
         self._waypoints = list(waypoints)
@@ -100,16 +104,27 @@ def cross_track_m(position: Point, origin: Point, goal: Point) -> float:
 
 
 class MissionNode(RunNode):
-    """Scores the mission that the controlling node is on, by the true track."""
+    """Scores the mission that the controlling node is on, by the true track, and draws one that is not the profile's.
 
-    def __init__(self, waypoints: Sequence[Point], control: ControlNode) -> None:
-        self.score = MissionScore(waypoints)
+    others: where that was taken up, then its waypoints, (north, east); None while there is none.
+    """
+
+    def __init__(self, profile: RunProfile, control: ControlNode) -> None:
+        self.score = MissionScore(profile.mission.waypoints_ned_m)
+        self.others: tuple[Point, ...] | None = None
+        self._profile = profile
         self._control = control
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
 
     def exchange(self, step: RunStep) -> None:
         progress, score = self._control.progress, self.score
-        if progress.waypoints is not None:
-            score.follow(progress.waypoints)
+        if progress.waypoints is not None and score.follow(progress.waypoints) and progress.waypoints:
+            north, east, _ = step.motion.pos_ned_m[0].tolist()
+            self.others = ((north, east), *progress.waypoints)
+            if self._profile.recording.scene:
+                self._recorder.scene(make_mission_scene(self._profile, self.others), step.now_ns)
         if progress.target is not None:
             north, east, _ = step.motion.pos_ned_m[0].tolist()
             score.add((north, east), progress.target, progress.reached)

@@ -38,6 +38,16 @@ class EnvironmentChanges:
         self._currents: list[tuple[Array, float]] = []
         self._transition: Transition | None = None
 
+    @property
+    def waves(self) -> WaveField | FlatWater:
+        """As they are now; another object when they are others."""
+        return self._plant.simulation.environment.waves
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether nothing is on its way to something else."""
+        return self._transition is None
+
     def read(self, name: str, action: Mapping[str, Any]) -> Specification:
         """The group that would be asked for. Raises ActionError."""
         group = read_action(action, getattr(self.asked, name))

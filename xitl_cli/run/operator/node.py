@@ -15,8 +15,9 @@ from functools import partial
 from typing import Any, NamedTuple, cast
 
 from sim_core.environment.spec import EnvironmentSpec
+from sim_core.environment.waves import FlatWater, WaveField
 from sim_core.world.debris import BodyKind, Launch
-from xitl_cli.record.topics import OperatorAction
+from xitl_cli.record.topics import OperatorAction, SeaComponents
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.core.pace import OperatedLockstep
 from xitl_cli.run.nodes.river import RiverNode
@@ -42,6 +43,8 @@ from xitl_cli.run.operator.replay import TimedAction
 SOURCE = "operator"
 WARNING, INFO = 4, 6  # MAV_SEVERITY
 REPLAYED = "--replay-events"
+WAVES_NS = 500_000_000
+"""Between two that are recorded while they change."""
 
 
 class _Asked(NamedTuple):
@@ -80,6 +83,7 @@ class OperatorNode(RunNode):
         self._pace: OperatedLockstep | None = None
         self._paused = False
         self._now_ns = 0
+        self._waves, self._waves_ns = changes.waves, 0
         self._done: Counter[str] = Counter()
         self._refused = self._replayed = self._superseded = 0
 
@@ -149,6 +153,7 @@ class OperatorNode(RunNode):
             asked.carry_out()
             self._record(asked.action, asked.source)
         self._changes.update(step.now_ns)
+        self._tell_waves()
         for vessel, steering in self._steering.items():
             steering.update(step.now_ns, partial(self._say, vessel))
 
@@ -190,6 +195,13 @@ class OperatorNode(RunNode):
         self._recorder.write(self._now_ns, OperatorAction(text, source))
         if action["action"] not in STREAMED:
             self._recorder.log(self._now_ns, INFO, SOURCE, f"{_said(action)} ({source})")
+
+    def _tell_waves(self) -> None:
+        """A recording has those that the profile tells of by that alone."""
+        waves, changes = self._changes.waves, self._changes
+        if waves is not self._waves and (changes.is_settled or self._now_ns - self._waves_ns >= WAVES_NS):
+            self._waves, self._waves_ns = waves, self._now_ns
+            self._recorder.write(self._now_ns, _components(waves))
 
     def _say(self, vessel: str, text: str) -> None:
         self._recorder.log(self._now_ns, INFO, SOURCE, f"{vessel}: {text}" if vessel else text)
@@ -269,6 +281,14 @@ class OperatorNode(RunNode):
             return go_on
         go_on()
         return lambda: None
+
+
+def _components(waves: WaveField | FlatWater) -> SeaComponents:
+    if not isinstance(waves, WaveField):
+        return SeaComponents((), (), (), (), ())
+    north, east = waves.wave_vector_radpm.T.tolist()
+    frequency, phase = waves.apparent_omega_radps.tolist(), waves.phase_rad.tolist()
+    return SeaComponents(waves.amplitude_m.tolist(), north, east, frequency, phase)
 
 
 def _plain(action: object) -> dict[str, Any]:

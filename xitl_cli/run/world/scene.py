@@ -67,7 +67,7 @@ def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.Sce
         entity
         for each in profiles
         for entity in (
-            _mission(each),
+            _mission(each, [(each.mission.start.north_m, each.mission.start.east_m), *each.mission.waypoints_ned_m]),
             _vessel(each.vehicle, each.vessel),
             *([_propellers(each.vehicle, each.vessel)] if each.vehicle.propellers else []),
         )
@@ -81,10 +81,13 @@ def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.Sce
     return messages.SceneUpdate(entities=entities)
 
 
-def _mission(profile: RunProfile) -> messages.SceneEntity:
-    start = profile.mission.start
-    places = [(start.north_m, start.east_m), *profile.mission.waypoints_ned_m]
-    points = [_enu(north, east, 0.0) for north, east in places]
+def make_mission_scene(profile: RunProfile, places_ne_m: Sequence[tuple[float, float]]) -> messages.SceneUpdate:
+    """Another mission than the vessel's of the profile, in its place: where it begins, then the waypoints."""
+    return messages.SceneUpdate(entities=[_mission(profile, places_ne_m)])
+
+
+def _mission(profile: RunProfile, places_ne_m: Sequence[tuple[float, float]]) -> messages.SceneEntity:
+    points = [_enu(north, east, 0.0) for north, east in places_ne_m]
     line = messages.LinePrimitive(
         points=[messages.Point3(x=x, y=y, z=0.1) for x, y, _ in points],
         thickness=2.0,

@@ -339,6 +339,7 @@ _BY_SUFFIX = {
     "mps": "m/s",
     "mps2": "m/s/s",
     "radps": "rad/s",
+    "radpm": "rad/m",
     "deg": "deg",
     "ppm": "ppm",
     "percent": "%",

@@ -1,0 +1,124 @@
+"""Where a camera looks from, with a browser in its place that moves as it is told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from xitl_cli.view.camera import ABOVE, FOLLOW, FREE, HANDS_OFF_S, ORBIT, TURN_RADPS, Cameras, usual_pose
+from xitl_cli.view.model import SceneVessel, VesselInstant, ViewInstant, ViewScene
+
+EAST, NORTH = np.array([1.0, 0.0, 0.0, 0.0]), np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
+FRAME_S = 0.05
+
+
+class Dropdown:
+    """Of a page: `choose` is what its user does."""
+
+    def __init__(self, value: str) -> None:
+        self.value = value
+
+    def on_update(self, changed: Callable[[object], None]) -> None:
+        self._changed = changed
+
+    def choose(self, value: str) -> None:
+        self.value = value
+        self._changed(None)
+
+
+class Browser:
+    """One that looks at `cameras`, with a clock of its own."""
+
+    def __init__(self, scene: ViewScene) -> None:
+        self.dropdowns: dict[str, Dropdown] = {}
+        self.client_id = 3
+        self.camera = SimpleNamespace(position=np.zeros(3), look_at=np.zeros(3))
+        self.gui = SimpleNamespace(add_dropdown=self._add)
+        self.atomic = nullcontext
+        self.now_s = 0.0
+        server: Any = SimpleNamespace(
+            initial_camera=SimpleNamespace(),
+            get_clients=lambda: {self.client_id: self},
+            on_client_connect=lambda joined: setattr(self, "join", joined),
+            on_client_disconnect=lambda left: None,
+        )
+        self.cameras = Cameras(server, scene, lambda: self.now_s)
+        self.aimed = server.initial_camera
+        self.join(self)
+
+    def _add(self, label: str, choices: object, initial_value: str, order: float) -> Dropdown:
+        return self.dropdowns.setdefault(label, Dropdown(initial_value))
+
+    def look(self, seconds: float, **places: tuple[float, float, np.ndarray]) -> np.ndarray:
+        """At vessels that stand there. Returns the offset of the camera from what it looks at."""
+        vessels = {
+            name: VesselInstant(np.array([east, north, 0.0]), turn) for name, (east, north, turn) in places.items()
+        }
+        for _ in range(max(round(seconds / FRAME_S), 1)):
+            self.now_s += FRAME_S
+            self.cameras.update(ViewInstant(self.now_s, vessels))
+        return np.asarray(self.camera.position) - np.asarray(self.camera.look_at)
+
+
+@pytest.fixture
+def browser() -> Browser:
+    vessels = {"alpha": SceneVessel((), length_m=4.0), "beta": SceneVessel((), length_m=2.0)}
+    return Browser(ViewScene("test", vessels=vessels))
+
+
+def bearing(offset: np.ndarray) -> float:
+    return math.atan2(offset[1], offset[0])
+
+
+def test_it_follows_from_behind_and_turns_after_the_heading(browser: Browser) -> None:
+    first = browser.look(0.0, alpha=(10.0, 20.0, EAST))
+    assert browser.camera.look_at[:2] == pytest.approx([10.0, 20.0])
+    assert np.linalg.norm(first) == pytest.approx(3.6 * 4.0)
+    assert first[0] < 0.0 < first[2]
+    turned = browser.look(60.0, alpha=(10.0, 20.0, NORTH))
+    assert math.remainder(bearing(turned) - bearing(first), math.tau) == pytest.approx(0.5 * math.pi, abs=0.01)
+    browser.look(5.0, alpha=(40.0, 20.0, NORTH))
+    assert browser.camera.look_at[:2] == pytest.approx([40.0, 20.0], abs=0.01)
+
+
+def test_it_goes_round_the_vessel_whatever_that_heads_for(browser: Browser) -> None:
+    browser.dropdowns["Camera"].choose(ORBIT)
+    first = browser.look(0.0, alpha=(0.0, 0.0, EAST))
+    later = browser.look(10.0, alpha=(0.0, 0.0, NORTH))
+    assert math.remainder(bearing(later) - bearing(first), math.tau) == pytest.approx(10.0 * TURN_RADPS, abs=0.01)
+    assert np.linalg.norm(later) == pytest.approx(np.linalg.norm(first))
+
+
+def test_from_above_north_is_up(browser: Browser) -> None:
+    browser.dropdowns["Camera"].choose(ABOVE)
+    offset = browser.look(5.0, alpha=(0.0, 0.0, EAST))
+    assert np.hypot(*offset[:2]) < 0.05 * offset[2]
+    assert offset[1] < 0.0  # it leans to the south by a little, so that the picture has north at its top
+    assert offset[2] > 5.0 * usual_pose(FOLLOW, 4.0).distance_m * 0.99
+
+
+def test_what_the_mouse_did_is_kept_and_a_free_camera_is_left_alone(browser: Browser) -> None:
+    browser.look(1.0, alpha=(0.0, 0.0, EAST))
+    by_hand = np.array([0.0, 30.0, 10.0])
+    browser.camera.position = np.asarray(browser.camera.look_at) + by_hand
+    browser.look(0.5 * HANDS_OFF_S, alpha=(1.0, 0.0, EAST))
+    assert browser.look(5.0, alpha=(6.0, 0.0, EAST)) == pytest.approx(by_hand, abs=0.01)
+    assert browser.camera.look_at[0] == pytest.approx(6.0, abs=0.01)
+    browser.dropdowns["Camera"].choose(FREE)
+    browser.look(1.0, alpha=(60.0, 0.0, EAST))
+    assert browser.camera.look_at[0] == pytest.approx(6.0, abs=0.01)
+
+
+def test_another_vessel_may_be_looked_at(browser: Browser) -> None:
+    here, there = (0.0, 0.0, EAST), (300.0, 5.0, EAST)
+    browser.look(1.0, alpha=here, beta=there)
+    browser.dropdowns["of"].choose("beta")
+    offset = browser.look(0.0, alpha=here, beta=there)
+    assert browser.camera.look_at[:2] == pytest.approx([300.0, 5.0])
+    assert np.linalg.norm(offset) == pytest.approx(3.6 * 2.0)
