@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import struct
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,6 +49,9 @@ from rosbags.typesys.stores.ros2_jazzy import (
     rosgraph_msgs__msg__Clock as Clock,
 )
 from rosbags.typesys.stores.ros2_jazzy import (
+    sensor_msgs__msg__JointState as JointState,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
     std_msgs__msg__Bool as Bool,
 )
 from rosbags.typesys.stores.ros2_jazzy import (
@@ -69,9 +73,23 @@ from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, VESSEL_FRAME
 from xitl_cli.ros import clouds, instruments
 from xitl_cli.ros.definitions import deserialize, serialize
-from xitl_cli.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, fixed_frames, frame_name, sensor_frames
-from xitl_cli.ros.outputs import ANSWERS_LINK, ESTIMATE, OUTPUTS, SENSORS_LINK, TICKS, TRUTH, RosTopic
+from xitl_cli.ros.diagnostics import Diagnostics
+from xitl_cli.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
+from xitl_cli.ros.outputs import (
+    ANSWERS_LINK,
+    DIAGNOSED,
+    ESTIMATE,
+    OUTPUTS,
+    SENSORS_LINK,
+    TICKS,
+    TRUE_STATE,
+    TRUTH,
+    RosTopic,
+)
+from xitl_cli.ros.robot_description import make_robot_description
+from xitl_cli.ros.thrusters import Thruster, ThrusterState, state_of, thrusters_of
 
+STATE_NS = 100_000_000
 KEPT_GYRO = 512
 """Samples that an estimate which comes late is carried on by."""
 STALE_ESTIMATE_NS = 1_000_000_000
@@ -108,7 +126,7 @@ class RosConversion:
     def static(self) -> Iterator[RosMessage]:
         """What is said once, at the start: fixed frames of all vessels, descriptions, missions."""
         frames = [frame for vessel in self._vessels for frame in vessel.fixed_frames]
-        message = TFMessage(transforms=[_fixed_transform(frame) for frame in frames])
+        message = TFMessage(transforms=[_transform(frame, 0) for frame in frames])
         yield RosMessage(OUTPUTS["/tf_static"], "", serialize(message), 0)
         for vessel in self._vessels:
             yield from vessel.static()
@@ -125,6 +143,8 @@ class RosConversion:
                 prefix = f"/{vessel.name}" if vessel.name else ""
                 if topic.startswith(f"{prefix}/"):
                     found = found or vessel.handlers.get(topic.removeprefix(prefix))
+            if topic in DIAGNOSED:  # of the host, beside several vessels
+                found = found or self._vessels[0].handlers[topic]
             self._handlers[topic] = found
         return self._handlers[topic]
 
@@ -134,15 +154,19 @@ class VesselConversion:
 
     def __init__(self, profile: RunProfile, first: bool) -> None:
         self.name = profile.vessel
-        self.fixed_frames = tuple(fixed_frames(profile))
+        self._thrusters = thrusters_of(profile.vehicle)
+        self._turning = [each for each in self._thrusters if each.limit_rad]
         self._profile = profile
+        self.fixed_frames = tuple(named_frame(frame, self.name) for frame in self._resting_frames())
         self._first = first
         self._estimated = profile.autopilot.kind != "none"
         self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
         sensors = profile.sensors
         self._instruments = None if sensors is None else instruments.Instruments(sensors, self._framed)
         self._attitude = AttitudeCarry()
+        self._diagnostics = Diagnostics()
         self._transform_ns = -1
+        self._state_ns = 0
         self._mode: str | None = None
         self._armed: bool | None = None
         self._mission: MissionUpload = MissionUpload()
@@ -153,9 +177,10 @@ class VesselConversion:
             ESTIMATE: self._estimate,
             "/environment": self._environment,
             ANSWERS_LINK: self._answer,
+            TICKS: self._tick,
+            TRUE_STATE: self._state,
+            **{topic: partial(self._diagnose, topic) for topic in DIAGNOSED},
         }
-        if first:
-            handlers[TICKS] = self._tick
         if self._instruments is not None:
             handlers[SENSORS_LINK] = self._sensor_frame
         if self._lidar is not None:
@@ -170,11 +195,53 @@ class VesselConversion:
         start = self._profile.mission.start
         places = [(start.north_m, start.east_m), *self._profile.mission.waypoints_ned_m]
         yield self._message("mission", self._path(0, places), 0)
+        yield self._message("robot_description", String(data=make_robot_description(self._profile)), 0)
+
+    def _resting_frames(self) -> Iterator[FixedFrame]:
+        yield FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0))
+        yield from sensor_frames(self._profile)
+        yield from (each.frame for each in self._thrusters if not each.limit_rad)
 
     # Recorded topics of ours
 
     def _tick(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        yield self._message("/clock", Clock(clock=_time(stamp_ns)), stamp_ns)
+        if self._first:
+            yield self._message("/clock", Clock(clock=_time(stamp_ns)), stamp_ns)
+        array = self._diagnostics.due(stamp_ns, self._header(stamp_ns, ""))
+        if array is not None:
+            yield self._message("diagnostics", array, stamp_ns)
+
+    def _diagnose(self, topic: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        self._diagnostics.note(topic, deserialize(payload, TOPICS[topic].schema))
+        return ()
+
+    def _state(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        """Of thrusters, gears and rudders."""
+        if stamp_ns < self._state_ns:
+            return
+        self._state_ns = (stamp_ns // STATE_NS + 1) * STATE_NS
+        rotor = deserialize(payload, TOPICS[TRUE_STATE].schema).rotor.tolist()
+        density = self._profile.environment.water.density_kgpm3
+        states = {each.name: state_of(each, rotor, density) for each in self._thrusters}
+        for each in self._thrusters:
+            message = self._joint_state(stamp_ns, [each], states)
+            topic = OUTPUTS["thrusters/{thruster}/state"].of(each.name)
+            yield RosMessage(topic, self.name, serialize(message), stamp_ns)
+        if self._turning:
+            yield self._message("joint_states", self._joint_state(stamp_ns, self._turning, states), stamp_ns)
+            frames = [named_frame(each.turned(states[each.name].angle_rad), self.name) for each in self._turning]
+            transforms = [_transform(frame, stamp_ns) for frame in frames]
+            yield self._message("/tf", TFMessage(transforms=transforms), stamp_ns)
+
+    def _joint_state(self, stamp_ns: int, of: Sequence[Thruster], states: Mapping[str, ThrusterState]) -> Any:
+        found = [states[each.name] for each in of]
+        return JointState(
+            header=self._header(stamp_ns, ""),
+            name=[self._framed(each.joint) for each in of],
+            position=np.array([state.angle_rad for state in found]),
+            velocity=np.array([state.speed_radps for state in found]),
+            effort=np.array([state.thrust_n for state in found]),
+        )
 
     def _truth(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         yield RosMessage(OUTPUTS["ground_truth/odom"], self.name, payload, stamp_ns)
@@ -409,9 +476,9 @@ def _time(stamp_ns: int) -> Any:
     return Time(*divmod(stamp_ns, 1_000_000_000))
 
 
-def _fixed_transform(frame: FixedFrame) -> Any:
+def _transform(frame: FixedFrame, stamp_ns: int) -> Any:
     return TransformStamped(
-        header=Header(stamp=_time(0), frame_id=frame.parent),
+        header=Header(stamp=_time(stamp_ns), frame_id=frame.parent),
         child_frame_id=frame.name,
         transform=Transform(translation=Vector3(*frame.position_m), rotation=Quaternion(*frame.turn)),
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from sim_core.frames import euler_to_quat, frd_to_flu
 from sim_core.sensors.spec import LidarSpec, RangefinderSpec
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, VESSEL_FRAME, vessel_name
+from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, vessel_name
 
 IMU_FRAME, GNSS_FRAME, LIDAR_FRAME, SONAR_FRAME = "imu_link", "gnss_link", "lidar_link", "sonar_link"
 
@@ -63,12 +63,9 @@ def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
         yield _mounted(SONAR_FRAME, sensors.sonar.position_frd_m, flu_turn(0.0, 0.0, heading_rad))
 
 
-def fixed_frames(profile: RunProfile) -> Iterator[FixedFrame]:
-    """All that is on /tf_static for a vessel; names as they are in messages."""
-    vessel = profile.vessel
-    yield FixedFrame(MAP_FRAME, frame_name(ODOM_FRAME, vessel), (0.0, 0.0, 0.0))
-    for frame in sensor_frames(profile):
-        yield FixedFrame(frame_name(frame.parent, vessel), frame_name(frame.name, vessel), frame.position_m, frame.turn)
+def named_frame(frame: FixedFrame, vessel: str) -> FixedFrame:
+    """As it is in messages."""
+    return replace(frame, parent=frame_name(frame.parent, vessel), name=frame_name(frame.name, vessel))
 
 
 def flu(vector_frd: Vector) -> Vector:

@@ -1,0 +1,92 @@
+"""How a run keeps its time, as diagnostic_msgs: deadlines, links, clocks, the host's pace and boards.
+
+A status is a warning while something got worse since the array before: a deadline missed, a frame lost, a stall.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from rosbags.typesys.stores.ros2_jazzy import (
+    diagnostic_msgs__msg__DiagnosticArray as DiagnosticArray,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    diagnostic_msgs__msg__DiagnosticStatus as DiagnosticStatus,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    diagnostic_msgs__msg__KeyValue as KeyValue,
+)
+
+from xitl_cli.record.topics import TOPICS
+
+_PERIOD_NS = 1_000_000_000
+_HOTTEST_C = 85.0
+_MOST_DRIFT_PPM = 100.0
+_NAMED = {
+    "/tasks": ("deadlines", ("node", "task"), ("missed",), "deadlines missed"),
+    "/links": ("link", ("name",), ("lost", "gaps", "dropped", "refused"), "frames lost or refused"),
+    "/clocks": ("clock", ("node",), ("steps",), "the clock was set"),
+    "/pace": ("host", (), ("stalls", "slips"), "did not keep up with the wall clock"),
+    "/nodes": ("node", ("node",), (), ""),
+}
+"""By recorded topic: what its statuses are called, the fields that tell them apart, the counts that should not grow and
+what it means when they do."""
+
+
+class Diagnostics:
+    """Of one vessel: the latest of what is recorded, said once a second."""
+
+    def __init__(self) -> None:
+        self._latest: dict[tuple[str, str], Any] = {}
+        self._said: dict[tuple[str, str], int] = {}
+        self._next_ns = 0
+
+    def note(self, topic: str, message: Any) -> None:
+        """A message of one of the topics that are diagnosed."""
+        named, parts, _, _ = _NAMED[topic]
+        name = " ".join([named, *(str(getattr(message, part)) for part in parts)])
+        self._latest[topic, name] = message
+
+    def due(self, stamp_ns: int, header: Any) -> Any:
+        """The array, once a second; None in between."""
+        if stamp_ns < self._next_ns or not self._latest:
+            return None
+        self._next_ns = (stamp_ns // _PERIOD_NS + 1) * _PERIOD_NS
+        return DiagnosticArray(header=header, status=[self._status(*key) for key in sorted(self._latest)])
+
+    def _status(self, topic: str, name: str) -> Any:
+        message = self._latest[topic, name]
+        _, _, counts, complaint = _NAMED[topic]
+        count = sum(max(int(getattr(message, field)), 0) for field in counts)
+        grown = count - self._said.get((topic, name), 0)
+        self._said[topic, name] = count
+        level, text = DiagnosticStatus.OK, "ok"
+        if grown > 0:
+            level, text = DiagnosticStatus.WARN, f"{grown} more: {complaint}" if topic != "/pace" else complaint
+        elif said := _limit_passed(topic, message):
+            level, text = DiagnosticStatus.WARN, said
+        values = [KeyValue(key=key, value=value) for key, value in _values(topic, message)]
+        return DiagnosticStatus(level=level, name=f"xitl: {name}", message=text, hardware_id="xitl", values=values)
+
+
+def _limit_passed(topic: str, message: Any) -> str:
+    if topic == "/clocks" and abs(message.drift_ppm) > _MOST_DRIFT_PPM:
+        return f"runs {message.drift_ppm:+.0f} ppm off the host"
+    if topic == "/nodes" and message.temperature_c > _HOTTEST_C:
+        return f"is {message.temperature_c:.0f} °C hot"
+    return ""
+
+
+def _values(topic: str, message: Any) -> Iterator[tuple[str, str]]:
+    """Every field that is known: neither NaN nor -1, and no histogram."""
+    for field in TOPICS[topic].message_type().fields:
+        value = getattr(message, field.name)
+        if field.type.endswith("]") or value == "" or value == -1:
+            continue
+        if isinstance(value, float):
+            if not math.isnan(value):
+                yield field.name, f"{value:.6g}"
+        else:
+            yield field.name, str(value)
