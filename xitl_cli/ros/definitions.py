@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache, partial
+from hashlib import md5
 from typing import TYPE_CHECKING, Any
 
 from rosbags.convert.converter import is_same_wireformat, migrate_bytes
@@ -22,6 +23,12 @@ if TYPE_CHECKING:
 _OURS = "xitl_msgs/"
 _ONLY_ROS2 = ("tf2_msgs/msg/TFMessage",)
 """Types that ROS 1 has as well and rosbags' table of it lacks."""
+SERVICES = {
+    "std_srvs/srv/Empty": ("", ""),
+    "std_srvs/srv/SetBool": ("bool data\n", "bool success\nstring message\n"),
+    "std_srvs/srv/Trigger": ("", "bool success\nstring message\n"),
+}
+"""Fields of request and response of the services that every ROS has; rosbags' tables hold messages alone."""
 
 
 class MessageTypes:
@@ -36,6 +43,8 @@ class MessageTypes:
             found = get_types_from_msg(text, name)
             self.ros2.register(found)
             self.ros1.register(found)
+        self.ros2.register(_service_types("uint8 structure_needs_at_least_one_member\n"))
+        self.ros1.register(_service_types(""))
         self._converters: dict[tuple[str, bool], Callable[[bytes], bytes | memoryview]] = {}
 
     def serialize(self, message: Any) -> bytes:
@@ -63,10 +72,26 @@ class MessageTypes:
     def _made_converter(self, type_name: str, to_ros1: bool) -> Callable[[bytes], bytes | memoryview]:
         source, target = (self.ros2, self.ros1) if to_ros1 else (self.ros1, self.ros2)
         if is_same_wireformat(source, target, type_name, type_name):
-            return partial(source.cdr_to_ros1 if to_ros1 else source.ros1_to_cdr, typename=type_name)
+            return partial(self.ros2.cdr_to_ros1 if to_ros1 else self.ros2.ros1_to_cdr, typename=type_name)
         return lambda data: migrate_bytes(
             source, target, type_name, type_name, {}, data, src_is2=to_ros1, dst_is2=not to_ros1
         )
+
+
+def _service_types(of_none: str) -> dict[str, Any]:
+    """Requests and responses as messages: `std_srvs/srv/Trigger_Response`. of_none: the text of one without fields."""
+    return {
+        f"{name}_{part}": next(iter(get_types_from_msg(text or of_none, name).values()))
+        for name, texts in SERVICES.items()
+        for part, text in zip(("Request", "Response"), texts, strict=True)
+    }
+
+
+@cache
+def service_md5(type_name: str) -> str:
+    """As ROS 1 tells services apart: the MD5 of both texts without what does not matter. Raises KeyError."""
+    request, response = (text.strip() for text in SERVICES[type_name])
+    return md5((request + response).encode(), usedforsecurity=False).hexdigest()
 
 
 @cache

@@ -1,0 +1,327 @@
+"""A node of ROS 1 against peers of the test's own, friendly and hostile, and a master of a page."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+from xmlrpc.client import ServerProxy
+from xmlrpc.server import SimpleXMLRPCServer
+
+import numpy as np
+import pytest
+
+from tests.doubles.ros_master import FakeMaster
+from xitl_cli.profile.schema.ros import RosSpec
+from xitl_cli.ros.definitions import deserialize, ros1_definition, ros2_types, serialize
+from xitl_cli.ros.middleware import LATCHED, RELIABLE, QosProfile
+from xitl_cli.ros.tcpros import master as master_module
+from xitl_cli.ros.tcpros.middleware import TcprosMiddleware
+from xitl_cli.ros.tcpros.wire import TcprosError, block, encode_header, parse_header, receive_block, receive_header
+
+LIMIT_S = 3.0
+STRING = "std_msgs/msg/String"
+SET_BOOL = "std_srvs/srv/SetBool"
+FLOAT = "std_msgs/msg/Float64"
+
+
+def cdr(type_name: str, **fields: Any) -> bytes:
+    return serialize(ros2_types().types[type_name](**fields))
+
+
+def wait(condition: Callable[[], object], *nodes: TcprosMiddleware) -> None:
+    """Until the condition holds, with the nodes spinning."""
+    end_s = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < end_s
+        for node in nodes:
+            node.spin(0.002)
+        if not nodes:
+            time.sleep(0.002)
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(master_module, "LOOK_S", 0.02)
+
+
+@pytest.fixture
+def master() -> Iterator[FakeMaster]:
+    made = FakeMaster()
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def nodes(master: FakeMaster) -> Iterator[Callable[[str], TcprosMiddleware]]:
+    opened: list[TcprosMiddleware] = []
+
+    def open_node(name: str) -> TcprosMiddleware:
+        opened.append(TcprosMiddleware(RosSpec(master=master.uri), name))
+        return opened[-1]
+
+    yield open_node
+    for node in opened:
+        node.close()
+
+
+def connect(node: TcprosMiddleware, topic: str, **fields: str) -> socket.socket:
+    """A subscriber by hand."""
+    place = node.place_of(topic)
+    assert place is not None
+    connection = socket.create_connection(place, LIMIT_S)
+    connection.sendall(encode_header({"callerid": "/by_hand", "topic": topic, **fields}))
+    return connection
+
+
+def test_the_bytes_are_those_of_the_specification() -> None:
+    """The example of ROS wiki, "ROS/TCPROS": `rostopic pub chatter std_msgs/String hello`, as it is on the wire."""
+    wire = bytes.fromhex("b000000020000000") + b"message_definition=string data\n\n"
+    wire += bytes.fromhex("25000000") + b"callerid=/rostopic_4767_1316912741557"
+    wire += bytes.fromhex("0a000000") + b"latching=1" + bytes.fromhex("27000000")
+    wire += b"md5sum=992ce8a1687cec8c8bd883ec73ca41d1" + bytes.fromhex("0e000000") + b"topic=/chatter"
+    wire += bytes.fromhex("14000000") + b"type=std_msgs/String"
+    fields = parse_header(wire[4:])
+    assert fields["md5sum"] == ros1_definition(STRING)[1]
+    assert encode_header(fields) == wire
+
+
+def test_noise_is_a_header_or_refused() -> None:
+    rng = np.random.default_rng(5)
+    whole = encode_header({"callerid": "/a", "topic": "/b", "md5sum": "*"})[4:]
+    for _ in range(2000):
+        noisy = bytearray(whole)
+        for place in rng.integers(len(whole), size=2).tolist():
+            noisy[place] = int(rng.integers(256))
+        try:
+            parse_header(bytes(noisy[: int(rng.integers(len(whole) + 1))]))
+        except TcprosError:
+            continue
+
+
+def test_messages_go_from_node_to_node(nodes: Callable[[str], TcprosMiddleware]) -> None:
+    giver, taker = nodes("giver"), nodes("taker")
+    publish = giver.advertise("/boat/imu", "sensor_msgs/msg/Imu", RELIABLE)
+    described = giver.advertise("/boat/robot_description", STRING, LATCHED)
+    described(cdr(STRING, data="<robot/>"))
+    got: list[bytes] = []
+    texts: list[bytes] = []
+    taker.subscribe("/boat/imu", "sensor_msgs/msg/Imu", RELIABLE, got.append)
+    taker.subscribe("/boat/robot_description", STRING, LATCHED, texts.append)
+    wait(lambda: texts and len(giver.connections()) == 2, giver, taker)
+    assert deserialize(texts[0], STRING).data == "<robot/>"  # though it was published before
+    t = ros2_types().types
+    header = t["std_msgs/msg/Header"](t["builtin_interfaces/msg/Time"](12, 345), "imu_link")
+    vector = t["geometry_msgs/msg/Vector3"](1.0, -2.0, 9.8)
+    nine = np.arange(9.0)
+    imu = t["sensor_msgs/msg/Imu"](
+        header, t["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.6, 0.8), nine, vector, nine, vector, nine
+    )
+    sent = [serialize(imu)] * 50
+    for payload in sent:
+        publish(payload)
+    wait(lambda: print(len(got), giver.connections(), giver.dropped) or len(got) == len(sent), taker)
+    assert got == sent
+    assert giver.connections() == [("/taker", "o", "/boat/imu"), ("/taker", "o", "/boat/robot_description")]
+    assert not giver.dropped
+    assert not giver.problems()
+
+
+def test_the_master_knows_all_of_it_and_forgets_it_at_the_end(
+    master: FakeMaster, nodes: Callable[[str], TcprosMiddleware]
+) -> None:
+    node = nodes("xitl")
+    node.advertise("/robot_description", STRING, LATCHED)(cdr(STRING, data="<robot/>"))
+    node.subscribe("/cmd_vel", "geometry_msgs/msg/Twist", RELIABLE, lambda cdr: None)
+    node.serve("/arm", SET_BOOL, lambda cdr: cdr)
+    expected = {"/use_sim_time": True, "/robot_description": "<robot/>"}
+    wait(lambda: master.parameters == expected and master.services and master.subscribers.get("/cmd_vel"))
+    with ServerProxy(master.nodes["/xitl"]) as api:
+        assert api.getPublications("/me")[2] == [["/robot_description", "std_msgs/String"]]
+        assert api.getSubscriptions("/me")[2] == [["/cmd_vel", "geometry_msgs/Twist"]]
+        assert api.requestTopic("/me", "/robot_description", [["UDPROS"]])[0] == 0
+        assert api.requestTopic("/me", "/nothing", [["TCPROS"]])[0] == -1
+        assert api.getBusInfo("/me")[0] == 1
+    node.close()
+    assert not master.parameters
+    assert not master.services
+    assert not any(master.publishers.values())
+    assert not any(master.subscribers.values())
+
+
+def test_a_service_answers(nodes: Callable[[str], TcprosMiddleware]) -> None:
+    node = nodes("xitl")
+    place = ("127.0.0.1", node._port)
+
+    def answer(request: bytes) -> bytes:
+        armed = deserialize(request, f"{SET_BOOL}_Request").data
+        return cdr(f"{SET_BOOL}_Response", success=armed, message="as you say")
+
+    node.serve("/arm", SET_BOOL, answer)
+    replies: list[bytes] = []
+
+    def ask() -> None:
+        with socket.create_connection(place, LIMIT_S) as connection:
+            connection.sendall(encode_header({"callerid": "/c", "service": "/arm", "md5sum": "*", "persistent": "1"}))
+            assert receive_header(connection)["type"] == "std_srvs/SetBool"
+            for request in (b"\x01", b"\x00", b""):  # the last is too short
+                connection.sendall(block(request))
+                good = connection.recv(1)
+                replies.append(good + (receive_block(connection, 1000) or b""))
+
+    client = threading.Thread(target=ask)
+    client.start()
+    wait(lambda: len(replies) == 3, node)
+    client.join()
+    assert replies[0] == b"\x01" + b"\x01" + block(b"as you say")
+    assert replies[1] == b"\x01" + b"\x00" + block(b"as you say")
+    assert replies[2][:1] == b"\x00"
+    assert b"std_srvs/SetBool" in replies[2]
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"md5sum": "0" * 32, "type": "std_msgs/Float64"}, "MD5"),
+        ({"md5sum": "*", "type": "std_msgs/Int8"}, "std_msgs/Float64"),
+    ],
+)
+def test_another_type_is_refused_with_a_reason(
+    nodes: Callable[[str], TcprosMiddleware], fields: dict[str, str], said: str
+) -> None:
+    node = nodes("xitl")
+    publish = node.advertise("/thrust", FLOAT, RELIABLE)
+    with connect(node, "/thrust", **fields) as connection:
+        assert said in receive_header(connection)["error"]
+        assert connection.recv(1) == b""
+    assert node.refused == {"/thrust": 1}
+    assert any(said in problem for problem in node.problems())
+    with connect(node, "/thrust", md5sum="*", type="*") as connection:  # and others are still served
+        assert receive_header(connection)["md5sum"] == ros1_definition(FLOAT)[1]
+        wait(node.connections)
+        publish(cdr(FLOAT, data=2.5))
+        assert receive_block(connection, 100) == np.float64(2.5).tobytes()
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"\xff\xff\xff\xff",
+        b"\x10\x00\x00\x00short",
+        b"GET / HTTP/1.1\r\n\r\n",
+        block(b"\x04\x00\x00\x00none"),
+        block(b"\xff\xff\xff\xffx=y"),
+        encode_header({"callerid": "/x"}),
+        encode_header({"topic": "/no such"}),
+        encode_header({"service": "/no such", "md5sum": "*"}),
+    ],
+)
+def test_a_hostile_peer_is_refused_and_counted(nodes: Callable[[str], TcprosMiddleware], sent: bytes) -> None:
+    node = nodes("xitl")
+    with socket.create_connection(("127.0.0.1", node._port), LIMIT_S) as peer:
+        peer.sendall(sent)
+        peer.shutdown(socket.SHUT_WR)
+        wait(lambda: sum(node.refused.values()) == 1)
+    assert len(node.problems()) == 1
+
+
+@pytest.mark.parametrize("behaviour", ["4 GB", "garbage", "other type", "closes"])
+def test_a_hostile_publisher_is_refused_and_counted(
+    master: FakeMaster, nodes: Callable[[str], TcprosMiddleware], behaviour: str
+) -> None:
+    node = nodes("xitl")
+    got: list[bytes] = []
+    listener = socket.create_server(("127.0.0.1", 0))
+    api = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+    api.register_function(lambda *_: [1, "", ["TCPROS", "127.0.0.1", listener.getsockname()[1]]], "requestTopic")
+    threading.Thread(target=api.serve_forever, args=(0.02,), daemon=True).start()
+    node.subscribe("/thrust", FLOAT, RELIABLE, got.append)
+    wait(lambda: master.subscribers.get("/thrust"))
+    master.on_register_publisher("/hostile", "/thrust", "std_msgs/Float64", f"http://127.0.0.1:{api.server_address[1]}")
+    connection, _ = listener.accept()
+    receive_header(connection)
+    md5 = "0" * 32 if behaviour == "other type" else ros1_definition(FLOAT)[1]
+    connection.sendall(encode_header({"md5sum": md5, "type": "std_msgs/Float64"}))
+    if behaviour == "closes":
+        connection.close()
+        connection, _ = listener.accept()  # it tries again
+    else:
+        connection.sendall({"4 GB": b"\xff" * 8, "garbage": block(b"abc"), "other type": b""}[behaviour])
+        wait(lambda: node.refused == {"/thrust": 1}, node)
+        assert "std_msgs/Float64" in (said := node.problems()[0]) or "bytes" in said
+    assert not got
+    for each in (connection, listener):
+        each.close()
+    api.shutdown()
+    api.server_close()
+
+
+def test_a_subscriber_that_does_not_read_loses_messages_and_holds_nobody_up(
+    nodes: Callable[[str], TcprosMiddleware],
+) -> None:
+    node = nodes("xitl")
+    publish = node.advertise("/text", STRING, QosProfile(depth=5))
+    with connect(node, "/text", md5sum="*") as slow, connect(node, "/text", md5sum="*") as quick:
+        receive_header(slow)
+        receive_header(quick)
+        wait(lambda: len(node.connections()) == 2)
+        payload = cdr(STRING, data="x" * 100_000)
+        for _ in range(400):  # 40 MB: more than the buffers of any system
+            publish(payload)
+            assert len(receive_block(quick, 1 << 20) or b"") == 100_004
+        assert 0 < node.dropped["/text"] <= 400
+
+
+def test_of_a_flood_the_latest_are_handled(nodes: Callable[[str], TcprosMiddleware]) -> None:
+    giver, taker = nodes("giver"), nodes("taker")
+    publish = giver.advertise("/thrust", FLOAT, QosProfile(depth=20_000))
+    got: list[float] = []
+    taker.subscribe("/thrust", FLOAT, QosProfile(depth=10), lambda data: got.append(deserialize(data, FLOAT).data))
+    wait(giver.connections)
+    for number in range(10_000):
+        publish(cdr(FLOAT, data=float(number)))
+    wait(lambda: taker.dropped.get("/thrust", 0) + len(taker._inbox) == 10_000)
+    wait(lambda: got and got[-1] == 9_999.0, taker)
+    assert got == [float(number) for number in range(9_990, 10_000)]
+    assert taker.dropped == {"/thrust": 9_990}
+
+
+def test_a_master_that_is_away_is_said_once_and_found_when_it_comes_and_again() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    node = TcprosMiddleware(RosSpec(master=f"ros1://127.0.0.1:{port}"))
+    node.advertise("/thrust", FLOAT, RELIABLE)
+    told: list[str] = []
+    wait(lambda: told.extend(node.problems()) or told)
+    assert "roscore" in told[0]
+    for number in (1, 2):
+        master = FakeMaster(port, number)
+        wait(lambda master=master: master.publishers.get("/thrust"))
+        master.stop()
+        wait(lambda number=number: told.extend(node.problems()) or len(told) == 1 + number)
+    node.close()
+
+
+def test_a_name_that_is_taken_becomes_another(nodes: Callable[[str], TcprosMiddleware], master: FakeMaster) -> None:
+    first = nodes("xitl")
+    first.advertise("/thrust", FLOAT, RELIABLE)
+    wait(lambda: master.nodes)
+    second = nodes("xitl")
+    second.advertise("/thrust", FLOAT, RELIABLE)
+    told: list[str] = []
+    wait(lambda: told.extend(second.problems()) or len(told) == 2)
+    assert second.node != first.node == "/xitl"
+    assert "namespace" in told[1]
+
+
+def test_the_master_may_stop_the_node(nodes: Callable[[str], TcprosMiddleware], master: FakeMaster) -> None:
+    node = nodes("xitl")
+    publish = node.advertise("/thrust", FLOAT, RELIABLE)
+    wait(lambda: master.nodes)
+    with ServerProxy(master.nodes["/xitl"]) as api:
+        api.shutdown("/rosnode", "user request")
+    assert any("user request" in problem for problem in node.problems())
+    publish(cdr(FLOAT, data=1.0))
+    node.spin(0.0)

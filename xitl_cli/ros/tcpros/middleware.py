@@ -1,0 +1,295 @@
+"""A node of ROS 1: see Middleware."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rosbags.serde import SerdeError
+
+from xitl_cli.profile.schema.ros import RosSpec
+from xitl_cli.ros.definitions import deserialize, from_ros1, service_md5, to_ros1
+from xitl_cli.ros.middleware import NODE_NAME, QosProfile
+from xitl_cli.ros.tcpros.master import SIM_TIME, Registrar, master_uri, own_host
+from xitl_cli.ros.tcpros.notes import NodeNotes
+from xitl_cli.ros.tcpros.publishing import ANY, TopicPublisher
+from xitl_cli.ros.tcpros.slave import SlaveServer
+from xitl_cli.ros.tcpros.subscribing import HEADER_S, TopicSubscriber
+from xitl_cli.ros.tcpros.wire import (
+    MOST_MESSAGE,
+    Header,
+    TcprosError,
+    block,
+    encode_header,
+    receive_block,
+    receive_header,
+    ros1_name,
+    shut,
+)
+
+MOST_CONNECTIONS = 256
+ANSWER_S = 15.0
+DESCRIPTION = "robot_description"
+
+
+class ServiceCall:
+    """One request that waits for its answer."""
+
+    def __init__(self, request: bytes) -> None:
+        self.request = request
+        self.answered = threading.Event()
+        self.response: bytes | None = None
+        self.error = "nobody answered in time"
+
+
+class OfferedService:
+    """type_name: `std_srvs/srv/Trigger`. answer: takes and gives CDR."""
+
+    def __init__(self, type_name: str, answer: Callable[[bytes], bytes]) -> None:
+        self.type_name = type_name
+        self.answer = answer
+        self.md5 = service_md5(type_name)
+
+
+class TcprosMiddleware:
+    """Publishers give out in threads of their own; messages and requests wait for `spin`."""
+
+    def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
+        uri = master_uri(spec.master or "ros1://")
+        host = own_host(uri)
+        bound = "127.0.0.1" if host in ("localhost", "127.0.0.1") else ""
+        self.name = f"ROS 1, master {uri}"
+        self._notes = NodeNotes()
+        self._publishers: dict[str, TopicPublisher] = {}
+        self._subscribers: dict[str, TopicSubscriber] = {}
+        self._services: dict[str, OfferedService] = {}
+        self._inbox: deque[Callable[[], None]] = deque()
+        self._arrived = threading.Condition()
+        self._connections: set[socket.socket] = set()
+        self._closed = False
+        self._host = host
+        self._listener = socket.create_server((bound, 0))
+        self._port: int = self._listener.getsockname()[1]
+        node = "/".join(part for part in ("", spec.namespace.strip("/"), node_name) if part or part == "")
+        self._registrar = Registrar(uri, node.replace("//", "/"), self._notes)
+        self._registrar.set_parameter(SIM_TIME, True)
+        self._slave = SlaveServer(host, bound, self, uri)
+        self._registrar.start(self._slave.uri)
+        threading.Thread(target=self._accept, name="tcpros", daemon=True).start()
+
+    @property
+    def node(self) -> str:
+        """Its name at the master."""
+        return self._registrar.node
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Messages that did not fit, by topic."""
+        return dict(self._notes.dropped)
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Messages and peers, by topic."""
+        return dict(self._notes.refused)
+
+    def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
+        """See Middleware. What is published on robot_description is a parameter of the same name as well."""
+        latching = qos.durability == "transient_local"
+        publisher = self._publishers[topic] = TopicPublisher(topic, type_name, latching, qos.depth, self._notes)
+        self._registrar.add_publisher(topic, type_name)
+        if topic.rpartition("/")[2] != DESCRIPTION or type_name != "std_msgs/msg/String":
+            return publisher.publish
+
+        def publish(cdr: bytes) -> None:
+            publisher.publish(cdr)
+            self._registrar.set_parameter(topic, str(deserialize(cdr, type_name).data))
+
+        return publish
+
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+        """See Middleware. Of messages that wait more than `qos.depth` the oldest are dropped, and counted."""
+        waiting: deque[bytes] = deque()
+
+        def handle() -> None:
+            with self._arrived:
+                data = waiting.popleft() if waiting else None
+            if data is not None:
+                self._handle(topic, type_name, data, take)
+
+        def arrive(data: bytes) -> None:
+            with self._arrived:
+                waiting.append(data)
+                if len(waiting) > qos.depth:
+                    waiting.popleft()
+                    self._notes.drop(topic)
+                else:
+                    self._inbox.append(handle)
+                self._arrived.notify()
+
+        subscriber = TopicSubscriber(topic, type_name, arrive, lambda: self._registrar.node, self._notes)
+        self._subscribers[topic] = subscriber
+        self._registrar.add_subscriber(topic, type_name, subscriber.set_publishers)
+
+    def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
+        """See Middleware."""
+        self._services[service] = OfferedService(type_name, answer)
+        self._registrar.add_service(service, f"rosrpc://{self._host}:{self._port}")
+
+    def spin(self, timeout_s: float) -> None:
+        """See Middleware."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: self._inbox, timeout_s)
+            due = list(self._inbox)
+            self._inbox.clear()
+        for handle in due:
+            handle()
+
+    def problems(self) -> list[str]:
+        """See Middleware."""
+        return self._notes.sentences()
+
+    def close(self) -> None:
+        """See Middleware."""
+        if self._closed:
+            return
+        self._closed = True
+        self._registrar.stop()
+        self._slave.stop()
+        self._stop_talking()
+
+    # What the Slave API asks: see SlaveNode
+
+    def publications(self) -> list[tuple[str, str]]:
+        return [(each.topic, ros1_name(each.type_name)) for each in self._publishers.values()]
+
+    def subscriptions(self) -> list[tuple[str, str]]:
+        return [(each.topic, ros1_name(each.type_name)) for each in self._subscribers.values()]
+
+    def connections(self) -> list[tuple[str, str, str]]:
+        out = [(peer, "o", each.topic) for each in self._publishers.values() for peer in each.peers]
+        return out + [(peer, "i", each.topic) for each in self._subscribers.values() for peer in each.peers]
+
+    def place_of(self, topic: str) -> tuple[str, int] | None:
+        return (self._host, self._port) if topic in self._publishers else None
+
+    def set_publishers(self, topic: str, uris: list[str]) -> None:
+        if topic in self._subscribers and not self._closed:
+            self._subscribers[topic].set_publishers(uris)
+
+    def asked_to_stop(self, reason: str) -> None:
+        self._notes.tell(f"the ROS master has the node stop ({reason or 'no reason given'}); the run goes on without it")
+        self._closed = True
+        self._registrar.stop(leave=False)
+        self._stop_talking()
+        threading.Thread(target=self._slave.stop, daemon=True).start()  # not from a thread of its own
+
+    def _stop_talking(self) -> None:
+        shut(self._listener)
+        for subscriber in self._subscribers.values():
+            subscriber.close()
+        for publisher in self._publishers.values():
+            publisher.close()
+        for connection in tuple(self._connections):
+            shut(connection)
+
+    # Connections of others, for topics and services
+
+    def _accept(self) -> None:
+        while not self._closed:
+            try:
+                connection, place = self._listener.accept()
+            except OSError:
+                return
+            if len(self._connections) >= MOST_CONNECTIONS:
+                shut(connection)
+                self._notes.refuse("connections", f"more than {MOST_CONNECTIONS} connections at once are refused")
+                continue
+            self._connections.add(connection)
+            greet = partial(self._greet, connection, f"{place[0]}:{place[1]}")
+            threading.Thread(target=greet, name="tcpros peer", daemon=True).start()
+
+    def _greet(self, connection: socket.socket, peer: str) -> None:
+        """Find out what the peer wants."""
+        asked: Header = {}
+        try:
+            connection.settimeout(HEADER_S)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            asked = receive_header(connection)
+            if "service" in asked:
+                self._serve(connection, asked)
+            elif (topic := asked.get("topic", "")) in self._publishers:
+                self._publishers[topic].accept(connection, asked, self.node)
+                self._connections.discard(connection)  # the publisher's from here on
+                return
+            else:
+                raise TcprosError(f"it asked for the topic {topic!r}, which is not published here")
+        except TcprosError as error:
+            about = asked.get("topic") or asked.get("service") or "connections"
+            self._notes.refuse(about, f"{about}: the peer at {peer} is refused: {error}")
+            try:
+                connection.sendall(encode_header({"error": str(error)}))
+            except OSError:
+                pass
+        except OSError:
+            pass
+        self._connections.discard(connection)
+        shut(connection)
+
+    def _serve(self, connection: socket.socket, asked: Header) -> None:
+        """Answer requests until the peer closes, or one where it does not ask for more."""
+        service = self._services.get(asked["service"])
+        if service is None:
+            raise TcprosError(f"it asked for the service {asked['service']!r}, which is not offered here")
+        kind = ros1_name(service.type_name)
+        if asked.get("md5sum") not in (ANY, service.md5):
+            raise TcprosError(f"it called it as {asked.get('type', 'another type')}, it is {kind}")
+        connection.sendall(
+            encode_header(
+                {
+                    "callerid": self.node,
+                    "md5sum": service.md5,
+                    "request_type": f"{kind}Request",
+                    "response_type": f"{kind}Response",
+                    "service": asked["service"],
+                    "type": kind,
+                }
+            )
+        )
+        if asked.get("probe") == "1":
+            return
+        connection.settimeout(None if asked.get("persistent") == "1" else HEADER_S)
+        while (request := receive_block(connection, MOST_MESSAGE)) is not None:
+            waiting = ServiceCall(request)
+            with self._arrived:
+                self._inbox.append(partial(self._answer, service, waiting))
+                self._arrived.notify()
+            waiting.answered.wait(ANSWER_S)
+            response = waiting.response
+            good = response is not None
+            connection.sendall(bytes([good]) + block(waiting.error.encode() if response is None else response))
+            if asked.get("persistent") != "1":
+                return
+
+    def _answer(self, service: OfferedService, waiting: ServiceCall) -> None:
+        try:
+            request = from_ros1(waiting.request, f"{service.type_name}_Request")
+            waiting.response = to_ros1(service.answer(request), f"{service.type_name}_Response")
+        except MALFORMED as error:
+            waiting.error = f"the request is none of {ros1_name(service.type_name)} ({type(error).__name__})"
+        finally:
+            waiting.answered.set()
+
+    def _handle(self, topic: str, type_name: str, data: bytes, take: Callable[[bytes], None]) -> None:
+        try:
+            cdr = from_ros1(data, type_name)
+        except MALFORMED:
+            self._notes.refuse(topic, f"{topic}: a message of {len(data)} bytes is none of {ros1_name(type_name)}")
+            return
+        take(cdr)
+
+
+MALFORMED: tuple[Any, ...] = (SerdeError, ValueError, IndexError, AssertionError)

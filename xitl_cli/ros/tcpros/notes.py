@@ -1,0 +1,45 @@
+"""What a node has to tell: sentences, each once, and counts by topic."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+
+
+class NodeNotes:
+    """dropped: messages that did not fit, for readers or from writers that are faster. refused: messages and peers."""
+
+    def __init__(self) -> None:
+        self.dropped: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+        self._sentences: list[str] = []
+        self._told: set[str] = set()
+        self._lock = threading.Lock()
+
+    def tell(self, sentence: str, again: str = "") -> None:
+        """Once, until `forget(again)`."""
+        key = again or sentence
+        with self._lock:
+            if key not in self._told:
+                self._told.add(key)
+                self._sentences.append(sentence)
+
+    def forget(self, again: str) -> None:
+        with self._lock:
+            self._told.discard(again)
+
+    def refuse(self, topic: str, sentence: str) -> None:
+        """Count, and tell once."""
+        with self._lock:
+            self.refused[topic] += 1
+        self.tell(sentence, f"refused {topic}")
+
+    def drop(self, topic: str) -> None:
+        with self._lock:
+            self.dropped[topic] += 1
+
+    def sentences(self) -> list[str]:
+        """New since the last call."""
+        with self._lock:
+            found, self._sentences = self._sentences, []
+        return found

@@ -1,0 +1,135 @@
+"""A topic that is given out: its subscribers, each with a queue and a thread of its own."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable
+
+from xitl_cli.ros.definitions import ros1_definition, to_ros1
+from xitl_cli.ros.tcpros.notes import NodeNotes
+from xitl_cli.ros.tcpros.wire import Header, TcprosError, block, encode_header, ros1_name, shut
+
+LOOK_S = 2.0
+MOST_QUEUED_BYTES = 64 << 20
+ANY = "*"
+
+
+class SubscriberLink:
+    """One subscriber. A slow one loses the oldest messages, and holds nobody else up."""
+
+    def __init__(self, connection: socket.socket, peer: str, depth: int, drop: Callable[[], None]) -> None:
+        self.peer = peer
+        self.closed = False
+        self._connection = connection
+        self._depth = depth
+        self._drop = drop
+        self._waiting: deque[bytes] = deque()
+        self._waiting_bytes = 0
+        self._change = threading.Condition()
+        threading.Thread(target=self._send, name=f"to {peer}", daemon=True).start()
+
+    def offer(self, data: bytes) -> None:
+        with self._change:
+            self._waiting.append(data)
+            self._waiting_bytes += len(data)
+            while len(self._waiting) > 1 and (
+                len(self._waiting) > self._depth or self._waiting_bytes > MOST_QUEUED_BYTES
+            ):
+                self._waiting_bytes -= len(self._waiting.popleft())
+                self._drop()
+            self._change.notify()
+
+    def close(self) -> None:
+        with self._change:
+            self.closed = True
+            self._change.notify()
+        shut(self._connection)
+
+    def _send(self) -> None:
+        try:
+            while not self.closed:
+                with self._change:
+                    if not self._waiting:
+                        self._change.wait(LOOK_S)
+                    data = b"".join(self._waiting)
+                    self._waiting.clear()
+                    self._waiting_bytes = 0
+                if data:
+                    self._connection.sendall(data)
+                elif self._is_gone():
+                    break
+        except OSError:
+            pass
+        finally:
+            self.close()
+
+    def _is_gone(self) -> bool:
+        if not select.select([self._connection], [], [], 0.0)[0]:
+            return False
+        return not self._connection.recv(1 << 10)  # a subscriber has nothing to say: what it says is passed over
+
+
+class TopicPublisher:
+    """latching: who comes later is given the last message."""
+
+    def __init__(self, topic: str, type_name: str, latching: bool, depth: int, notes: NodeNotes) -> None:
+        self.topic, self.type_name = topic, type_name
+        self._latching = latching
+        self._depth = depth
+        self._notes = notes
+        self._definition, self._md5 = ros1_definition(type_name)
+        self._last = b""
+        self._links: tuple[SubscriberLink, ...] = ()
+        self._lock = threading.Lock()
+
+    @property
+    def peers(self) -> list[str]:
+        return [link.peer for link in self._links if not link.closed]
+
+    def publish(self, cdr: bytes) -> None:
+        """From any thread."""
+        if not self._links and not self._latching:
+            return
+        data = block(to_ros1(cdr, self.type_name))
+        with self._lock:
+            if self._latching:
+                self._last = data
+            for link in self._links:
+                if not link.closed:
+                    link.offer(data)
+
+    def accept(self, connection: socket.socket, asked: Header, node: str) -> None:
+        """Add a subscriber by its header. Raises TcprosError where it wants another type, and OSError."""
+        peer = asked.get("callerid", "a node without a name")
+        own = ros1_name(self.type_name)
+        md5, kind = asked.get("md5sum", ""), asked.get("type", "")
+        if md5 not in (ANY, self._md5) or kind not in (ANY, "", own):
+            raise TcprosError(
+                f"{peer} asked for {kind or 'a type without a name'} with the MD5 {md5 or '(none)'}, "
+                f"{self.topic} is {own} with {self._md5}"
+            )
+        connection.sendall(
+            encode_header(
+                {
+                    "callerid": node,
+                    "latching": str(int(self._latching)),
+                    "md5sum": self._md5,
+                    "message_definition": self._definition,
+                    "topic": self.topic,
+                    "type": own,
+                }
+            )
+        )
+        connection.settimeout(None)
+        link = SubscriberLink(connection, peer, self._depth, lambda: self._notes.drop(self.topic))
+        with self._lock:
+            self._links = (*(each for each in self._links if not each.closed), link)
+            if self._last:
+                link.offer(self._last)
+
+    def close(self) -> None:
+        for link in self._links:
+            link.close()

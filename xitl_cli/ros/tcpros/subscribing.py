@@ -1,0 +1,127 @@
+"""A topic that is taken: a connection and a thread for each of its publishers."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable
+
+from xitl_cli.ros.definitions import ros1_definition
+from xitl_cli.ros.tcpros.master import MasterAwayError, MasterRefusedError, call
+from xitl_cli.ros.tcpros.notes import NodeNotes
+from xitl_cli.ros.tcpros.publishing import ANY
+from xitl_cli.ros.tcpros.slave import TCPROS
+from xitl_cli.ros.tcpros.wire import (
+    MOST_MESSAGE,
+    TcprosError,
+    encode_header,
+    receive_block,
+    receive_header,
+    ros1_name,
+    shut,
+)
+
+HEADER_S = 10.0
+AGAIN_S = 1.0
+MOST_PUBLISHERS = 64
+
+
+class TopicSubscriber:
+    """taken: called with each message as ROS 1 has it, in the thread of its publisher. node: gives the node's name."""
+
+    def __init__(
+        self, topic: str, type_name: str, taken: Callable[[bytes], None], node: Callable[[], str], notes: NodeNotes
+    ) -> None:
+        self.topic, self.type_name = topic, type_name
+        self.node = node
+        self.taken = taken
+        self.notes = notes
+        self.definition, self.md5 = ros1_definition(type_name)
+        self._links: dict[str, PublisherLink] = {}
+        self._lock = threading.Lock()
+
+    @property
+    def peers(self) -> list[str]:
+        with self._lock:
+            return [link.peer for link in self._links.values() if link.connected]
+
+    def set_publishers(self, uris: list[str]) -> None:
+        """Connect to those that are new, leave those that are gone."""
+        with self._lock:
+            for uri in self._links.keys() - set(uris):
+                self._links.pop(uri).close()
+            for uri in uris[:MOST_PUBLISHERS]:
+                if uri not in self._links:
+                    self._links[uri] = PublisherLink(self, uri)
+
+    def close(self) -> None:
+        self.set_publishers([])
+
+
+class PublisherLink:
+    """The connection to one publisher, made anew as long as it is said to be there."""
+
+    def __init__(self, subscriber: TopicSubscriber, uri: str) -> None:
+        self.peer = uri
+        self.connected = False
+        self._subscriber = subscriber
+        self._uri = uri
+        self._over = threading.Event()
+        self._connection: socket.socket | None = None
+        threading.Thread(target=self._keep, name=f"from {uri}", daemon=True).start()
+
+    def close(self) -> None:
+        self._over.set()
+        if self._connection is not None:
+            shut(self._connection)
+
+    def _keep(self) -> None:
+        topic = self._subscriber.topic
+        while not self._over.is_set():
+            try:
+                self._receive()
+            except TcprosError as error:
+                self._subscriber.notes.refuse(topic, f"{topic}: the publisher {self.peer} is refused: {error}")
+                return
+            except (OSError, MasterAwayError, MasterRefusedError):
+                pass  # it is about to begin or to end; the master says when it is gone
+            finally:
+                self.connected = False
+                if self._connection is not None:
+                    shut(self._connection)
+            self._over.wait(AGAIN_S)
+
+    def _receive(self) -> None:
+        """Until the publisher closes."""
+        own, name = self._subscriber, self._subscriber.node()
+        protocol, *place = call(self._uri, "requestTopic", name, own.topic, [[TCPROS]])
+        if protocol != TCPROS or len(place) != 2:
+            raise TcprosError(f"it offers {protocol}, not {TCPROS}")
+        self._connection = connection = socket.create_connection((str(place[0]), int(place[1])), HEADER_S)
+        if self._over.is_set():
+            return
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        kind = ros1_name(own.type_name)
+        connection.sendall(
+            encode_header(
+                {
+                    "callerid": name,
+                    "md5sum": own.md5,
+                    "message_definition": own.definition,
+                    "tcp_nodelay": "1",
+                    "topic": own.topic,
+                    "type": kind,
+                }
+            )
+        )
+        told = receive_header(connection)
+        self.peer = told.get("callerid", self._uri)
+        if "error" in told:
+            raise TcprosError(f"{told['error'][:200]}; publish {kind}")
+        if told.get("md5sum") not in (ANY, own.md5):
+            raise TcprosError(f"it publishes {told.get('type', 'another type')}; publish {kind}")
+        connection.settimeout(None)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self.connected = True
+        while (data := receive_block(connection, MOST_MESSAGE)) is not None:
+            own.taken(data)
