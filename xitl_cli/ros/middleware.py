@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 from xitl_cli.errors import UserError
 from xitl_cli.extras import ROS2
@@ -107,9 +106,9 @@ class Middleware(Protocol):
 def open_middleware(spec: RosSpec, node_name: str = NODE_NAME) -> Middleware:
     """The way in that the profile asks for. Raises UserError where there is none."""
     if spec.master is not None:
-        tcpros: Any = import_module("xitl_cli.ros.tcpros.middleware")
-        ros1: Middleware = tcpros.TcprosMiddleware(spec, node_name)
-        return ros1
+        from xitl_cli.ros.tcpros.middleware import TcprosMiddleware
+
+        return TcprosMiddleware(spec, node_name)
     if ros2_way(spec) == "rclpy":
         from xitl_cli.ros.rclpy_middleware import RclpyMiddleware
 

@@ -157,12 +157,11 @@ class Registrar:
             try:
                 self._look()
             except MasterAwayError as error:
-                if self._master_id is not None or not self._named:
-                    self._notes.tell(
-                        f"the ROS master at {self.uri} does not answer ({error}); start `roscore` there: it is tried "
-                        "again every second, and the run goes on",
-                        "away",
-                    )
+                self._notes.tell(
+                    f"the ROS master at {self.uri} does not answer ({error}); start `roscore` there: it is asked again "
+                    "every second, and the run goes on",
+                    "away",
+                )
                 self._master_id = None
             self._change.wait(LOOK_S)
 
@@ -207,8 +206,7 @@ class Registrar:
     def _look_for_others(self, topic: str) -> None:
         """Tell of other nodes that publish the same."""
         publishers, _, _ = self._ask("getSystemState")
-        nodes = next((nodes for name, nodes in publishers if name == topic), [])
-        others = sorted(set(map(str, nodes)) - {self.node})
+        others = sorted({str(node) for name, nodes in publishers if name == topic for node in nodes} - {self.node})
         shared = topic in ("/tf", "/tf_static")  # for all who know a frame
         if others and not shared:
             self._notes.tell(

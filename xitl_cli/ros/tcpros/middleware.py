@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 from collections import deque
@@ -181,7 +182,9 @@ class TcprosMiddleware:
             self._subscribers[topic].set_publishers(uris)
 
     def asked_to_stop(self, reason: str) -> None:
-        self._notes.tell(f"the ROS master has the node stop ({reason or 'no reason given'}); the run goes on without it")
+        self._notes.tell(
+            f"the ROS master has the node stop ({reason or 'no reason given'}); the run goes on without it"
+        )
         self._closed = True
         self._registrar.stop(leave=False)
         self._stop_talking()
@@ -230,10 +233,8 @@ class TcprosMiddleware:
         except TcprosError as error:
             about = asked.get("topic") or asked.get("service") or "connections"
             self._notes.refuse(about, f"{about}: the peer at {peer} is refused: {error}")
-            try:
+            with contextlib.suppress(OSError):
                 connection.sendall(encode_header({"error": str(error)}))
-            except OSError:
-                pass
         except OSError:
             pass
         self._connections.discard(connection)

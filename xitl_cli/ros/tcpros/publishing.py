@@ -61,7 +61,7 @@ class SubscriberLink:
                     self._connection.sendall(data)
                 elif self._is_gone():
                     break
-        except OSError:
+        except (OSError, ValueError):  # ValueError: of a socket that was closed meanwhile
             pass
         finally:
             self.close()

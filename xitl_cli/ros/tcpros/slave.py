@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from socketserver import ThreadingMixIn
 from typing import Any, Protocol
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
@@ -60,48 +60,48 @@ class _Handler(SimpleXMLRPCRequestHandler):
     rpc_paths = ()  # any: nodes ask at / or /RPC2
     timeout = 10.0
 
-    def do_POST(self) -> None:
+    def parse_request(self) -> bool:
+        """Refuse what is longer than any request of ROS."""
+        if not super().parse_request():
+            return False
         length = self.headers.get("content-length", "")
         if not length.isdecimal() or int(length) > MOST_REQUEST:
             self.send_error(413)
-            return
-        super().do_POST()
+            return False
+        return True
 
 
 class _SlaveApi:
-    """Each method gives code, status and value; the first argument is the caller's name."""
+    """Each method gives code, status and value; its first argument is the caller's name."""
 
     def __init__(self, node: SlaveNode, master: str) -> None:
         self._node = node
-        self._master = master
+        self._methods: dict[str, Callable[..., list[Any]]] = {
+            "getMasterUri": lambda caller: [1, "", master],
+            "getPid": lambda caller: [1, "", os.getpid()],
+            "getPublications": lambda caller: [1, "publications", [list(each) for each in node.publications()]],
+            "getSubscriptions": lambda caller: [1, "subscriptions", [list(each) for each in node.subscriptions()]],
+            "getBusStats": lambda caller: [1, "bus stats", [[], [], []]],
+            "getBusInfo": self._bus_info,
+            "paramUpdate": lambda caller, name, value: [1, "", 0],
+            "publisherUpdate": self._publisher_update,
+            "requestTopic": self._request_topic,
+            "shutdown": self._stop,
+        }
 
-    def getMasterUri(self, caller: str) -> list[Any]:
-        return [1, "", self._master]
+    def _dispatch(self, method: str, arguments: Sequence[Any]) -> list[Any]:
+        """By the server."""
+        return self._methods[method](*arguments)
 
-    def getPid(self, caller: str) -> list[Any]:
-        return [1, "", os.getpid()]
-
-    def getPublications(self, caller: str) -> list[Any]:
-        return [1, "publications", [list(each) for each in self._node.publications()]]
-
-    def getSubscriptions(self, caller: str) -> list[Any]:
-        return [1, "subscriptions", [list(each) for each in self._node.subscriptions()]]
-
-    def getBusStats(self, caller: str) -> list[Any]:
-        return [1, "bus stats", [[], [], []]]
-
-    def getBusInfo(self, caller: str) -> list[Any]:
+    def _bus_info(self, caller: str) -> list[Any]:
         found = enumerate(self._node.connections())
         return [1, "bus info", [[number, peer, way, TCPROS, topic, True] for number, (peer, way, topic) in found]]
 
-    def paramUpdate(self, caller: str, name: str, value: Any) -> list[Any]:
-        return [1, "", 0]
-
-    def publisherUpdate(self, caller: str, topic: str, publishers: Sequence[Any]) -> list[Any]:
+    def _publisher_update(self, caller: str, topic: str, publishers: Sequence[Any]) -> list[Any]:
         self._node.set_publishers(str(topic), [str(uri) for uri in publishers])
         return [1, "", 0]
 
-    def requestTopic(self, caller: str, topic: str, protocols: Sequence[Any]) -> list[Any]:
+    def _request_topic(self, caller: str, topic: str, protocols: Sequence[Any]) -> list[Any]:
         place = self._node.place_of(str(topic))
         if place is None:
             return [-1, f"{topic} is not published here", 0]
@@ -110,6 +110,6 @@ class _SlaveApi:
         host, port = place
         return [1, f"ready on {host}:{port}", [TCPROS, host, port]]
 
-    def shutdown(self, caller: str, reason: str = "") -> list[Any]:
+    def _stop(self, caller: str, reason: str = "") -> list[Any]:
         self._node.asked_to_stop(str(reason))
         return [1, "", 0]

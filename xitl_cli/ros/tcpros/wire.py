@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 from collections.abc import Mapping
@@ -80,11 +81,9 @@ def receive_header(connection: socket.socket) -> Header:
 
 def shut(connection: socket.socket) -> None:
     """Close, also while another thread waits on it."""
-    for close in (lambda: connection.shutdown(socket.SHUT_RDWR), connection.close):
-        try:
-            close()
-        except OSError:
-            pass
+    with contextlib.suppress(OSError):
+        connection.shutdown(socket.SHUT_RDWR)
+    connection.close()
 
 
 def ros1_name(type_name: str) -> str:
