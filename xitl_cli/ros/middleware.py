@@ -106,7 +106,7 @@ class Middleware(Protocol):
 def open_middleware(spec: RosSpec, node_name: str = NODE_NAME) -> Middleware:
     """The way in that the profile asks for. Raises UserError where there is none."""
     if spec.master is not None:
-        from xitl_cli.ros.tcpros.middleware import TcprosMiddleware
+        from xitl_cli.ros.tcpros_middleware import TcprosMiddleware
 
         return TcprosMiddleware(spec, node_name)
     if ros2_way(spec) == "rclpy":

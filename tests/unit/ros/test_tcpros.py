@@ -19,8 +19,8 @@ from xitl_cli.ros.definitions import deserialize, ros1_definition, ros2_types, s
 from xitl_cli.ros.middleware import LATCHED, RELIABLE, QosProfile
 from xitl_cli.ros.tcpros import master as master_module
 from xitl_cli.ros.tcpros import subscribing as subscribing_module
-from xitl_cli.ros.tcpros.middleware import TcprosMiddleware
 from xitl_cli.ros.tcpros.wire import TcprosError, block, encode_header, parse_header, receive_block, receive_header
+from xitl_cli.ros.tcpros_middleware import TcprosMiddleware
 
 LIMIT_S = 30.0
 STRING = "std_msgs/msg/String"

@@ -14,7 +14,6 @@ from xmlrpc.client import Error as XmlRpcError
 from xmlrpc.client import ServerProxy, Transport
 
 from xitl_cli.ros.tcpros.notes import NodeNotes
-from xitl_cli.ros.tcpros.wire import ros1_name
 
 URI_VARIABLE, USUAL_URI = "ROS_MASTER_URI", "http://localhost:11311"
 TIMEOUT_S = 3.0
@@ -102,11 +101,11 @@ class Registrar:
         self._thread.start()
 
     def add_publisher(self, topic: str, type_name: str) -> None:
-        self._want(("registerPublisher", topic, ros1_name(type_name)), self._others)
+        self._want(("registerPublisher", topic, type_name), self._others)
 
     def add_subscriber(self, topic: str, type_name: str, publishers: Callable[[list[str]], None]) -> None:
         """publishers: called with the URIs of those that there are."""
-        self._want(("registerSubscriber", topic, ros1_name(type_name)), publishers)
+        self._want(("registerSubscriber", topic, type_name), publishers)
 
     def add_service(self, service: str, place: str) -> None:
         """place: rosrpc://HOST:PORT."""

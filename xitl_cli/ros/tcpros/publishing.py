@@ -8,9 +8,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-from xitl_cli.ros.definitions import ros1_definition, to_ros1
 from xitl_cli.ros.tcpros.notes import NodeNotes
-from xitl_cli.ros.tcpros.wire import Header, TcprosError, block, encode_header, ros1_name, shut
+from xitl_cli.ros.tcpros.wire import Header, Ros1Type, TcprosError, block, encode_header, shut
 
 LOOK_S = 2.0
 MOST_QUEUED_BYTES = 64 << 20
@@ -75,12 +74,11 @@ class SubscriberLink:
 class TopicPublisher:
     """latching: who comes later is given the last message."""
 
-    def __init__(self, topic: str, type_name: str, latching: bool, depth: int, notes: NodeNotes) -> None:
-        self.topic, self.type_name = topic, type_name
+    def __init__(self, topic: str, kind: Ros1Type, latching: bool, depth: int, notes: NodeNotes) -> None:
+        self.topic, self.kind = topic, kind
         self._latching = latching
         self._depth = depth
         self._notes = notes
-        self._definition, self._md5 = ros1_definition(type_name)
         self._last = b""
         self._links: tuple[SubscriberLink, ...] = ()
         self._lock = threading.Lock()
@@ -89,11 +87,14 @@ class TopicPublisher:
     def peers(self) -> list[str]:
         return [link.peer for link in self._links if not link.closed]
 
-    def publish(self, cdr: bytes) -> None:
-        """From any thread."""
-        if not self._links and not self._latching:
-            return
-        data = block(to_ros1(cdr, self.type_name))
+    @property
+    def wanted(self) -> bool:
+        """Whether a message is of use to anybody, now or later."""
+        return self._latching or any(not link.closed for link in self._links)
+
+    def publish(self, message: bytes) -> None:
+        """A message as ROS 1 has it, from any thread."""
+        data = block(message)
         with self._lock:
             if self._latching:
                 self._last = data
@@ -104,22 +105,21 @@ class TopicPublisher:
     def accept(self, connection: socket.socket, asked: Header, node: str) -> None:
         """Add a subscriber by its header. Raises TcprosError where it wants another type, and OSError."""
         peer = asked.get("callerid", "a node without a name")
-        own = ros1_name(self.type_name)
-        md5, kind = asked.get("md5sum", ""), asked.get("type", "")
-        if md5 not in (ANY, self._md5) or kind not in (ANY, "", own):
+        md5, name = asked.get("md5sum", ""), asked.get("type", "")
+        if md5 not in (ANY, self.kind.md5) or name not in (ANY, "", self.kind.name):
             raise TcprosError(
-                f"{peer} asked for {kind or 'a type without a name'} with the MD5 {md5 or '(none)'}, "
-                f"{self.topic} is {own} with {self._md5}"
+                f"{peer} asked for {name or 'a type without a name'} with the MD5 {md5 or '(none)'}, "
+                f"{self.topic} is {self.kind.name} with {self.kind.md5}"
             )
         connection.sendall(
             encode_header(
                 {
                     "callerid": node,
                     "latching": str(int(self._latching)),
-                    "md5sum": self._md5,
-                    "message_definition": self._definition,
+                    "md5sum": self.kind.md5,
+                    "message_definition": self.kind.definition,
                     "topic": self.topic,
-                    "type": own,
+                    "type": self.kind.name,
                 }
             )
         )

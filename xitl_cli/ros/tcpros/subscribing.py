@@ -6,18 +6,17 @@ import socket
 import threading
 from collections.abc import Callable
 
-from xitl_cli.ros.definitions import ros1_definition
 from xitl_cli.ros.tcpros.master import MasterAwayError, MasterRefusedError, call
 from xitl_cli.ros.tcpros.notes import NodeNotes
 from xitl_cli.ros.tcpros.publishing import ANY
 from xitl_cli.ros.tcpros.slave import TCPROS
 from xitl_cli.ros.tcpros.wire import (
     MOST_MESSAGE,
+    Ros1Type,
     TcprosError,
     encode_header,
     receive_block,
     receive_header,
-    ros1_name,
     shut,
 )
 
@@ -30,13 +29,12 @@ class TopicSubscriber:
     """taken: called with each message as ROS 1 has it, in the thread of its publisher. node: gives the node's name."""
 
     def __init__(
-        self, topic: str, type_name: str, taken: Callable[[bytes], None], node: Callable[[], str], notes: NodeNotes
+        self, topic: str, kind: Ros1Type, taken: Callable[[bytes], None], node: Callable[[], str], notes: NodeNotes
     ) -> None:
-        self.topic, self.type_name = topic, type_name
+        self.topic, self.kind = topic, kind
         self.node = node
         self.taken = taken
         self.notes = notes
-        self.definition, self.md5 = ros1_definition(type_name)
         self._links: dict[str, PublisherLink] = {}
         self._lock = threading.Lock()
 
@@ -101,25 +99,25 @@ class PublisherLink:
         if self._over.is_set():
             return
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        kind = ros1_name(own.type_name)
+        kind = own.kind
         connection.sendall(
             encode_header(
                 {
                     "callerid": name,
-                    "md5sum": own.md5,
-                    "message_definition": own.definition,
+                    "md5sum": kind.md5,
+                    "message_definition": kind.definition,
                     "tcp_nodelay": "1",
                     "topic": own.topic,
-                    "type": kind,
+                    "type": kind.name,
                 }
             )
         )
         told = receive_header(connection)
         self.peer = told.get("callerid", self._uri)
         if "error" in told:
-            raise TcprosError(f"{told['error'][:200]}; publish {kind}")
-        if told.get("md5sum") not in (ANY, own.md5):
-            raise TcprosError(f"it publishes {told.get('type', 'another type')}; publish {kind}")
+            raise TcprosError(f"{told['error'][:200]}; publish {kind.name}")
+        if told.get("md5sum") not in (ANY, kind.md5):
+            raise TcprosError(f"it publishes {told.get('type', 'another type')}; publish {kind.name}")
         connection.settimeout(None)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self.connected = True

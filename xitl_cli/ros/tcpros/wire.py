@@ -6,12 +6,21 @@ import contextlib
 import socket
 import struct
 from collections.abc import Mapping
+from typing import NamedTuple
 
 MOST_HEADER = 1 << 20
 MOST_MESSAGE = 64 << 20
 _LENGTH = struct.Struct("<I")
 
 Header = Mapping[str, str]
+
+
+class Ros1Type(NamedTuple):
+    """name: `sensor_msgs/Imu`. definition: with all that is nested in it."""
+
+    name: str
+    md5: str
+    definition: str
 
 
 class TcprosError(Exception):
@@ -84,8 +93,3 @@ def shut(connection: socket.socket) -> None:
     with contextlib.suppress(OSError):
         connection.shutdown(socket.SHUT_RDWR)
     connection.close()
-
-
-def ros1_name(type_name: str) -> str:
-    """`sensor_msgs/Imu` of `sensor_msgs/msg/Imu`."""
-    return type_name.replace("/msg/", "/").replace("/srv/", "/")

@@ -13,7 +13,7 @@ from typing import Any
 from rosbags.serde import SerdeError
 
 from xitl_cli.profile.schema.ros import RosSpec
-from xitl_cli.ros.definitions import deserialize, from_ros1, service_md5, to_ros1
+from xitl_cli.ros.definitions import deserialize, from_ros1, ros1_definition, service_md5, to_ros1
 from xitl_cli.ros.middleware import NODE_NAME, QosProfile
 from xitl_cli.ros.tcpros.master import SIM_TIME, Registrar, master_uri, own_host
 from xitl_cli.ros.tcpros.notes import NodeNotes
@@ -23,18 +23,29 @@ from xitl_cli.ros.tcpros.subscribing import HEADER_S, TopicSubscriber
 from xitl_cli.ros.tcpros.wire import (
     MOST_MESSAGE,
     Header,
+    Ros1Type,
     TcprosError,
     block,
     encode_header,
     receive_block,
     receive_header,
-    ros1_name,
     shut,
 )
 
 MOST_CONNECTIONS = 256
 ANSWER_S = 15.0
 DESCRIPTION = "robot_description"
+
+
+def ros1_name(type_name: str) -> str:
+    """`sensor_msgs/Imu` of `sensor_msgs/msg/Imu`."""
+    return type_name.replace("/msg/", "/").replace("/srv/", "/")
+
+
+def ros1_type(type_name: str) -> Ros1Type:
+    """Of a type as ROS 2 names it."""
+    definition, md5 = ros1_definition(type_name)
+    return Ros1Type(ros1_name(type_name), md5, definition)
 
 
 class ServiceCall:
@@ -53,6 +64,7 @@ class OfferedService:
     def __init__(self, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         self.type_name = type_name
         self.answer = answer
+        self.kind = ros1_name(type_name)
         self.md5 = service_md5(type_name)
 
 
@@ -100,14 +112,16 @@ class TcprosMiddleware:
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
         """See Middleware. What is published on robot_description is a parameter of the same name as well."""
         latching = qos.durability == "transient_local"
-        publisher = self._publishers[topic] = TopicPublisher(topic, type_name, latching, qos.depth, self._notes)
-        self._registrar.add_publisher(topic, type_name)
-        if topic.rpartition("/")[2] != DESCRIPTION or type_name != "std_msgs/msg/String":
-            return publisher.publish
+        kind = ros1_type(type_name)
+        publisher = self._publishers[topic] = TopicPublisher(topic, kind, latching, qos.depth, self._notes)
+        self._registrar.add_publisher(topic, kind.name)
+        described = topic.rpartition("/")[2] == DESCRIPTION and type_name == "std_msgs/msg/String"
 
         def publish(cdr: bytes) -> None:
-            publisher.publish(cdr)
-            self._registrar.set_parameter(topic, str(deserialize(cdr, type_name).data))
+            if publisher.wanted:
+                publisher.publish(to_ros1(cdr, type_name))
+            if described:
+                self._registrar.set_parameter(topic, str(deserialize(cdr, type_name).data))
 
         return publish
 
@@ -131,9 +145,10 @@ class TcprosMiddleware:
                     self._inbox.append(handle)
                 self._arrived.notify()
 
-        subscriber = TopicSubscriber(topic, type_name, arrive, lambda: self._registrar.node, self._notes)
+        kind = ros1_type(type_name)
+        subscriber = TopicSubscriber(topic, kind, arrive, lambda: self._registrar.node, self._notes)
         self._subscribers[topic] = subscriber
-        self._registrar.add_subscriber(topic, type_name, subscriber.set_publishers)
+        self._registrar.add_subscriber(topic, kind.name, subscriber.set_publishers)
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         """See Middleware."""
@@ -165,10 +180,10 @@ class TcprosMiddleware:
     # What the Slave API asks: see SlaveNode
 
     def publications(self) -> list[tuple[str, str]]:
-        return [(each.topic, ros1_name(each.type_name)) for each in self._publishers.values()]
+        return [(each.topic, each.kind.name) for each in self._publishers.values()]
 
     def subscriptions(self) -> list[tuple[str, str]]:
-        return [(each.topic, ros1_name(each.type_name)) for each in self._subscribers.values()]
+        return [(each.topic, each.kind.name) for each in self._subscribers.values()]
 
     def connections(self) -> list[tuple[str, str, str]]:
         out = [(peer, "o", each.topic) for each in self._publishers.values() for peer in each.peers]
@@ -245,7 +260,7 @@ class TcprosMiddleware:
         service = self._services.get(asked["service"])
         if service is None:
             raise TcprosError(f"it asked for the service {asked['service']!r}, which is not offered here")
-        kind = ros1_name(service.type_name)
+        kind = service.kind
         if asked.get("md5sum") not in (ANY, service.md5):
             raise TcprosError(f"it called it as {asked.get('type', 'another type')}, it is {kind}")
         connection.sendall(
@@ -280,7 +295,7 @@ class TcprosMiddleware:
             request = from_ros1(waiting.request, f"{service.type_name}_Request")
             waiting.response = to_ros1(service.answer(request), f"{service.type_name}_Response")
         except MALFORMED as error:
-            waiting.error = f"the request is none of {ros1_name(service.type_name)} ({type(error).__name__})"
+            waiting.error = f"the request is none of {service.kind} ({type(error).__name__})"
         finally:
             waiting.answered.set()
 
