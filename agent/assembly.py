@@ -94,7 +94,7 @@ def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> R
     wanted = [(_WORLD, options.world)] if options.world else []
     wanted += [(INJECTORS[options.sensors], options.sensor_link)] if options.sensors else []
     outputs_wanted = not options.world and options.sensors != "px4"
-    vehicle = VehicleLink(options.autopilot, outputs_wanted, options.system_id)
+    vehicle = VehicleLink(options.autopilot, outputs_wanted, options.system_id, options.fleet)
     opened.callback(vehicle.close)
     for entry, url in wanted:
         module, _, name = entry.partition(":")

@@ -45,7 +45,7 @@ class Options:
     Of a bridge to another autopilot: `autopilot` is the URL of its MAVLink; `world` where its simulator interface (the
     JSON backend) is served, which sets its time; `sensors` how sensors get in, at `sensor_link` where that is a link of
     its own; `outputs` the channels that drive the motors in their order, 1 from the bottom up, with `trim_us` for
-    neutral and `span_us` from there to full.
+    neutral and `span_us` from there to full. fleet: others of a fleet may be heard on the autopilot's line.
     """
 
     link: str = DEFAULT_LINK
@@ -72,6 +72,7 @@ class Options:
     outputs: tuple[int, ...] = (1, 3)
     trim_us: float = 1500.0
     span_us: float = 400.0
+    fleet: bool = False
 
 
 def parse(arguments: list[str] | None, program: str) -> Options:
@@ -125,7 +126,7 @@ def _of_file(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
         option[2:]: action
         for action in parser._actions
         for option in action.option_strings
-        if option.startswith("--") and action.dest not in ("help", "version", "config", "attached")
+        if option.startswith("--") and action.dest not in ("help", "version", "config", "attached", "fleet")
     }
     config = ConfigParser(interpolation=None, default_section="")
     try:
@@ -274,6 +275,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--outputs", type=_channels, metavar="N[,N]", help="bridge: its channels of the motors, in their order")
     add("--trim", dest="trim_us", type=_pulse, metavar="US", help="bridge: pulse width of a motor at rest")
     add("--span", dest="span_us", type=_pulse, metavar="US", help="bridge: from there to full")
+    add("--fleet", action="store_true", help="bridge: others of a fleet may be heard on the line of its autopilot")
     add("--attached", action="store_true", help="end with the program that started this one, even when it is killed")
     add("--config", type=Path, metavar="FILE", help=f"the same options as KEY = VALUE under [{SECTION}]")
     add("--version", action="version", version=f"xitl agent {agent.__version__}")

@@ -78,13 +78,14 @@ class VehicleLink:
     """The line to the autopilot, open until `close`.
 
     `send` is for injectors and host; what the autopilot sends goes to every tap, and from `receive` to the caller.
-    vessel: the MAVLink system that it should be, None for any: another one is taken, and told, when that one is not
-    heard with it. Of a fleet an autopilot may pass on what it hears of the others.
+    vessel: the MAVLink system that it should be, None for any. Another one is taken and told of: at once, but of a
+    fleet, where an autopilot may pass on what it hears of the others, only when its own is not heard beside it, and
+    left for that one when it comes.
     Raises TransportError at construction.
     """
 
-    def __init__(self, url: str, outputs_wanted: bool = True, vessel: int | None = None) -> None:
-        self._vessel = vessel
+    def __init__(self, url: str, outputs_wanted: bool = True, vessel: int | None = None, fleet: bool = False) -> None:
+        self._vessel, self._fleet = vessel, fleet
         self._transport = open_transport(url, listen=False)
         self._tcp = self._transport if isinstance(self._transport, TcpTransport) else None
         self._link = Link(self._transport, GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, foreign=True)
@@ -203,6 +204,10 @@ class VehicleLink:
     def _on_heartbeat(self, message: Message, now_ns: int) -> None:
         if message.autopilot == mav.MAV_AUTOPILOT_INVALID or message.type == mav.MAV_TYPE_GCS:
             return
+        if self.heard and self._fleet and message.get_srcSystem() == self._vessel != self.system_id:
+            self._say(_NOTICE, f"the autopilot of this vessel, MAVLink system {self._vessel}, is heard now")
+            self.heard, self._boot_ms = False, 0
+            self._streams.reset()
         if not self.heard:
             if self._is_another(message.get_srcSystem(), now_ns):
                 return
@@ -227,8 +232,8 @@ class VehicleLink:
                 self._say(_ERROR, f"the autopilot is {name} (MAV_TYPE {message.type}), no rover or boat")
 
     def _is_another(self, system_id: int, now_ns: int) -> bool:
-        """Whether it is not who is waited for, who says so once a second too."""
-        if self._vessel in (None, system_id):
+        """Whether another one of the fleet is waited for, who says so once a second too."""
+        if not self._fleet or self._vessel in (None, system_id):
             return False
         if self._other_ns is None:
             self._other_ns = now_ns

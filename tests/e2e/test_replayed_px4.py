@@ -17,7 +17,6 @@ DATA = TESTS / "data" / "px4"
 CAPTURED = {"cross_track_rms_m": 0.33, "closest_m": 3.0}
 DEATH = 900  # of 100 samples a second: under way
 pytestmark = pytest.mark.slow
-SYSTEM = "autopilot.system_id=101"  # the captured one was instance 100
 
 Sim = Callable[..., tuple[int, str, dict[str, Any]]]
 
@@ -38,7 +37,7 @@ def sim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         from xitl_cli.main import main
 
         monkeypatch.setenv("XITL_CAPTURE", str(DATA / capture))
-        profile = ["--profile", str(DATA / "mission.yaml"), "--firmware", str(program), "--out", "run", "--set", SYSTEM]
+        profile = ["--profile", str(DATA / "mission.yaml"), "--firmware", str(program), "--out", "run"]
         monkeypatch.setattr("sys.argv", ["xitl", "sim", *profile, *words])
         with pytest.raises(SystemExit) as ended:
             main()
@@ -79,4 +78,5 @@ def test_one_that_does_not_arm_tells_why(sim: Sim) -> None:
     code, said, _ = sim("refused.xz", "--set", "autopilot.arm_timeout_s=7")
     assert code == 2
     why = "gave up after 7 s of waiting for the autopilot to become ready to arm; it said: Preflight Fail: barometer 0"
-    assert f"{why} missing" in " ".join(said.split())
+    number = "the autopilot is MAVLink system 101 and this vessel 1"  # the captured one was instance 100
+    assert f"{why} missing; the bridge said: {number}" in " ".join(said.split())

@@ -31,6 +31,7 @@ class AgentOptions:
     """The agent's own options, see `xitl agent --help`. `log_dir` is where its DataFlash log goes, None for no log.
 
     `system_id`: that of the vessel. `bridge`: it is one to another autopilot. `companion`: it is a companion computer.
+    `fleet`: the vessel is not alone.
     """
 
     system_id: int = Options.system_id
@@ -41,6 +42,7 @@ class AgentOptions:
     log_dir: Path | None = None
     bridge: BridgeSpec | None = None
     companion: bool = False
+    fleet: bool = False
 
     @property
     def key(self) -> str:
@@ -62,7 +64,7 @@ class AgentOptions:
             given += [("--role", BRIDGE), *_bridge_options(self.bridge)]
         if self.companion:
             given.append(("--role", COMPANION))
-        return [word for pair in given for word in pair]
+        return [word for pair in given for word in pair] + ["--fleet"] * (self.bridge is not None and self.fleet)
 
 
 def _bridge_options(bridge: BridgeSpec) -> list[tuple[str, str]]:
@@ -82,7 +84,8 @@ def options_from_profile(
     """What the profile asks for. `run_directory` is where a log belongs, None keeps none."""
     autopilot = profile.autopilot
     if bridge is not None:
-        return AgentOptions(autopilot.system_id, link_key_file=autopilot.link_key_file, bridge=bridge)
+        fleet = bool(profile.vessel)
+        return AgentOptions(autopilot.system_id, link_key_file=autopilot.link_key_file, bridge=bridge, fleet=fleet)
     return AgentOptions(
         system_id=autopilot.system_id,
         ground_stations=ground_stations,
@@ -164,6 +167,7 @@ def own_options(options: AgentOptions) -> Options:
             outputs=bridge.outputs,
             trim_us=bridge.trim_us,
             span_us=bridge.span_us,
+            fleet=options.fleet,
         )
     return Options(
         role=COMPANION if options.companion else FCU,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import Any
 
@@ -28,8 +27,8 @@ def double() -> Iterator[VehicleDouble]:
 class Bench:
     """A link to the double, and what it said and handed on."""
 
-    def __init__(self, url: str, vessel: int | None = None) -> None:
-        self.link = VehicleLink(url, vessel=vessel)
+    def __init__(self, url: str, vessel: int | None = None, fleet: bool = False) -> None:
+        self.link = VehicleLink(url, vessel=vessel, fleet=fleet)
         self.said: list[tuple[int, str]] = []
         self.tapped: list[Any] = []
         self.passed: list[Any] = []
@@ -77,28 +76,30 @@ def test_its_ids_are_those_of_its_heartbeat(double: VehicleDouble, bench: Bench)
     assert (command.get_srcSystem(), command.get_srcComponent()) == (255, 190)
 
 
-@pytest.mark.parametrize(("vessel", "said"), [(None, 0), (7, 0), (3, 1)])
-def test_one_of_another_number_is_heard_and_told_of_once(double: VehicleDouble, vessel: int | None, said: int) -> None:
-    bench = Bench(double.url, vessel)
+@pytest.mark.parametrize(
+    ("vessel", "fleet", "said", "beats"),
+    [(None, False, 0, 2), (7, False, 0, 2), (7, True, 0, 2), (3, False, 1, 2), (3, True, 1, 5)],
+)
+def test_one_of_another_number_is_heard_and_told_of_once(
+    double: VehicleDouble, vessel: int | None, fleet: bool, said: int, beats: int
+) -> None:
+    """At once by a vessel that is alone; in a fleet once its own would have been heard."""
+    bench = Bench(double.url, vessel, fleet)
     double.link.receive(0.01)
-    seconds = itertools.count()
-
-    def beat() -> list[Any]:
+    for second in range(beats):
+        assert bench.link.heard == (second >= beats - 1 if fleet and vessel == 3 else second > 0)
         double.beat()
-        return bench.link.receive(next(seconds) * S)
-
-    until(beat)
-    until(beat)
+        arrived = bench.link.counters.received
+        until(lambda: bench.link.receive(second * S) or bench.link.counters.received > arrived)  # noqa: B023
     bench.link.close()
-    assert vessel != 3 or next(seconds) > 3  # by then its own would have been heard
-    assert bench.link.system_id == 7
+    assert (bench.link.heard, bench.link.system_id) == (True, 7)
     assert [severity for severity, _ in bench.said] == [4] * said
     assert all("is MAVLink system 7 and this vessel 3; give one of them the other's" in text for _, text in bench.said)
 
 
 def test_its_own_autopilot_may_pass_on_the_heartbeats_of_others_first(double: VehicleDouble) -> None:
     """A PX4 that meets the others of its fleet at the ground stations' router does."""
-    bench = Bench(double.url, 7)
+    bench = Bench(double.url, 7, fleet=True)
     double.link.receive(0.01)
     other = Packer(8, 3)
     beat = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GROUND_ROVER, mav.MAV_AUTOPILOT_PX4, 0, 0, 4, 3)
@@ -109,6 +110,27 @@ def test_its_own_autopilot_may_pass_on_the_heartbeats_of_others_first(double: Ve
     bench.link.close()
     assert (bench.link.system_id, bench.said) == (7, [])
     assert [message.get_srcSystem() for message in bench.tapped] == [7]
+
+
+def test_its_own_autopilot_that_comes_late_is_taken_for_another(double: VehicleDouble) -> None:
+    bench = Bench(double.url, 7, fleet=True)
+    double.link.receive(0.01)
+    beat = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GROUND_ROVER, mav.MAV_AUTOPILOT_PX4, 0, 0, 4, 3)
+    other = Packer(8, 3)
+    for second in (0, 1, 2, 3):
+        double.transport.send(other.pack(beat))
+        until(lambda: bench.link.counters.received > second or bench.link.receive(second * S))  # noqa: B023
+    assert bench.link.system_id == 8
+    double.beat()
+    bench.serve(4 * S)
+    assert bench.link.system_id == 7
+    double.transport.send(other.pack(beat))
+    double.beat()
+    bench.serve(5 * S)
+    bench.link.close()
+    assert bench.link.system_id == 7
+    assert [severity for severity, _ in bench.said] == [4, 5]
+    assert bench.said[-1][1] == "the autopilot of this vessel, MAVLink system 7, is heard now"
 
 
 def test_others_on_the_same_line_are_not_heard(double: VehicleDouble, bench: Bench) -> None:

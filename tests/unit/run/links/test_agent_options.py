@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,13 @@ def test_the_system_of_the_vessel_on_a_command_line_and_in_this_process(tmp_path
         bridge = profile.autopilot.bridge if profile.autopilot.kind == "ardupilot" else None
         options = options_from_profile(profile, tmp_path, bridge=bridge)
         assert (parse(options.arguments(), "xitl agent").system_id, own_options(options).system_id) == (7, 7)
+
+
+@pytest.mark.parametrize("vessel", ["", "leader"])
+def test_a_bridge_is_told_whether_its_vessel_is_one_of_a_fleet(vessel: str, tmp_path: Path) -> None:
+    profile = replace(load_profile("sitl-ardupilot").runnable(), vessel=vessel)
+    options = options_from_profile(profile, tmp_path, bridge=profile.autopilot.bridge)
+    assert parse(options.arguments(), "xitl agent").fleet == own_options(options).fleet == bool(vessel)
 
 
 @pytest.mark.parametrize(("system_id", "kept"), [(1, {}), (7, {"SYSID_THISMAV": 7.0})])
