@@ -177,6 +177,18 @@ def _logs(group: typer.Typer) -> None:
     group.command("tasks")(logs.tasks)
 
 
+def _board(group: typer.Typer) -> None:
+    from xitl_cli.commands import board
+
+    group.command("create")(board.create)
+    group.command("start")(board.start)
+    group.command("stop")(board.stop)
+    group.command("list")(board.list_boards)
+    group.command("ssh", context_settings={"ignore_unknown_options": True})(board.ssh)
+    group.command("console")(board.console)
+    group.command("remove")(board.remove)
+
+
 def _world(group: typer.Typer) -> None:
     from xitl_cli.commands import world
 
@@ -204,6 +216,7 @@ def _paper(group: typer.Typer) -> None:
 
 _GROUPS: Mapping[str, tuple[str, Callable[[typer.Typer], None]]] = {
     "agent": ("Run the agent for a simulation host (`xitl agent --help`), package it, deploy it to a board.", _agent),
+    "board": ("An ARMv7 board with a Debian of its own, emulated on this machine.", _board),
     "profiles": ("List, show and check profiles.", _profiles),
     "vehicle": ("Look into the model of a vessel.", _vehicle),
     "params": ("Read, compare and set parameters of a vehicle.", _params),

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-Destination = Annotated[str, typer.Argument(metavar="USER@HOST", help="The board, as ssh knows it.")]
+if TYPE_CHECKING:
+    from xitl_cli.deploy.ssh import Board
+
+EMULATED = "board:"
+Destination = Annotated[
+    str, typer.Argument(metavar="USER@HOST", help="The board, as ssh knows it; board:NAME is one of `xitl board`.")
+]
 Port = Annotated[int | None, typer.Option(min=1, max=65535, help="Port of the board's ssh server.")]
 Identity = Annotated[Path | None, typer.Option(metavar="FILE", help="Private key to log in with.")]
 SshConfig = Annotated[Path | None, typer.Option(metavar="FILE", help="ssh settings in place of your own ones.")]
@@ -19,6 +25,18 @@ def run_agent(context: typer.Context) -> None:
         from agent.__main__ import main
 
         raise typer.Exit(main([], program="xitl agent"))
+
+
+def reached(destination: str, port: int | None, identity: Path | None, ssh_config: Path | None) -> Board:
+    """The board of a command line; of an emulated one its name is enough. Raises UserError."""
+    from xitl_cli.deploy.ssh import Board
+
+    if not destination.startswith(EMULATED):
+        return Board(destination, port, identity, ssh_config)
+    from xitl_cli.board.emulator import the_running_board
+
+    board = the_running_board(destination.removeprefix(EMULATED))
+    return Board(board.name, port, identity, ssh_config or board.ssh_config)
 
 
 def package(
@@ -69,9 +87,9 @@ def deploy(
     from agent.board.install import settings_to_json
     from xitl_cli.commands.terminal import terminal
     from xitl_cli.deploy.package import build
-    from xitl_cli.deploy.ssh import Board, run_there, settings
+    from xitl_cli.deploy.ssh import run_there, settings
 
-    board = Board(destination, port, identity, ssh_config)
+    board = reached(destination, port, identity, ssh_config)
     given = {"link": link, "role": role, "cpu": cpu, "realtime": None if realtime is None else str(realtime)}
     options = {key: [value] for key, value in given.items() if value is not None}
     files = {"parameters": parameters, "link-key": link_key, "signing-key": signing_key}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.agent import Identity, Port, SshConfig
+from xitl_cli.commands.agent import Identity, Port, SshConfig, reached
 from xitl_cli.commands.options import Json
 
 if TYPE_CHECKING:
@@ -19,7 +19,10 @@ STYLES = {"ok": "", "warning": "yellow", "problem": "bold red"}
 
 def doctor(
     destination: Annotated[
-        str | None, typer.Argument(metavar="USER@HOST", help="A board, over ssh; this machine if left out.")
+        str | None,
+        typer.Argument(
+            metavar="USER@HOST", help="A board, over ssh (board:NAME: an emulated one); this machine if left out."
+        ),
     ] = None,
     link: Annotated[
         str | None, typer.Option(metavar="URL", help="Link to try as well: its port, device or interface.")
@@ -41,9 +44,7 @@ def doctor(
 
         simulating, machine = examine_simulating(), examine(link, HOST_PYTHON)
     else:
-        from xitl_cli.deploy.ssh import Board
-
-        machine = _examined_there(Board(destination, port, identity, ssh_config), link)
+        machine = _examined_there(reached(destination, port, identity, ssh_config), link)
     if as_json:
         typer.echo(findings_to_json([*simulating, *machine]))
     else:

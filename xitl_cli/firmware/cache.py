@@ -1,6 +1,6 @@
 """The firmware cache, CACHE/firmware/VEHICLE/VERSION/BOARD/, and the search for a program that runs here.
 
-CACHE is XITL_CACHE, else XDG_CACHE_HOME/xitl, else ~/.cache/xitl. VERSION is what was asked for: `stable`, `beta`,
+CACHE is that of xitl_cli.cache. VERSION is what was asked for: `stable`, `beta`,
 `latest` or numbers. Beside the file lies a record of where it is from. A file that was put there by hand counts too.
 """
 
@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from xitl_cli.cache import cache_root
 from xitl_cli.errors import UserError
 
 PROGRAMS = {"rover": "ardurover", "plane": "arduplane", "copter": "arducopter", "sub": "ardusub"}
@@ -64,7 +65,7 @@ class CachedFirmware:
 
 def firmware_root() -> Path:
     """The folder that holds all; it need not exist."""
-    return _cache() / "firmware"
+    return cache_root() / "firmware"
 
 
 def cache_folder(vehicle: str, version: str, board: str) -> Path:
@@ -184,14 +185,6 @@ def record_text(record: FirmwareRecord) -> str:
     """The record as it is written."""
     written: dict[str, Any] = asdict(record)
     return json.dumps(written, indent=2, ensure_ascii=False) + "\n"
-
-
-def _cache() -> Path:
-    own = os.environ.get("XITL_CACHE")
-    if own:
-        return Path(own).expanduser()
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "xitl"
 
 
 def _files(at: Path) -> Iterator[Path]:

@@ -23,6 +23,7 @@ from xitl_cli.profile.schema.agents import AutopilotSpec
 Write = Callable[..., Path]
 
 
+EMULATED = [f"hitl-virtual-{what}" for what in ("board", "full")]
 LOOPBACKS = [f"hitl-{link}-loopback" for link in ("beaglebone", "can", "canfd", "serial")]
 BOARDS = [f"hitl-{link}" for link in ("beaglebone", "can", "canfd", "serial")]
 ARDUPILOT_WAYS = [f"hitl-ardupilot-{way}{what}" for way in ("ahrs", "linux", "usb") for what in ("", "-loopback")]
@@ -32,7 +33,7 @@ OTHERS = [
 PERCEPTION = ["sitl-perception", "sitl-ardupilot-perception", "hitl-jetson", "hitl-jetson-loopback", "hitl-full"]
 FLEETS = [f"fleet-{what}" for what in ("ardupilot", "convoy", "crossing", "head-on", "overtaking")]
 ALONE = ["ground-station", "hitl-loopback", "mitl", "mitl-replay", "sitl"]
-RUNNABLE = sorted([*ALONE, *PERCEPTION, *BOARDS, *LOOPBACKS, *OTHERS, *FLEETS])
+RUNNABLE = sorted([*EMULATED, *ALONE, *PERCEPTION, *BOARDS, *LOOPBACKS, *OTHERS, *FLEETS])
 
 
 @pytest.mark.parametrize("name", shipped_profiles())

@@ -1,0 +1,117 @@
+"""A board from its making to its removal."""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+
+from xitl_cli.board import recipe
+from xitl_cli.board.emulator import boot, cut_power, running, wait_until_up
+from xitl_cli.board.image import BoardImage, cpio_archive, find_image, make_image, make_overlay
+from xitl_cli.board.keys import make_keys, seed_files, write_ssh_config
+from xitl_cli.board.places import (
+    FIRST_PORT,
+    LAST_PORT,
+    PORTS_EACH,
+    EmulatedBoard,
+    board_folder,
+    board_names,
+    find_board,
+    images_root,
+    the_board,
+    write_record,
+)
+from xitl_cli.board.tools import FOR_MAKING, FOR_RUNNING, require
+from xitl_cli.errors import UserError
+
+Progress = Callable[[str], None]
+CORES, MEMORY_MIB = (1, 4), (256, 2048)
+LOWEST_PORT, HIGHEST_PORT = 1024, 65535 - PORTS_EACH
+
+
+def create(
+    name: str, suite: str, cores: int, memory_mib: int, port: int | None, mirror: str | None, progress: Progress
+) -> EmulatedBoard:
+    """Make a board, with an image of its suite that others share. Raises UserError; what was done is kept."""
+    folder = board_folder(name)
+    if suite not in recipe.SUITES:
+        raise UserError(f"--suite {suite}: not one that boards are made of; use {' or '.join(recipe.SUITES)}")
+    if find_board(name) is not None:
+        raise UserError(
+            f"{name}: is there already; start it (xitl board start {name}), or remove it: xitl board remove {name}"
+        )
+    require(FOR_MAKING)
+    image = make_image(suite, mirror, progress)
+    progress("making keys and disk")
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
+    board = EmulatedBoard(name, suite, image.version, cores, memory_mib, _free_ports() if port is None else port)
+    make_keys(folder, name)
+    _make_disk(board, image)
+    write_ssh_config(board)
+    write_record(board)
+    return board
+
+
+def _free_ports() -> int:
+    taken = {board.port for name in board_names() if (board := find_board(name)) is not None}
+    for port in range(FIRST_PORT, LAST_PORT + 1, PORTS_EACH):
+        if port not in taken:
+            return port
+    raise UserError(
+        "the ports of all boards are taken; give the first of ten of your own with --port, or remove a board"
+    )
+
+
+def _make_disk(board: EmulatedBoard, image: BoardImage) -> None:
+    make_overlay(board.disk, image.disk, "qcow2")
+    board.early.write_bytes(image.early.read_bytes() + _seed(board))
+
+
+def _seed(board: EmulatedBoard) -> bytes:
+    return gzip.compress(cpio_archive({f"seed/{path}": file for path, file in seed_files(board).items()}), mtime=0)
+
+
+def start(name: str, port: int | None, limit_s: float, progress: Progress) -> tuple[EmulatedBoard, float | None]:
+    """Boot a board and wait until it is up; the seconds that took, None where it was running already."""
+    board = the_board(name)
+    require(FOR_RUNNING)
+    if running(board) is not None:
+        wait_until_up(board, limit_s, progress)
+        return board, None
+    image = find_image(board.suite)
+    if image is None or image.version != board.image:
+        raise UserError(
+            f"{name}: was made with image {board.suite}-{board.image}, and this xitl uses "
+            f"{board.suite}-{recipe.recipe_version()}; make it anew: xitl board remove {name}, xitl board create {name}"
+        )
+    if port is not None and port != board.port:
+        board = replace(board, port=port)
+        write_ssh_config(board)
+        write_record(board)
+    boot(board, image.kernel)
+    return board, wait_until_up(board, limit_s, progress)
+
+
+def remove(name: str, images: bool) -> list[str]:
+    """Remove a board, and with `images` every image that no board uses any more. Returns what was removed."""
+    folder = board_folder(name)
+    if not folder.is_dir():
+        the_board(name)
+    try:
+        board = find_board(name)
+    except UserError:
+        board = None
+    if board is not None and running(board) is not None:
+        cut_power(board)
+    shutil.rmtree(folder)
+    removed = [str(folder)]
+    if images:
+        used = {f"{one.suite}-{one.image}" for each in board_names() if (one := find_board(each)) is not None}
+        for at in sorted(images_root().glob("*")):
+            if at.name not in used:
+                shutil.rmtree(at)
+                removed.append(str(at))
+    return removed

@@ -1,0 +1,126 @@
+"""Where boards and their images are, and what is known of each board: CACHE/boards/NAME/board.json."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from xitl_cli.cache import cache_root
+from xitl_cli.errors import UserError
+
+RECORD = "board.json"
+PORTS_EACH, FIRST_PORT, LAST_PORT = 10, 14700, 14990
+_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,30}")
+
+
+def boards_root() -> Path:
+    """The folder of all boards; it need not exist."""
+    return cache_root() / "boards"
+
+
+def images_root() -> Path:
+    """The folder of what several boards share."""
+    return cache_root() / "board-images"
+
+
+@dataclass(frozen=True, slots=True)
+class EmulatedBoard:
+    """One board. port: the first of its ports on this machine. image: the version of the recipe it was made by."""
+
+    name: str
+    suite: str
+    image: str
+    cores: int
+    memory_mib: int
+    port: int
+
+    @property
+    def folder(self) -> Path:
+        """Where all of it is."""
+        return board_folder(self.name)
+
+    @property
+    def ssh_port(self) -> int:
+        """Of this machine, for the board's ssh server."""
+        return self.port
+
+    @property
+    def autopilot_port(self) -> int:
+        """Of this machine, for the autopilot's agent on the board, port 14660 there."""
+        return self.port + 1
+
+    @property
+    def companion_port(self) -> int:
+        """Of this machine, for the companion's agent on the board, port 14661 there."""
+        return self.port + 2
+
+    @property
+    def mavlink_port(self) -> int:
+        """Of this machine, for what speaks MAVLink over TCP on the board, port 5760 there."""
+        return self.port + 3
+
+    @property
+    def disk(self) -> Path:
+        """What differs from the image's disk."""
+        return self.folder / "disk.qcow2"
+
+    @property
+    def early(self) -> Path:
+        """The image's early user space, with this board's keys and name."""
+        return self.folder / "early.cpio.gz"
+
+    @property
+    def ssh_config(self) -> Path:
+        """For `ssh -F`: the board under its name."""
+        return self.folder / "ssh_config"
+
+    @property
+    def console(self) -> Path:
+        """What its console said since it was started."""
+        return self.folder / "console.log"
+
+    @property
+    def serial(self) -> Path:
+        """The near end of its second serial line while it runs, a link to a pseudo-terminal."""
+        return self.folder / "serial"
+
+
+def board_folder(name: str) -> Path:
+    """Where the board of a name is; it need not exist. Raises UserError for what is no name."""
+    if not _NAME.fullmatch(name):
+        raise UserError(f"{name!r}: no name for a board; use small letters, digits and hyphens, at most 31 of them")
+    return boards_root() / name
+
+
+def find_board(name: str) -> EmulatedBoard | None:
+    """The board of a name, None where there is none. Raises UserError for one whose record cannot be read."""
+    file = board_folder(name) / RECORD
+    try:
+        return EmulatedBoard(**json.loads(file.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError):
+        raise UserError(
+            f"{file}: cannot be read as the record of a board; remove it: xitl board remove {name}"
+        ) from None
+
+
+def the_board(name: str) -> EmulatedBoard:
+    """As `find_board`. Raises UserError where there is none."""
+    found = find_board(name)
+    if found is None:
+        known = ", ".join(board_names()) or "none yet"
+        raise UserError(f"{name}: there is no such board (there: {known}); make it: xitl board create {name}")
+    return found
+
+
+def board_names() -> list[str]:
+    """Of all boards that there are, in order."""
+    return sorted(file.parent.name for file in boards_root().glob(f"*/{RECORD}"))
+
+
+def write_record(board: EmulatedBoard) -> None:
+    """Keep what is known of it."""
+    (board.folder / RECORD).write_text(json.dumps(asdict(board), indent=2) + "\n", encoding="utf-8")

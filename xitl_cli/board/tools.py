@@ -1,0 +1,69 @@
+"""Programs of this machine that make and run boards: which are missing, and running one."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+
+FOR_RUNNING = {"qemu-system-arm": "qemu-system-arm", "ssh": "openssh-client"}
+"""Programs by name, and the Debian package that has each."""
+FOR_MAKING = {
+    **FOR_RUNNING,
+    "apt-get": "apt",
+    "dpkg-deb": "dpkg",
+    "fakeroot": "fakeroot",
+    "mke2fs": "e2fsprogs",
+    "qemu-img": "qemu-utils",
+    "ssh-keygen": "openssh-client",
+    "tar": "tar",
+}
+_ALSO = "/usr/sbin:/sbin"  # where only root's PATH leads
+_LAST_LINES = 3
+
+
+def require(programs: dict[str, str]) -> None:
+    """Raises UserError that names the packages of all that are missing."""
+    missing = {package: name for name, package in programs.items() if find_program(name) is None}
+    if missing:
+        raise UserError(
+            f"an emulated board needs {_list(missing.values())}, which this machine has not; install it, on Debian or "
+            f"Ubuntu: apt install {' '.join(sorted(missing))}"
+        )
+
+
+def find_program(name: str) -> str | None:
+    """Its path, also where only root's PATH leads."""
+    return shutil.which(name) or shutil.which(name, path=_ALSO)
+
+
+def checked_run(
+    command: Sequence[str], what: str, todo: str, cwd: Path | None = None, timeout_s: float | None = None
+) -> str:
+    """Its standard output. Raises UserError: `what` failed, its last words, what `todo`."""
+    words = [find_program(command[0]) or command[0], *command[1:]]
+    try:
+        done = subprocess.run(
+            words, cwd=cwd, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace",
+            timeout=timeout_s, check=False,
+        )  # fmt: skip
+    except FileNotFoundError:
+        raise UserError(f"{what}: there is no {command[0]} on this machine; {todo}") from None
+    except subprocess.TimeoutExpired:
+        raise UserError(f"{what}: {command[0]} did not end within {timeout_s:.0f} s; {todo}") from None
+    if done.returncode:
+        raise UserError(f"{what} ({last_words(done.stderr or done.stdout) or f'exit code {done.returncode}'}); {todo}")
+    return done.stdout
+
+
+def last_words(text: str) -> str:
+    """The last lines of what a program said, in one."""
+    return " / ".join([line.strip() for line in text.splitlines() if line.strip()][-_LAST_LINES:])
+
+
+def _list(names: Iterable[str]) -> str:
+    *others, last = sorted(names)
+    return f"{', '.join(others)} and {last}" if others else last

@@ -1,0 +1,202 @@
+"""`xitl board …`: an emulated ARMv7 board on this machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from xitl_cli.commands.options import Json
+
+if TYPE_CHECKING:
+    from xitl_cli.board.places import EmulatedBoard
+
+Name = Annotated[str, typer.Argument(metavar="NAME", help="The board's name.")]
+Port = Annotated[
+    int | None, typer.Option(min=1024, max=65525, help="First of its ten ports on 127.0.0.1 (default: the first free).")
+]
+
+
+def create(
+    name: Name,
+    suite: Annotated[str, typer.Option(help="bookworm (Debian 12, Python 3.11) or bullseye (11, 3.9).")] = "bookworm",
+    cores: Annotated[int, typer.Option(min=1, max=4, help="Processors of the board.")] = 1,
+    memory: Annotated[int, typer.Option(metavar="MIB", min=256, max=2048, help="Its memory.")] = 512,
+    port: Port = None,
+    mirror: Annotated[
+        str | None, typer.Option(metavar="URL", help="Debian mirror (default: the one that apt uses here).")
+    ] = None,
+) -> None:
+    """Make an ARMv7 board of Debian's packages, to be emulated here. No root needed; what was done so far is kept."""
+    from xitl_cli.board.life import create as make
+
+    with _telling() as tell:
+        board = make(name, suite, cores, memory, port, mirror, tell)
+    _say(f"{board.name}: Debian {board.suite} for ARMv7, {board.cores} × Cortex-A15, {board.memory_mib} MiB")
+    _say(f"start it with: xitl board start {board.name}")
+
+
+def start(
+    name: Name,
+    port: Port = None,
+    timeout: Annotated[float, typer.Option(metavar="S", min=5, help="How long it may take to come up.")] = 180.0,
+) -> None:
+    """Boot a board, wait until ssh lets us in, and print its address and the commands that use it."""
+    from xitl_cli.board.life import start as begin
+
+    with _telling() as tell:
+        board, took_s = begin(name, port, timeout, tell)
+    _say(f"{name}: {'runs already' if took_s is None else f'up after {took_s:.0f} s'}")
+    for label, command in _commands(board):
+        _say(f"  {label:<11}{command}")
+
+
+def stop(
+    name: Name,
+    cut: Annotated[bool, typer.Option("--cut", help="Cut its power: what was not on its disk is lost.")] = False,
+) -> None:
+    """Shut a board down."""
+    from xitl_cli.board.emulator import cut_power, running, shut_down
+    from xitl_cli.board.places import the_board
+
+    board = the_board(name)
+    if running(board) is None:
+        _say(f"{name}: does not run")
+    elif cut:
+        cut_power(board)
+        _say(f"{name}: power cut")
+    elif shut_down(board):
+        _say(f"{name}: shut down")
+    else:
+        _say(f"{name}: did not shut down by itself, so its power was cut")
+
+
+def remove(
+    name: Name,
+    images: Annotated[bool, typer.Option("--images", help="And the images that no other board uses.")] = False,
+) -> None:
+    """Remove a board with its disk and keys; the image that it was made of stays for others."""
+    from xitl_cli.board.life import remove as take_away
+
+    for path in take_away(name, images):
+        _say(f"removed {path}")
+
+
+def list_boards(as_json: Json = False) -> None:
+    """List the boards that there are, and whether they run."""
+    from xitl_cli.board.emulator import running
+    from xitl_cli.board.places import board_names, the_board
+    from xitl_cli.commands.terminal import show_rows, terminal
+
+    boards = [the_board(name) for name in board_names()]
+    if as_json:
+        rows = [
+            {
+                "name": one.name,
+                "suite": one.suite,
+                "cores": one.cores,
+                "memory_mib": one.memory_mib,
+                "running": running(one) is not None,
+                "ssh": f"127.0.0.1:{one.ssh_port}",
+                "autopilot": f"127.0.0.1:{one.autopilot_port}",
+                "companion": f"127.0.0.1:{one.companion_port}",
+                "mavlink": f"127.0.0.1:{one.mavlink_port}",
+                "serial": str(one.serial),
+                "folder": str(one.folder),
+            }
+            for one in boards
+        ]
+        typer.echo(json.dumps({"boards": rows}, indent=2))
+        return
+    if not boards:
+        _say("no board yet; make one: xitl board create virtual")
+        return
+    table = [
+        [
+            one.name,
+            "runs" if running(one) is not None else "off",
+            one.suite,
+            str(one.cores),
+            f"{one.memory_mib} MiB",
+            f"{one.port}–{one.mavlink_port}",
+            f"{_used_mib(one)} MiB",
+        ]
+        for one in boards
+    ]
+    show_rows(terminal(), ("board", "", "suite", "cores", "memory", "ports", "on disk"), table, text=(0, 1, 2))
+
+
+def ssh(
+    name: Name,
+    command: Annotated[list[str] | None, typer.Argument(metavar="[COMMAND]...", help="What to run there.")] = None,
+) -> None:
+    """Log in to a board as root, or run a command there."""
+    from xitl_cli.board.emulator import the_running_board
+    from xitl_cli.board.tools import FOR_RUNNING, require
+
+    board = the_running_board(name)
+    require(FOR_RUNNING)
+    sys.stdout.flush()
+    words = ["ssh", "-F", str(board.ssh_config), board.name, *(command or [])]
+    os.execvp(words[0], words)
+
+
+def console(name: Name) -> None:
+    """The board's console, where it says what it does while it boots. Ctrl-] leaves."""
+    from xitl_cli.board.console import attach
+    from xitl_cli.board.emulator import sockets, the_running_board
+
+    board = the_running_board(name)
+    _say(f"console of {name}; leave with Ctrl-]")
+    attach(sockets(board)[1], board.console)
+
+
+def _commands(board: EmulatedBoard) -> Iterator[tuple[str, str]]:
+    name = board.name
+    yield "address", f"127.0.0.1, ssh port {board.ssh_port}; 192.168.7.2 in its own network"
+    yield "log in", f"xitl board ssh {name}"
+    yield "deploy", f"xitl agent deploy board:{name} --service --link udp://usb0:14660"
+    given = "" if board.autopilot_port == 14701 else f" --set autopilot.link=udp://127.0.0.1:{board.autopilot_port}"
+    yield "sail", f"xitl sim --profile hitl-virtual-board{given}"
+    yield "check", f"xitl doctor board:{name}"
+    yield "serial", f"serial://{board.serial}?baud=921600 here, serial:///dev/ttyS0?baud=921600 there"
+    yield "stop", f"xitl board stop {name}"
+
+
+def _used_mib(board: EmulatedBoard) -> int:
+    try:
+        return sum(path.stat().st_blocks * 512 for path in board.folder.iterdir() if path.is_file()) >> 20
+    except OSError:
+        return 0
+
+
+@contextmanager
+def _telling() -> Iterator[Callable[[str], None]]:
+    """What is being done: in one line that changes at a terminal, else a line for each thing that is new."""
+    from xitl_cli.commands.terminal import progress, terminal
+
+    if terminal(stderr=True).is_terminal:
+        with progress("…") as shown:
+            yield shown
+        return
+    last = ""
+
+    def tell(text: str) -> None:
+        nonlocal last
+        what = "".join(letter for letter in text if not letter.isdigit())
+        if what != last and not what.startswith(" s"):
+            typer.echo(text, err=True)
+            last = what
+
+    yield tell
+
+
+def _say(text: str) -> None:
+    from xitl_cli.commands.terminal import terminal
+
+    terminal(soft_wrap=True).print(text)
