@@ -9,9 +9,10 @@ from urllib.parse import urlsplit
 
 from agent.board.doctor import OK, PROBLEM, WARNING, DoctorFinding
 from xitl_cli.errors import UserError
-from xitl_cli.extras import EXTRAS
+from xitl_cli.extras import EXTRAS, ROS2
 from xitl_cli.firmware.cache import find_firmware, find_px4
 from xitl_cli.profile.schema.profile import USUAL
+from xitl_cli.profile.schema.ros import RosSpec
 
 PACKAGES = ("numpy", "yaml", "mcap", "foxglove", "rich", "typer")
 """A run does without none of them."""
@@ -19,7 +20,7 @@ PACKAGES = ("numpy", "yaml", "mcap", "foxglove", "rich", "typer")
 
 def examine_simulating() -> list[DoctorFinding]:
     """Of this machine."""
-    return [check_packages(), *check_extras(), *check_firmware(), *check_ports(), check_pseudo_terminals()]
+    return [check_packages(), *check_extras(), *check_firmware(), *check_ports(), check_pseudo_terminals(), check_ros()]
 
 
 def check_packages() -> DoctorFinding:
@@ -53,6 +54,25 @@ def check_firmware() -> Iterator[DoctorFinding]:
     except UserError:
         advice = "build PX4 with `make px4_sitl_default`, then export XITL_PX4=…/bin/px4"
         yield DoctorFinding("PX4", OK, "none found (only for profiles with PX4)", advice)
+
+
+def check_ros() -> DoctorFinding:
+    """By which way `--ros` would go into ROS 2; ROS 1 needs nothing."""
+    from xitl_cli.ros.middleware import rclpy_problem, ros2_way
+
+    sourced = os.environ.get("ROS_DISTRO", "")
+    named = f" of ROS 2 {sourced}" if sourced else ""
+    try:
+        way = ros2_way(RosSpec())
+    except UserError:
+        return DoctorFinding("ROS 2", OK, "neither rclpy nor cyclonedds (only for `--ros`)", ROS2.pip_line)
+    if way == "cyclonedds":
+        return DoctorFinding("ROS 2", OK, "cyclonedds; no rclpy is sourced for this Python")
+    if (problem := rclpy_problem()) is None:
+        return DoctorFinding("ROS 2", OK, f"rclpy{named}")
+    instead = ROS2.pip_line if ROS2.missing else "cyclonedds is used instead; or run xitl in the Python of that ROS"
+    level = WARNING if ROS2.missing else OK
+    return DoctorFinding("ROS 2", level, f"rclpy{named} cannot be imported ({problem})", instead)
 
 
 def check_ports() -> Iterator[DoctorFinding]:

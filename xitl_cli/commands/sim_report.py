@@ -26,7 +26,7 @@ def show_result(console: Console, result: Result, verbose: bool = False) -> None
     if "vessels" in summary:
         show_fleet(console, summary, warnings, verbose)
     else:
-        results = (*_one_line_each(summary), *perception_rows(summary), *incidents(summary))
+        results = (*_one_line_each(summary), *perception_rows(summary), *ros_rows(summary), *incidents(summary))
         show_facts(console, [*results, *warnings, _realism(summary)])
         if verbose:
             _show_all(console, summary)
@@ -60,7 +60,8 @@ def show_fleet(
     if len(told) < len(facts):
         told.append(("", f"and {len(facts) - len(told)} more of the kind, in summary.json"))
     own = [(name, text, "yellow") for name, part in vessels.items() for text in part["warnings"]]
-    show_facts(console, [*told, *own, *warnings, _fleet_timing(summary), _fleet_profile(summary)])
+    ros = ros_rows(summary)
+    show_facts(console, [*told, *own, *ros, *warnings, _fleet_timing(summary), _fleet_profile(summary)])
     for name, part in vessels.items() if verbose else ():
         console.print()
         say(console, name, "bold")
@@ -458,6 +459,22 @@ def _actuators(actuators: dict[str, Any]) -> str:
     if actuators["stale"]:
         text += f"; none new at {actuators['stale']} exchanges, at most {actuators['longest_stale']} in a row"
     return text
+
+
+def ros_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """What went to nodes of ROS and came from them; none without ROS."""
+    ros = summary.get("ros")
+    if ros is None:
+        return
+    published, received, dropped = (sum(ros[key].values()) for key in ("published", "received", "dropped"))
+    topics = len(ros["published"])
+    text = f"{plural(published, 'message')} on {plural(topics, 'topic')} out, {received} in"
+    if refused := ros["refused"] + sum(ros["not_taken"].values()):
+        text += f", of which {refused} not taken"
+    yield "ROS", text
+    if dropped:
+        worst = max(ros["dropped"], key=ros["dropped"].__getitem__)
+        yield "ROS", f"{dropped} recorded messages came too fast for the bridge and were dropped, most of {worst}"
 
 
 def perception_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:

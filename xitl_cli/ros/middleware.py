@@ -17,6 +17,7 @@ from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 from xitl_cli.ros.outputs import QosKind
 
 NODE_NAME = "xitl"
+MOST_SAID = 120
 LOOK_S = 1.0
 """How often it is seen whether others publish the same."""
 
@@ -109,13 +110,31 @@ def open_middleware(spec: RosSpec, node_name: str = NODE_NAME) -> Middleware:
         from xitl_cli.ros.tcpros_middleware import TcprosMiddleware
 
         return TcprosMiddleware(spec, node_name)
+    problem = None
     if ros2_way(spec) == "rclpy":
-        from xitl_cli.ros.rclpy_middleware import RclpyMiddleware
+        problem = rclpy_problem()
+        if problem is None:
+            from xitl_cli.ros.rclpy_middleware import RclpyMiddleware
 
-        return RclpyMiddleware(spec, node_name)
+            return RclpyMiddleware(spec, node_name)
+        if spec.way == "rclpy" or ROS2.missing:
+            fix = f"run xitl in the Python of that ROS, or {ROS2.pip_line}"
+            raise UserError(f"ros: rclpy cannot be imported ({problem}); {fix}")
     from xitl_cli.ros.cyclone_middleware import CycloneMiddleware
 
-    return CycloneMiddleware(spec, node_name)
+    cyclone = CycloneMiddleware(spec, node_name)
+    if problem is not None:
+        cyclone.name += f", since rclpy cannot be imported ({problem})"
+    return cyclone
+
+
+def rclpy_problem() -> str | None:
+    """Why the rclpy that is here cannot be imported, as one for another Python; None where it can be."""
+    try:
+        import_module("rclpy")
+    except ImportError as error:
+        return str(error).splitlines()[0][:MOST_SAID]
+    return None
 
 
 def ros2_way(spec: RosSpec) -> Literal["rclpy", "cyclonedds"]:
