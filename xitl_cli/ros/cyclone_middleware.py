@@ -10,16 +10,25 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Set
 from functools import cache
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from cyclonedds import core
 from cyclonedds._clayer import ddspy_take, ddspy_write
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
-from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
+from cyclonedds.core import (
+    DDSException,
+    GuardCondition,
+    InstanceState,
+    Listener,
+    ReadCondition,
+    SampleState,
+    ViewState,
+    WaitSet,
+)
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.pub import DataWriter
@@ -32,6 +41,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.definitions import ros2_types, serialize, type_hash
 from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, QosProfile, mismatch_text, others_text
+from xitl_cli.ros.rtps_services import RtpsServices, ServiceRequest
 
 CONFIGURATION = """<CycloneDDS><Domain>
 <Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>
@@ -78,6 +88,11 @@ class CycloneMiddleware:
         self._readers: list[tuple[DataReader[Any], Callable[[bytes], None]]] = []
         self._waiting = WaitSet(self._participant)
         self._conditions: list[ReadCondition] = []
+        self._services: RtpsServices | None = None
+        self._answers: dict[str, Callable[[bytes], bytes]] = {}
+        self._requests: deque[ServiceRequest] = deque()
+        self._request_come = GuardCondition(self._participant)
+        self._waiting.attach(self._request_come)
         self._problems: list[str] = []
         self._told: set[tuple[str, int]] = set()
         self._others = OtherPublishers(self._participant)
@@ -112,18 +127,37 @@ class CycloneMiddleware:
         self._graph_changed = True
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
-        """Not by this way: each middleware of ROS says in its own way to which request a response belongs."""
+        """See Middleware: by a participant of its own, see `rtps_services`."""
+        if self._services is None:
+            try:
+                self._services = RtpsServices(self._domain_id, self._on_request)
+            except OSError as error:
+                if not self._answers:
+                    self._problems.append(
+                        f"ros: there are no services ({error}); the topics of their names do the same"
+                    )
+                self._answers[service] = answer
+                return
+        self._answers[self._services.serve(service, type_name).name] = answer
+        self._graph_changed = True
+
+    def _on_request(self, request: ServiceRequest) -> None:
+        """In the thread of the services."""
+        self._requests.append(request)
+        self._request_come.set(True)
 
     def spin(self, timeout_s: float) -> None:
         """See Middleware."""
         if self._graph_changed:
             self._graph_changed = False
             ddspy_write(self._graph._ref, self._node_graph())
-        if not self._readers:
-            time.sleep(timeout_s)
-            return
         if self._waiting.wait(round(timeout_s * 1e9)) == 0:
             return
+        self._request_come.take()
+        while self._requests:
+            request = self._requests.popleft()
+            assert self._services is not None
+            self._services.respond(request, self._answers[request.service.name](request.cdr))
         for reader, take in self._readers:
             taken = ddspy_take(reader._ref, _ANY, MOST_TAKEN)
             if isinstance(taken, list):
@@ -147,6 +181,8 @@ class CycloneMiddleware:
         """See Middleware."""
         if not self._closed:
             self._closed = True
+            if self._services is not None:
+                self._services.close()
             self._domain._delete(self._domain._ref)  # with all that is in it
 
     def _topic(self, name: str, type_name: str) -> Topic[Any]:
@@ -172,16 +208,21 @@ class CycloneMiddleware:
     def _node_graph(self) -> bytes:
         kinds = ros2_types().types
 
-        def gid(entity: core.Entity) -> Any:
-            return kinds["rmw_dds_common/msg/Gid"](data=np.frombuffer(entity.get_guid().bytes, dtype=np.uint8))
+        def gid(guid: bytes) -> Any:
+            return kinds["rmw_dds_common/msg/Gid"](data=np.frombuffer(guid, dtype=np.uint8))
 
+        readers = [reader.get_guid().bytes for reader, _ in self._readers]
+        writers = [writer.get_guid().bytes for writer in self._writers]
+        if self._services is not None:
+            of_services = self._services.gids()
+            readers, writers = readers + of_services[0], writers + of_services[1]
         node = kinds["rmw_dds_common/msg/NodeEntitiesInfo"](
             node_namespace="/",
             node_name=self._node,
-            reader_gid_seq=[gid(reader) for reader, _ in self._readers],
-            writer_gid_seq=[gid(writer) for writer in self._writers],
+            reader_gid_seq=[gid(guid) for guid in readers],
+            writer_gid_seq=[gid(guid) for guid in writers],
         )
-        message = kinds[GRAPH_TYPE](gid=gid(self._participant), node_entities_info_seq=[node])
+        message = kinds[GRAPH_TYPE](gid=gid(self._participant.get_guid().bytes), node_entities_info_seq=[node])
         return serialize(message)
 
 
