@@ -84,7 +84,7 @@ class TopicWriter:
         self._links = tuple(links)
         self._vessel = vessel
         self._channels: dict[str, Channel] = {}
-        self._watched: dict[str, Callable[..., object]] = {}
+        self._watched: dict[str, tuple[Callable[..., object], ...]] = {}
         for topic in TOPICS.values() if from_start else ():
             if topic.from_start:
                 for link in self._links if topic.per_link else ("",):
@@ -97,7 +97,7 @@ class TopicWriter:
 
     def watch(self, topic: str, seen: Callable[..., object]) -> None:
         """Have `seen` called with stamp and values of all that is written to a topic from now on."""
-        self._watched[topic] = seen
+        self._watched[topic] = (*self._watched.get(topic, ()), seen)
         if topic in self._channels:
             self._channels[topic] = _watched(self._channels[topic], seen)
 
@@ -136,8 +136,8 @@ class TopicWriter:
             encode = kind.encode
             writer = self._file.ros_channel(name, topic.schema, kind.definition, topic_name(topic, link=link))
         channel = encode, writer
-        if topic.name in self._watched:
-            channel = _watched(channel, self._watched[topic.name])
+        for seen in self._watched.get(topic.name, ()):
+            channel = _watched(channel, seen)
         return self._channels.setdefault(topic.name.format(link=link), channel)
 
 

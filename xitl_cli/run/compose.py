@@ -38,6 +38,7 @@ from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
+from xitl_cli.run.nodes.ros_companion import RosCompanionNode
 from xitl_cli.run.nodes.scripted import ScriptedRecorder
 from xitl_cli.run.nodes.track import TrackNode
 from xitl_cli.run.operator.control import OperatedControl
@@ -93,7 +94,8 @@ class RunSetup:
 def link_names(profile: RunProfile) -> tuple[str, ...]:
     """Of the links to agents, whose raw frames are recorded."""
     agents = autopilot_links(profile)
-    return agents if profile.companion is None else (*agents, COMPANION_LINK)
+    companion = profile.companion
+    return agents if companion is None or not companion.is_ours else (*agents, COMPANION_LINK)
 
 
 def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
@@ -126,7 +128,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
             if bridge.station_url is not None:
                 setup.stations.call(bridge.station_url)
         control = autopilot = made(_autopilot(setup, bridge))
-        if profile.companion is not None:
+        if profile.companion is not None and profile.companion.is_ours:
             companion = made(CompanionNode(profile, autopilot.send, setup.interrupted))
             autopilot.heard.subscribe(companion.forward)
     autopilots = [] if autopilot is None else autopilot.agents
@@ -170,6 +172,10 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         # In lockstep how much has come from a companion depends on the wall clock.
         age = autopilot.actuator_age if realtime else None
         links = LinkRecorder(profile.clock, agents if realtime else autopilots, age)
+    steering = setup.steering.get(profile.vessel)
+    nodes_of_ros = None
+    if profile.companion is not None and not profile.companion.is_ours and steering is not None:
+        nodes_of_ros = RosCompanionNode(profile.companion, steering.asked_by)
     if isinstance(control, OperatedControl):
         setup.steering[profile.vessel] = control
     in_force = tuple if faults is None else faults.schedule.names_in_force
@@ -187,6 +193,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         bridge,
         companion,
         links,
+        nodes_of_ros,
         TruthRecorder(profile, control, plant),
         ModelRange(simulation),
         mission,

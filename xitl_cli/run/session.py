@@ -124,6 +124,7 @@ def run(
     interruption = Interruption()
     scene = cache(partial(make_scene, profiles, scenery))
     operation = replace(operation, viewed=lead.view.show, ros=lead.ros.enabled)
+    check_driven(profiles, operation)
     if lead.ros.enabled and operation.pace is None:
         operation = replace(operation, pace=lead.ros.pace)
     with ExitStack() as opened:
@@ -157,7 +158,7 @@ def check_extras(profile: RunProfile) -> None:
     """Raise UserError when packages are missing that its perception needs: before anything is made, and not after."""
     sensors, companion = profile.sensors, profile.companion
     wanted = {"embreex": [f"sensors.{key}" for key in ("lidar", "sonar") if getattr(sensors, key, None) is not None]}
-    if companion is not None and companion.runs != "board":
+    if companion is not None and companion.is_ours and companion.runs != "board":
         wanted["kiss_icp"] = ["companion"]
     missing = [package for package in PERCEPTION.missing if wanted.get(package)]
     if missing:
@@ -166,6 +167,18 @@ def check_extras(profile: RunProfile) -> None:
             f"{profile.name}: {', '.join(keys)}: cannot do without {' and '.join(missing)}, not installed here; "
             f"{PERCEPTION.pip_line}"
         )
+
+
+def check_driven(profiles: Sequence[RunProfile], operation: Operation) -> None:
+    """Raise UserError where nodes of ROS were to drive and nobody can."""
+    if operation.operated:
+        return
+    for profile in profiles:
+        if profile.driver.kind == "ros":
+            raise UserError(
+                f"{profile.name}: driver.kind = ros has nobody to drive it, as ROS is off; give --ros, or what "
+                "nodes have done before by --replay-events"
+            )
 
 
 @contextmanager

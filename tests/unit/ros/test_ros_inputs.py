@@ -257,7 +257,7 @@ def test_a_thrust_at_rest_is_what_the_propeller_then_gives(newton: float) -> Non
 
 
 def test_thrusters_are_commanded_in_newton_or_shares_by_vrx_s_names() -> None:
-    nodes = Nodes("mitl", "driver.kind=ros")
+    nodes = Nodes("mitl", "driver.kind=ros", "ros.enabled=false")
     ahead_n, _ = load_profile("mitl").runnable().vehicle.propellers[0].static_thrust_n(Water().density_kgpm3)
     nodes.publish("/thrusters/left/cmd", made("std_msgs/msg/Float64", 0.25 * ahead_n))
     nodes.publish("/thrusters/right/cmd", made("std_msgs/msg/Float64", NAN))

@@ -428,6 +428,9 @@ def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             "companion: there is no autopilot for it to hear and to give orders to; "
             "use autopilot.kind = embedded, or leave it out",
         )
+    if not companion.is_ours:
+        yield from _nodes_of_ros(profile)
+        return
     if profile.autopilot is not None and profile.autopilot.kind == "px4" and companion.parameters.get("AVD_ENABLE", 1):
         yield (
             ("companion", "parameters"),
@@ -440,6 +443,16 @@ def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             checked_parameter(name, value)
         except ParameterError as error:
             yield ("companion", "parameters", name), f"companion.parameters: {error}"
+
+
+def _nodes_of_ros(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    sensors = profile.sensors
+    if sensors is not None and sensors.lidar is None and sensors.sonar is None:
+        yield (
+            ("companion", "kind"),
+            "companion.kind = ros: its nodes have neither lidar nor sonar to see by; extend sensors/perception, or use "
+            "driver.kind: ros",
+        )
 
 
 def _companion_link(profile: Profile, companion: CompanionSpec) -> Iterator[tuple[KeyPath, str]]:

@@ -24,6 +24,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """Everything about who steers that does not go together, but the technique."""
     if profile.driver is not None:
         yield from _driver(profile, profile.driver)
+    yield from _ros_lockstep(profile)
 
 
 def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str]]:
@@ -46,6 +47,39 @@ def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str
         yield from _replay(profile, driver, embedded)
     elif driver.kind == "follow":
         yield from _follow(profile, driver, embedded)
+    elif driver.kind == "ros":
+        yield from _ros(profile, embedded)
+    companion = profile.companion
+    if companion is not None and not companion.is_ours and profile.autopilot is not None and profile.ros is None:
+        yield ("companion", "kind"), "companion.kind = ros has no ROS to speak to; add ros: {enabled: true}"
+
+
+def _ros(profile: Profile, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
+    kind: KeyPath = ("driver", "kind")
+    if profile.autopilot is None:
+        return
+    if profile.ros is None:
+        yield kind, "driver.kind = ros has no ROS to be driven from; add ros: {enabled: true}, or give --ros"
+    if profile.autopilot.kind == "px4":
+        yield kind, "driver.kind = ros drives by ArduPilot's GUIDED, which PX4 does not have; use driver.kind: mission"
+    elif profile.vehicle is not None and profile.autopilot.kind == "embedded":
+        yield from _steered(profile.vehicle)
+
+
+def _ros_lockstep(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    lockstep, clock = None if profile.ros is None else profile.ros.lockstep, profile.clock
+    if lockstep is None or clock is None:
+        return
+    path: KeyPath = ("ros", "lockstep")
+    if clock.mode != "lockstep":
+        yield path, "ros.lockstep: time goes by with the clock on the wall; use clock.mode: lockstep, or leave it out"
+    steps = lockstep.step_s * clock.exchange_rate_hz
+    if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
+        yield (
+            (*path, "step_s"),
+            f"ros.lockstep.step_s = {lockstep.step_s:g} is no whole number of exchanges; use a multiple of "
+            f"{1 / clock.exchange_rate_hz:g}",
+        )
 
 
 def _follow(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tuple[KeyPath, str]]:

@@ -236,7 +236,12 @@ class AutopilotSpec(Specification):
 class CompanionSpec(Specification):
     """A computer beside the autopilot that perceives, maps and avoids."""
 
-    runs: Runs = "in-process"
+    kind: Annotated[
+        Literal["xitl", "ros"],
+        "xitl: ours; ros: nodes of ROS in its place, which have the sensors by topics and give their orders by "
+        "`cmd_vel` and `goal_pose`: [ros.md](ros.md)",
+    ] = "xitl"
+    runs: Annotated[Runs, "of ros: `board` says that they run on one"] = "in-process"
     link: Annotated[str | None, "its URL"] = None
     link_key_file: Annotated[str | None, "signs the link to it both ways"] = None
     parameters: Annotated[dict[str, float], "its settings by name: [perception.md](perception.md)"] = field(
@@ -249,3 +254,8 @@ class CompanionSpec(Specification):
     ] = 5
     connect_timeout_s: Timeout = 6.0
     silent_s: Annotated[Silence, "one that is silent for so long is given up; the run goes on without it"] = 10.0
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether the run has it at the end of a link."""
+        return self.kind == "xitl"

@@ -71,6 +71,12 @@ def _companion(profile: Profile) -> Part:
     if profile.companion is None:
         return
     kind, runs_on = _agent_place(profile.companion.runs, "companion")
+    if not profile.companion.is_ours:
+        runs_on = runs_on if kind == "real" else THIS_MACHINE
+        yield "HS", _node("nodes of ROS see by lidar and sonar", kind, runs_on), ("HC",)
+        yield "HC", _node("nodes of ROS plan", kind, runs_on), ("LS", "LC", "HA")
+        yield "HA", _node("nodes of ROS give the autopilot its orders", kind, runs_on), ("LC", "M")
+        return
     yield "HS", _node("maps and tracks obstacles by lidar and sonar", kind, runs_on), ("LC", "HC", "M")
     yield "HC", _node("plans the way around what is in it", kind, runs_on), ("LS", "LC", "HA", "M")
     yield "HA", _node("gives the autopilot its orders", kind, runs_on), ("LC", "M")

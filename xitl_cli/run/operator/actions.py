@@ -177,6 +177,8 @@ GROUPS: Mapping[str, type[Specification]] = {
     "mission": ChangeMission,
     "end": EndRun,
 }
+STEERED = ("arm", "mode", "goto", "velocity", "motor", "mission")
+"""Orders to a vessel."""
 STREAMED = ("velocity", "motor")
 """Those that programs repeat many times a second: the latest before an exchange counts, and none is said."""
 OF_PACE = ("pause", "resume", "step", "pace")

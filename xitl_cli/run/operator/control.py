@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Generic, TypeVar
 
 from agent.fcu.control.allocation import ThrustAllocator
@@ -44,6 +45,7 @@ class OperatedControl(ControlNode):
 
     def __init__(self, profile: RunProfile, silent_s: float = SILENT_S) -> None:
         self.silences = 0
+        self.asked_by: Counter[str] = Counter()
         self._vessel = profile.vehicle
         self._silent_ns = round(silent_s * 1e9)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz

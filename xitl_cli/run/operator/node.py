@@ -24,6 +24,7 @@ from xitl_cli.run.nodes.river import RiverNode
 from xitl_cli.run.operator.actions import (
     ENVIRONMENT,
     OF_PACE,
+    STEERED,
     STREAMED,
     ActionError,
     ChangePace,
@@ -193,6 +194,9 @@ class OperatorNode(RunNode):
         self._done[str(action["action"])] += 1
         text = json.dumps(action, ensure_ascii=False, allow_nan=False)
         self._recorder.write(self._now_ns, OperatorAction(text, source))
+        steering = self._steering.get(action.get("vessel", ""))
+        if steering is not None and action["action"] in STEERED:
+            steering.asked_by[source] += 1
         if action["action"] not in STREAMED:
             self._recorder.log(self._now_ns, INFO, SOURCE, f"{_said(action)} ({source})")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, cast
@@ -42,9 +43,13 @@ Order = Arm | ChangeMode | GoTo | SteerVelocity | CommandMotor | ChangeMission |
 
 
 class Steering(Protocol):
-    """Whom an operator's orders to a vessel are given to. silences: how often a stream of commands ended unasked."""
+    """Whom an operator's orders to a vessel are given to.
+
+    silences: how often a stream of commands ended unasked. asked_by: how many were carried out, by who asked.
+    """
 
     silences: int
+    asked_by: Counter[str]
 
     def check(self, order: Order) -> None:
         """Raises ActionError for one that cannot be carried out, or while there is nobody to obey."""
@@ -84,6 +89,7 @@ class VesselOrders:
         silent_s: float = SILENT_S,
     ) -> None:
         self.silences = 0
+        self.asked_by: Counter[str] = Counter()
         self._velocity = VelocityStream(commands, silent_s)
         self._finish = finish
         self._upload: MissionUpload | None = None

@@ -20,7 +20,7 @@ STEP: Any = None  # motor commands need no step
 
 
 def control(vehicle: str = "mitl") -> OperatedControl:
-    return OperatedControl(load_profile(vehicle, ["driver.kind=ros"]).runnable())
+    return OperatedControl(load_profile(vehicle, ["driver.kind=ros", "ros.enabled=false"]).runnable())
 
 
 def test_motor_commands_go_out_as_they_are_and_each_falls_silent_by_itself() -> None:
@@ -72,7 +72,7 @@ class Stream:
 
 
 def played(folder: Path, stream: Stream, **keys: Any) -> Result:
-    overrides = ["driver.kind=ros", *(f"{key}={value}" for key, value in keys.items())]
+    overrides = ["driver.kind=ros", "ros.enabled=false", *(f"{key}={value}" for key, value in keys.items())]
     profile = load_profile("mitl", overrides)
     return run(profile, folder, False, NoDisplay, operation=Operation(people=(stream,)))
 

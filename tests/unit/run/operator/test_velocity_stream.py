@@ -39,7 +39,7 @@ class Helm:
         self.said: list[str] = []
         self.ended = False
         self.now_ns = 0
-        profile = load_profile("sitl", [f"driver.kind={driver}"]).runnable()
+        profile = load_profile("sitl", [f"driver.kind={driver}", "ros.enabled=false"]).runnable()
         commands = AutopilotCommands(self.view, self.sent.append, 1, 1)
         self.orders = VesselOrders(profile, commands, FRAME, cast(Any, None), self._end)
         self.beat(HOLD)
