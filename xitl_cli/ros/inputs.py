@@ -30,6 +30,8 @@ STREAM_S = 0.005
 """Of a stream that comes faster than this the latest is passed on."""
 MOST_A_SECOND = 50
 """Of anything else: what is more is dropped."""
+SPINS = 5
+"""With nothing to wait for: rclpy calls one handler in each."""
 AHEAD_M = 20.0
 """Of the vessel: where `launch_debris` puts a trunk."""
 TRUTH, REFUSALS, READY = "/truth/odometry", "refusals", "ready"
@@ -121,6 +123,7 @@ class RosInputs:
         self._now_s = now_s
         self._said: set[tuple[str, str]] = set()
         self._streams: list[_Stream] = []
+        self._answers: list[tuple[str, int]] = []
         self._truth: dict[str, bytes] = {}
         self._spec = profiles[0].ros
         self._refusals = middleware.advertise(ros_name(self._spec.namespace, "", REFUSALS), _STRING, RELIABLE)
@@ -134,7 +137,19 @@ class RosInputs:
             self._truth[topic.removesuffix(TRUTH).strip("/")] = payload
 
     def flush(self) -> None:
-        """Pass on what is due. To be called after each spin of the middleware."""
+        """Pass on what is due. To be called after each spin of the middleware.
+
+        A node publishes its commands before its answer, and both may come within one spin in any order: more spins
+        bring what came before the answer, and then it goes.
+        """
+        if self._answers:
+            answers, self._answers = self._answers, []
+            for _ in range(SPINS):
+                self._middleware.spin(0.0)
+            for stream in self._streams:
+                stream.flush(waits=False)
+            for node, stamp_ns in answers:
+                self._answered(node, stamp_ns)
         for stream in self._streams:
             stream.flush()
 
@@ -197,6 +212,8 @@ class RosInputs:
             stream = _Stream(read, self._now_s, lambda: self.superseded.update([whole]))
             self._streams.append(stream)
             pass_on = stream.take
+        elif key == READY:
+            pass_on = read
         else:
             pass_on = _Limited(read, self._now_s, lambda: self._refuse(whole, _TOO_MANY)).take
 
@@ -204,7 +221,8 @@ class RosInputs:
             self.received[whole] += 1
             pass_on(cdr)
 
-        self._middleware.subscribe(whole, topic_type, COMMANDS if one.streams else RELIABLE, take)
+        best_effort = one.streams and self._spec.lockstep is None  # what is lost does not repeat
+        self._middleware.subscribe(whole, topic_type, COMMANDS if best_effort else RELIABLE, take)
 
     # What comes
 
@@ -268,9 +286,7 @@ class RosInputs:
         return {"action": "launch", "kind": "trunk", "north_m": round(north_m, 3), "east_m": round(east_m, 3)}
 
     def _on_ready(self, message: Any) -> None:
-        for stream in self._streams:
-            stream.flush(waits=False)  # what came before it goes before it
-        self._answered(str(message.frame_id), message.stamp.sec * 1_000_000_000 + message.stamp.nanosec)
+        self._answers.append((str(message.frame_id), message.stamp.sec * 1_000_000_000 + message.stamp.nanosec))
 
 
 _HEADER = 4

@@ -243,8 +243,14 @@ def test_ready_is_asked_for_in_lockstep_alone_and_goes_after_what_came_before_it
     nodes.publish("/cmd_vel", twist(1.0, 0.0))
     nodes.publish("/cmd_vel", twist(2.0, 0.0))  # within 5 ms of the one before it
     nodes.publish("/ready", header("avoider", 1_200_000_000))
+    assert nodes.answers == []
+    nodes.inputs.flush()
     assert [action["speed_mps"] for action in nodes.actions] == [1.0, 2.0]
     assert nodes.answers == [("avoider", 1_200_000_000)]
+    for number in range(200):  # of them none is too many
+        nodes.publish("/ready", header("avoider", 2_000_000_000 + number))
+    nodes.inputs.flush()
+    assert len(nodes.answers) == 201
 
 
 @pytest.mark.parametrize("newton", [0.0, 10.0, 60.0, -25.0, 1e9, -1e9])
