@@ -469,8 +469,8 @@ def ros_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     published, received, dropped = (sum(ros[key].values()) for key in ("published", "received", "dropped"))
     topics = len(ros["published"])
     text = f"{plural(published, 'message')} on {plural(topics, 'topic')} out, {received} in"
-    if refused := ros["refused"] + sum(ros["not_taken"].values()):
-        text += f", of which {refused} not taken"
+    if ros["refused"]:
+        text += f", of which {ros['refused']} not taken"
     yield "ROS", text
     if dropped:
         worst = max(ros["dropped"], key=ros["dropped"].__getitem__)

@@ -197,8 +197,8 @@ class LiveRosNode(RunNode):
             refusal = "nobody carries out actions in this run"
             if self._operator is not None:
                 refused = self._operator.ask(action, SOURCE)
-                self._refused += refused is not None
                 refusal = refused or ""
+                self._refused += refused is not None and "request" not in message
             request = message.get("request")
             if request is not None:
                 self._send(RosAnswer(int(request), refusal or None))
@@ -289,7 +289,8 @@ class LiveRosNode(RunNode):
             self._words = None
 
     def report(self) -> dict[str, Any]:
-        """ros: way in, messages published, dropped and received by topic, actions asked for and refused."""
+        """ros: way in, messages by topic, actions asked for, and what was not done, be it here or in the bridge."""
+        not_taken = self._counts.get("refused", {})
         return {
             "ros": {
                 "way": self._name,
@@ -298,9 +299,9 @@ class LiveRosNode(RunNode):
                 "dropped": {self._topics[number]: count for number, count in sorted(self._dropped.items())},
                 "received": self._counts.get("received", {}),
                 "superseded": self._counts.get("superseded", {}),
-                "not_taken": self._counts.get("refused", {}),
+                "not_taken": not_taken,
                 "actions": self._actions,
-                "refused": self._refused,
+                "refused": self._refused + sum(not_taken.values()),
             },
             "warnings": list(self._problems),
         }

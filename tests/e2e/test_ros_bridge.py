@@ -1,0 +1,64 @@
+"""A run whose bridge to ROS hangs and is killed goes on and says so, and nothing of it stays."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import PATIENCE_S, command, environment
+
+pytest.importorskip("cyclonedds")
+pytestmark = pytest.mark.slow
+FAST = ("--set", "ros.pace=20", "--set", "ros.queue_mb=0.5", "--set", "ros.way=cyclonedds", "--duration", "600")
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    until_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < until_s, "waited in vain"
+        time.sleep(0.05)
+
+
+def bridge_of(run: int) -> int:
+    """The process of a run's bridge."""
+    children = [int(child) for child in Path(f"/proc/{run}/task/{run}/children").read_text().split()]
+    (bridge,) = [one for one in children if b"xitl_cli.ros.process" in Path(f"/proc/{one}/cmdline").read_bytes()]
+    return bridge
+
+
+def test_a_bridge_that_hangs_and_is_killed_holds_nothing_up(tmp_path: Path) -> None:
+    log = tmp_path / "said.txt"
+    with log.open("w") as told:
+        run = subprocess.Popen(
+            command("sim", "sitl", "--ros", *FAST, "--out", "run"),
+            cwd=tmp_path,
+            env=environment() | {"ROS_DOMAIN_ID": "103"},
+            stdout=told,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        wait_until(lambda: "HOLD" in log.read_text())
+        bridge = bridge_of(run.pid)
+        os.kill(bridge, signal.SIGSTOP)
+        wait_until(lambda: "takes nothing since 5 s" in log.read_text())
+        os.kill(bridge, signal.SIGKILL)
+        wait_until(lambda: "the run goes on without it (signal 9)" in log.read_text())
+        run.send_signal(signal.SIGINT)
+        assert run.wait(PATIENCE_S) == 130
+    finally:
+        run.kill()
+        run.wait()
+    assert not Path(f"/proc/{bridge}").exists()
+    summary = json.loads((tmp_path / "run/summary.json").read_text())
+    assert [text.partition(";")[0] for text in summary["warnings"] if text.startswith("ros:")] == [
+        "ros: the bridge takes nothing since 5 s",
+        "ros: the bridge has ended",
+    ]
+    assert sum(summary["ros"]["dropped"].values()) > 0
+    assert summary["ros"]["dropped"].get("/truth/odometry", 0) > 0
