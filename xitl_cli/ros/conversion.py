@@ -55,7 +55,13 @@ from rosbags.typesys.stores.ros2_jazzy import (
     std_msgs__msg__Bool as Bool,
 )
 from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__Float64MultiArray as MultiArray,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
     std_msgs__msg__Header as Header,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__MultiArrayLayout as MultiArrayLayout,
 )
 from rosbags.typesys.stores.ros2_jazzy import (
     std_msgs__msg__String as String,
@@ -72,7 +78,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, VESSEL_FRAME
 from xitl_cli.ros import clouds, instruments
-from xitl_cli.ros.definitions import deserialize, serialize
+from xitl_cli.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.ros.diagnostics import Diagnostics
 from xitl_cli.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
 from xitl_cli.ros.outputs import (
@@ -88,6 +94,7 @@ from xitl_cli.ros.outputs import (
 )
 from xitl_cli.ros.robot_description import make_robot_description
 from xitl_cli.ros.thrusters import Thruster, ThrusterState, state_of, thrusters_of
+from xitl_cli.ros.user_topics import LINK_NAME, UserTopic, named_topics, user_topics
 
 STATE_NS = 100_000_000
 KEPT_GYRO = 512
@@ -116,8 +123,18 @@ class RosConversion:
     """
 
     def __init__(self, profiles: Sequence[RunProfile]) -> None:
-        self._vessels = [VesselConversion(profile, number == 0) for number, profile in enumerate(profiles)]
+        self._named = named_topics(profiles[0].ros)
+        self._left_out = {name for name, asked in profiles[0].ros.topics.items() if not asked.publish}
+        self._vessels = [VesselConversion(profile, self._named, number == 0) for number, profile in enumerate(profiles)]
         self._handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]] | None] = {}
+
+    def topics(self) -> Iterator[tuple[RosTopic, str]]:
+        """What there will be, each with its vessel ("" of all): all but what an autopilot may turn out to have."""
+        yield self._named["/tf_static"], ""
+        for vessel in self._vessels:
+            for topic in vessel.topics():
+                if topic.name not in self._left_out:
+                    yield topic, "" if topic.of_all else vessel.name
 
     def wants(self, topic: str) -> bool:
         """Whether anything comes of a recorded topic."""
@@ -125,16 +142,24 @@ class RosConversion:
 
     def static(self) -> Iterator[RosMessage]:
         """What is said once, at the start: fixed frames of all vessels, descriptions, missions."""
+        return (message for message in self._all_static() if message.topic.name not in self._left_out)
+
+    def _all_static(self) -> Iterator[RosMessage]:
         frames = [frame for vessel in self._vessels for frame in vessel.fixed_frames]
         message = TFMessage(transforms=[_transform(frame, 0) for frame in frames])
-        yield RosMessage(OUTPUTS["/tf_static"], "", serialize(message), 0)
+        yield RosMessage(self._named["/tf_static"], "", serialize(message), 0)
         for vessel in self._vessels:
             yield from vessel.static()
 
     def convert(self, topic: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         """What becomes of one payload of a recorded topic, named as in the file: `/alpha/truth/odometry`."""
         handler = self._handler(topic)
-        return () if handler is None else handler(payload, stamp_ns)
+        if handler is None:
+            return ()
+        messages = handler(payload, stamp_ns)
+        if not self._left_out:
+            return messages
+        return (message for message in messages if message.topic.name not in self._left_out)
 
     def _handler(self, topic: str) -> Callable[[bytes, int], Iterable[RosMessage]] | None:
         if topic not in self._handlers:
@@ -150,9 +175,13 @@ class RosConversion:
 
 
 class VesselConversion:
-    """Of one vessel. handlers: by recorded topic without the vessel's name. first: it gives /clock."""
+    """Of one vessel. handlers: by recorded topic without the vessel's name. named: what topics are called.
 
-    def __init__(self, profile: RunProfile, first: bool) -> None:
+    first: it gives what there is one of for all, but transforms.
+    """
+
+    def __init__(self, profile: RunProfile, named: Mapping[str, RosTopic], first: bool) -> None:
+        self._named = named
         self.name = profile.vessel
         self._thrusters = thrusters_of(profile.vehicle)
         self._turning = [each for each in self._thrusters if each.limit_rad]
@@ -160,12 +189,14 @@ class VesselConversion:
         self.fixed_frames = tuple(named_frame(frame, self.name) for frame in self._resting_frames())
         self._first = first
         self._estimated = profile.autopilot.kind != "none"
+        moved_by = {"auto": "estimate" if self._estimated else "truth"}
+        self._moved_by = moved_by.get(profile.ros.tf, profile.ros.tf)
         self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
         sensors = profile.sensors
         self._instruments = None if sensors is None else instruments.Instruments(sensors, self._framed)
         self._attitude = AttitudeCarry()
         self._diagnostics = Diagnostics()
-        self._transform_ns = -1
+        self._estimate_ns = -1
         self._state_ns = 0
         self._mode: str | None = None
         self._armed: bool | None = None
@@ -188,7 +219,48 @@ class VesselConversion:
         if self._sonar is not None:
             handlers["/sonar/points"] = self._sonar_cloud
             handlers["/sonar/ping"] = self._ping
+        self._users: dict[str, list[UserTopic]] = {}
+        for user in user_topics(profile.ros):
+            self._users.setdefault(user.of, []).append(user)
+        for topic, users in self._users.items():
+            handlers[topic] = partial(self._with_users, handlers.get(topic), users)
         self.handlers = handlers
+
+    def topics(self) -> Iterator[RosTopic]:
+        """What there will be of it."""
+        names = ["mission", "robot_description", "ground_truth/odom", "wind", "current", "diagnostics"]
+        if self._first:
+            names += ["/clock", "/tf"]
+        if self._estimated:
+            names += ["odometry", "mode", "armed"]
+        if self._turning:
+            names += ["joint_states"]
+        if self._instruments is not None:
+            names += self._instruments.topics
+        if self._lidar is not None:
+            names += ["points", "scan"]
+        if self._sonar is not None:
+            names += ["sonar/points", "sonar/echo"]
+        yield from (self._named[name] for name in names)
+        yield from (self._named["thrusters/{thruster}/state"].of(each.name) for each in self._thrusters)
+        if self._instruments is not None:
+            yield from (self._named[instruments.RANGE].of(part) for part in self._instruments.rangefinders)
+        yield from (user.topic for users in self._users.values() for user in users)
+
+    def _with_users(
+        self,
+        ours: Callable[[bytes, int], Iterable[RosMessage]] | None,
+        users: Sequence[UserTopic],
+        payload: bytes,
+        stamp_ns: int,
+    ) -> Iterable[RosMessage]:
+        """What we make of it, then what the user does."""
+        if ours is not None:
+            yield from ours(payload, stamp_ns)
+        for user in users:
+            cdr = payload if user.read is None else _field_cdr(user, payload)
+            if cdr is not None:
+                yield RosMessage(user.topic, "" if user.topic.of_all else self.name, cdr, stamp_ns)
 
     def static(self) -> Iterator[RosMessage]:
         """Description and mission of the vessel."""
@@ -225,7 +297,7 @@ class VesselConversion:
         states = {each.name: state_of(each, rotor, density) for each in self._thrusters}
         for each in self._thrusters:
             message = self._joint_state(stamp_ns, [each], states)
-            topic = OUTPUTS["thrusters/{thruster}/state"].of(each.name)
+            topic = self._named["thrusters/{thruster}/state"].of(each.name)
             yield RosMessage(topic, self.name, serialize(message), stamp_ns)
         if self._turning:
             yield self._message("joint_states", self._joint_state(stamp_ns, self._turning, states), stamp_ns)
@@ -244,15 +316,16 @@ class VesselConversion:
         )
 
     def _truth(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        yield RosMessage(OUTPUTS["ground_truth/odom"], self.name, payload, stamp_ns)
-        if not self._estimated:
+        yield RosMessage(self._named["ground_truth/odom"], self.name, payload, stamp_ns)
+        if self._moved_by == "truth":
             odometry = deserialize(payload, OUTPUTS["odometry"].type)
             yield self._moved(stamp_ns, odometry.pose.pose)
 
     def _estimate(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         """The recorder's estimate is in the map and says nothing of what the autopilot does not."""
-        if stamp_ns <= self._transform_ns:
+        if stamp_ns <= self._estimate_ns:
             return
+        self._estimate_ns = stamp_ns
         odometry = deserialize(payload, OUTPUTS["odometry"].type)
         odometry.header.frame_id = self._framed(ODOM_FRAME)
         odometry.child_frame_id = self._framed(VESSEL_FRAME)
@@ -266,7 +339,8 @@ class VesselConversion:
         if math.isfinite(place.x) and math.isfinite(turn.w):
             self._attitude.estimated(stamp_ns, np.array([turn.w, turn.x, turn.y, turn.z]))
         yield self._message("odometry", odometry, stamp_ns)
-        yield self._moved(stamp_ns, odometry.pose.pose)
+        if self._moved_by == "estimate":
+            yield self._moved(stamp_ns, odometry.pose.pose)
 
     def _environment(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         message = deserialize(payload, TOPICS["/environment"].schema)
@@ -330,7 +404,7 @@ class VesselConversion:
         if kind == dialect.MAVLINK_MSG_ID_XITL_IMU:
             self._attitude.turned(message.time_usec * 1000, message.gyro)
         for name, of, made, made_ns in self._instruments.messages(message, self._attitude):
-            topic = OUTPUTS[name] if not of else OUTPUTS[name].of(of)
+            topic = self._named[name] if not of else self._named[name].of(of)
             yield RosMessage(topic, self.name, serialize(made), made_ns)
 
     def _answer(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
@@ -360,11 +434,11 @@ class VesselConversion:
         return Header(stamp=_time(stamp_ns), frame_id=frame)
 
     def _message(self, topic: str, message: Any, stamp_ns: int) -> RosMessage:
-        return RosMessage(OUTPUTS[topic], "" if OUTPUTS[topic].of_all else self.name, serialize(message), stamp_ns)
+        named = self._named[topic]
+        return RosMessage(named, "" if named.of_all else self.name, serialize(message), stamp_ns)
 
     def _moved(self, stamp_ns: int, pose: Any) -> RosMessage:
         """`odom` → `base_link`."""
-        self._transform_ns = stamp_ns
         place = pose.position
         transform = TransformStamped(
             header=self._header(stamp_ns, self._framed(ODOM_FRAME)),
@@ -454,6 +528,26 @@ class MissionUpload:
 
 
 _ANSWERS = frozenset((dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SYS_STATUS))
+
+
+def _field_cdr(user: UserTopic, payload: bytes) -> bytes | None:
+    """None for a frame of another message, and where the recorded message has no such element."""
+    assert user.read is not None
+    if user.message is not None:
+        message = read_frame(payload, frozenset((user.message,)))
+    else:
+        schema = TOPICS[LINK_NAME.sub(r"/link/{link}/\1", user.of)].schema
+        message = deserialize(payload, schema)
+    if message is None:
+        return None
+    try:
+        value = user.read(message)
+    except (AttributeError, IndexError, TypeError, ValueError):
+        return None
+    if user.topic.type == MultiArray.__msgtype__:
+        layout = MultiArrayLayout(dim=[], data_offset=0)
+        return serialize(MultiArray(layout=layout, data=np.array(value, dtype=np.float64)))
+    return serialize(ros2_types().types[user.topic.type](data=value))
 
 
 def read_frame(payload: bytes, kinds: frozenset[int]) -> Any:

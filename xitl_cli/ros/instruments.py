@@ -55,6 +55,7 @@ from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME
 from xitl_cli.ros import clouds
 from xitl_cli.ros.frames import GNSS_FRAME, IMU_FRAME, rangefinder_frame
 
+RANGE = "range/{rangefinder}"
 TESLA_PER_GAUSS = 1e-4
 ATTITUDE_DEVIATION_RAD = math.radians(0.5), math.radians(0.5), math.radians(2.0)
 """Of an autopilot's roll, pitch and yaw, which it does not say: the shipped runs keep within (0.5° RMS)."""
@@ -74,7 +75,10 @@ class Attitude(Protocol):
 
 
 class Instruments:
-    """Those of one vessel. framed: a frame's name with the vessel's."""
+    """Those of one vessel. framed: a frame's name with the vessel's.
+
+    kinds: of MAVLink messages that are of use; topics: of OUTPUTS that come of them; rangefinders: parts of RANGE.
+    """
 
     def __init__(self, sensors: SensorsSpec, framed: Callable[[str], str]) -> None:
         self._sensors = sensors
@@ -97,6 +101,10 @@ class Instruments:
         if sensors.messages.obstacle_distance is not None and sensors.lidar is None:
             self._makers[dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = self._sectors
         self.kinds = frozenset(self._makers)
+        self.topics = ["imu/data", "fix", "fix_velocity", "magnetic_field", "fluid_pressure"]
+        if dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE in self._makers:
+            self.topics.append("scan")
+        self.rangefinders = [f"rangefinder_{number}" for number in range(len(sensors.rangefinders))]
 
     def messages(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
         """What becomes of one of `kinds`."""
@@ -171,7 +179,7 @@ class Instruments:
             range=-math.inf if range_cm < low_cm else math.inf if range_cm > high_cm else range_cm * 0.01,
             variance=unit.noise_m**2,
         )
-        yield "range/{rangefinder}", f"rangefinder_{number}", found, stamp_ns
+        yield RANGE, self.rangefinders[number], found, stamp_ns
 
     def _sectors(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
         """OBSTACLE_DISTANCE: clockwise from the bow."""

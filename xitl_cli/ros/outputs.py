@@ -17,7 +17,7 @@ class RosTopic:
     """One topic. `name` without namespace and vessel: `imu/data`; with a slash before it, it is the same for all.
 
     type: as ROS 2 writes it, `sensor_msgs/msg/Imu`. sources: topics of the recording that it is made from. A name with
-    a part in braces stands for one each.
+    a part in braces stands for one each. called: what it is called instead.
     """
 
     name: str
@@ -27,11 +27,12 @@ class RosTopic:
     meaning: str
     sources: tuple[str, ...] = ()
     qos: QosKind = "sensor"
+    called: str = ""
 
     @property
     def of_all(self) -> bool:
         """There is one for all vessels."""
-        return self.name.startswith("/")
+        return (self.called or self.name).startswith("/")
 
     def of(self, part: str) -> RosTopic:
         """The one with `part` in place of the braces."""
@@ -40,7 +41,8 @@ class RosTopic:
 
     def full_name(self, vessel: str = "", namespace: str = "") -> str:
         """With namespace and vessel: `/harbour/alpha/imu/data`. Topics of all vessels have neither."""
-        return self.name if self.of_all else ros_name(namespace, vessel, self.name)
+        name = self.called or self.name
+        return name if self.of_all else ros_name(namespace, vessel, name)
 
 
 def ros_name(*parts: str) -> str:
@@ -56,7 +58,8 @@ DIAGNOSED = ("/tasks", "/pace", "/links", "/clocks", "/nodes")
 _TABLE = (
     RosTopic("/clock", "rosgraph_msgs/msg/Clock", "`clock.exchange_rate_hz`", "", "simulation time", (TICKS,), "clock"),
     RosTopic("/tf", "tf2_msgs/msg/TFMessage", "as `odometry`; moving links 10 Hz", "",
-             "`odom` → `base_link`: the autopilot's estimate, without an autopilot the truth; gears and rudders",
+             "`odom` → `base_link`: the autopilot's estimate, without an autopilot the truth (`ros.tf`); gears and "
+             "rudders",
              (ESTIMATE, TRUTH, TRUE_STATE)),
     RosTopic("/tf_static", "tf2_msgs/msg/TFMessage", "once", "",
              "`map` → `odom`, at rest, and the mounting places of sensors and thrusters", (), "latched"),

@@ -13,21 +13,19 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe, PipeClosedError
-from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.ros import RosTopicSpec
 from xitl_cli.ros.conversion import RosConversion, RosMessage
 from xitl_cli.ros.inputs import RosInputs
 from xitl_cli.ros.middleware import QOS, Middleware, open_middleware, qos_with
-from xitl_cli.ros.outputs import OUTPUTS, RosTopic
+from xitl_cli.ros.outputs import RosTopic
 from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosClockAgain, RosEnd, RosStart
-from xitl_cli.ros.thrusters import thrusters_of
 
 SPIN_S = 0.05
 DISCOVERY_S = 0.5
@@ -54,40 +52,6 @@ class Publisher:
         return True
 
 
-def outputs_of(profiles: Iterable[RunProfile], wanted: Callable[[str], bool]) -> Iterator[tuple[RosTopic, str]]:
-    """Topics that a run has from its start, each with its vessel; `wanted`: whether a recorded topic is converted.
-
-    That of a battery comes with the first word of one.
-    """
-    for number, profile in enumerate(profiles):
-        prefix = f"/{profile.vessel}" if profile.vessel else ""
-        parts = _parts(profile)
-        for topic in OUTPUTS.values():
-            if topic.of_all and number:
-                continue
-            if topic.sources and not any(wanted(prefix + source) for source in topic.sources):
-                continue
-            vessel = "" if topic.of_all else profile.vessel
-            if topic.name not in parts:
-                yield topic, vessel
-            for part in parts.get(topic.name, ()):
-                yield topic.of(part) if part else topic, vessel
-
-
-def _parts(profile: RunProfile) -> dict[str, tuple[str, ...]]:
-    """Of topics that not every vessel has: what stands in their braces, one empty name for a topic without."""
-    sensors, thrusters = profile.sensors, thrusters_of(profile.vehicle)
-    ranges = () if sensors is None else sensors.rangefinders
-    scans = sensors is not None and (sensors.lidar is not None or sensors.messages.obstacle_distance is not None)
-    return {
-        "range/{rangefinder}": tuple(f"rangefinder_{number}" for number in range(len(ranges))),
-        "thrusters/{thruster}/state": tuple(thruster.name for thruster in thrusters),
-        "joint_states": ("",) if any(thruster.limit_rad for thruster in thrusters) else (),
-        "scan": ("",) if scans else (),
-        "battery": (),
-    }
-
-
 def _discard(cdr: bytes) -> None:
     """Of a topic that the profile does not want."""
 
@@ -107,7 +71,7 @@ class RosBridge:
         self._told_s = 0.0
         self._conversion = RosConversion(start.profiles)
         self._publishers: dict[tuple[RosTopic, str], Publisher] = {}
-        for topic, vessel in outputs_of(start.profiles, self._conversion.wants):
+        for topic, vessel in self._conversion.topics():
             self._publisher(topic, vessel)
         self._clock: tuple[Publisher, bytes] | None = None
         for message in self._conversion.static():

@@ -21,6 +21,7 @@ from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.ros.middleware import ros2_way
 from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosClockAgain, RosEnd, RosStart
+from xitl_cli.ros.user_topics import check_topics
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.operator.node import OperatorNode
 
@@ -82,6 +83,7 @@ class LiveRosNode(RunNode):
 
     def prepare(self) -> None:
         """Start the process, and wait until it is in the graph. Raises UserError when it cannot be."""
+        check_topics(self._spec)
         if self._spec.master is None:
             ros2_way(self._spec)
         ours, theirs = socket.socketpair()

@@ -15,9 +15,17 @@ _MASTER = re.compile(r"ros1://[^/:\s]+(:\d{1,5})?/?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosTopicSpec(Specification):
-    """How one topic is published; what is not given is as the table of topics has it."""
+    """How one topic is published; what is not given is as the table of topics has it.
+
+    With `of` it is one of your own: a field of a recorded topic, or all of it.
+    """
 
     publish: bool = True
+    name: Annotated[str | None, "what it is called instead"] = None
+    of: Annotated[str | None, "of your own: the recorded topic, as `/environment` or `/link/agent/rx`"] = None
+    message: Annotated[str | None, "of your own, of a link: the MAVLink message, as `VFR_HUD`"] = None
+    field: Annotated[str | None, "of your own: as `surface_elevation_m` or `position_ned_m[2]`; null: all of it"] = None
+    type: Annotated[str | None, "of your own, of a field: null is `std_msgs/msg/Float64`"] = None
     reliability: Literal["reliable", "best_effort"] | None = None
     durability: Annotated[
         Literal["volatile", "transient_local"] | None, "transient_local: who comes later has the last ones too"
@@ -73,6 +81,11 @@ class RosSpec(Specification):
         Literal["newton", "share"], "what `thrusters/*/cmd` are: thrust at rest, or motor commands in [-1, 1]"
     ] = "newton"
     lockstep: Annotated[RosLockstepSpec | None, "null: the run waits for nobody"] = None
+    tf: Annotated[
+        Literal["auto", "estimate", "truth", "none"],
+        "what moves `base_link` in `odom`; auto: the autopilot's estimate, without an autopilot the truth; "
+        "none: a node of yours does, such as robot_localization",
+    ] = "auto"
     topics: Annotated[dict[str, RosTopicSpec], "by name without namespace, as `imu/data`"] = field(default_factory=dict)
 
     def check(self) -> None:
