@@ -79,6 +79,7 @@ class ObstacleDetector:
             self.unplaced += 1
             return False
         ned_m, height_m = placed
+        height_m -= _water_height_m(range_m, height_m)
         self._learn(points, range_m, height_m)
         wet = range_m < self.water_reach_m
         bright = self._brighter(intensity, range_m, wet & (np.abs(height_m) < TUNED.reach_low_m))
@@ -169,6 +170,15 @@ class ObstacleDetector:
         self.frames.append(DetectionFrame(stamp_ns, cells, points, top_m, count, bright))
         while self.frames and stamp_ns - self.frames[0].stamp_ns > self._window_ns:
             self.frames.popleft()
+
+
+def _water_height_m(range_m: Array, height_m: Array) -> float:
+    """Of the water close by, over where the vessel's height says it is: that wanders by more than a wave is high.
+
+    0 where too little of it is seen.
+    """
+    low = (range_m < TUNED.water_fit_range_m) & (np.abs(height_m) < TUNED.reach_low_m)
+    return float(np.median(height_m[low])) if np.count_nonzero(low) >= TUNED.water_points else 0.0
 
 
 def cells_of(points_m: Array, cell_m: float = TUNED.cell_m) -> NDArray[np.int64]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from agent.companion.autopilot_state import AutopilotState, heading_rad
 from agent.companion.avoidance import AvoidancePlanner, obstacles_near
 from agent.companion.command_output import CommandOutput
-from agent.companion.detection import ObstacleDetector, find_clusters
+from agent.companion.detection import Cluster, ObstacleDetector, find_clusters
 from agent.companion.pose_history import VehiclePose
 from agent.companion.settings import TUNED
 from agent.companion.tracking import CurrentEstimator, ObstacleTrack, ObstacleTracker
@@ -107,6 +107,7 @@ class ObstacleAvoidance:
         self._avoids = avoids
         self._view_yaw_rad = view_yaw_rad
         self._waiting: list[tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]] = []
+        self._clusters: list[Cluster] = []  # of the last clouds
         self._cloud_ns: int | None = None
         self._looked_ns = 0
 
@@ -153,6 +154,7 @@ class ObstacleAvoidance:
         self._looked_ns = stamp_ns
         reach_m = self.detector.water_reach_m
         clusters = find_clusters(self.detector.frames, pose.pos_ned_m[:2], TUNED.doubtful_share * reach_m)
+        self._clusters = clusters
         drift = self._current.current_ne_mps
         view_rad = bow_rad + self._view_yaw_rad
         self.tracker.update(stamp_ns, clusters, pose.pos_ned_m[:2], view_rad, self.detector.water_reach_m, drift)
@@ -177,9 +179,9 @@ class ObstacleAvoidance:
     def proximity_messages(self, now_ns: int) -> Messages:
         """OBSTACLE_DISTANCE and DISTANCE_SENSOR; nothing without clouds or pose."""
         pose = None if self._is_blind(now_ns) else self.vehicle.pose_at(now_ns)
-        if pose is None or not self.detector.frames:
+        if pose is None:
             return []
-        points = [frame.points_ne_m for frame in self.detector.frames]
+        points = [cluster.points_ne_m for cluster in self._clusters]
         points.append(self.tracker.structure.within(pose.pos_ned_m[:2], self._range_m))
         points.extend(_outline(track, now_ns) for track in self.tracker.confirmed)
         return make_proximity_messages(np.concatenate(points), pose, now_ns, self._bow_m, self._range_m)

@@ -273,7 +273,7 @@ def _told_said(told_m: float | None, true_m: float) -> str:
         return "Nothing was told in its direction."
     if abs(told_m - true_m) <= BRANCH_LENGTH_M:
         return f"The branch, {true_m:.1f} m away."
-    return f"Not the branch, {true_m:.1f} m away: water close by, whose returns the messages hold too."
+    return f"Not the branch, {true_m:.1f} m away: something else that the companion takes for an obstacle."
 
 
 def _row(quantity: str, paper: Told, ours: int, unit: str, difference: str) -> PaperRow:

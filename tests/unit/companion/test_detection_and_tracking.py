@@ -252,6 +252,26 @@ def test_what_lies_awash_is_told_from_water_by_what_it_reflects(reflects: int, i
     )
 
 
+@pytest.mark.parametrize("wander_m", [-0.3, 0.3])
+def test_a_height_that_wanders_makes_no_obstacle_of_the_water_and_hides_none(wander_m: float) -> None:
+    """The autopilot's height goes off by 0.3 m within two seconds; 0.4 m stand out of the water 9 m ahead."""
+    history, sighting, rng = PoseHistory(), ObstacleDetector(60.0, 0.15), np.random.default_rng(6)
+    for tick in range(92):
+        off_m = wander_m * min(max((tick - 60) / 20.0, 0.0), 1.0)
+        history.add_attitude(tick * TENTH_NS, np.array((1.0, 0.0, 0.0, 0.0)), np.zeros(3))
+        history.add_position(tick * TENTH_NS, np.array((0.0, 0.0, off_m)), np.zeros(3))
+        if tick < 2:
+            continue
+        range_m, bearing = rng.uniform(2.6, 12.0, 1200), rng.uniform(-0.6, 0.6, 1200)
+        heave = 0.05 * rng.normal(size=1200)
+        water = np.column_stack([range_m * np.cos(bearing), range_m * np.sin(bearing), 0.15 + heave])
+        branch = np.column_stack([np.full(20, 9.0), np.linspace(-0.5, 0.5, 20), np.full(20, 0.15 - 0.4)])
+        assert look(sighting, history, tick - 2, np.concatenate([water, branch]))
+        (found,) = find_clusters(sighting.frames, HERE, 0.0)
+        np.testing.assert_allclose(found.middle_ne_m, (9.0, 0.0), atol=0.3)
+        assert found.length_m < 2.0
+
+
 def test_a_wall_across_the_view_is_no_water_at_once() -> None:
     """Low all over the view, 12 to 25 m off for 3 s, as a boom is to a vessel that turns: water reaches no farther."""
     history, sighting, rng = PoseHistory(), ObstacleDetector(60.0, 0.15), np.random.default_rng(5)
