@@ -165,7 +165,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         if setup.operated and faults is not None:
             frame = local_frame(profile.site)
             orders = VesselOrders(
-                profile, autopilot.new_commands(), frame, faults, autopilot.driver.finish, profile.ros.silent_s
+                profile, autopilot.new_commands(), frame, faults, autopilot.driver, profile.ros.silent_s
             )
             autopilot.heard.subscribe(orders.handle)
             setup.orders[profile.vessel] = setup.steering[profile.vessel] = orders

@@ -38,6 +38,11 @@ class VehicleDriver(RunNode):
         """Whether those that set out together need not wait for it."""
         return True
 
+    @property
+    def departed(self) -> bool:
+        """Whether it has given the orders that it begins with, so that others may give theirs."""
+        return True
+
     def finish(self) -> None:
         """Somebody ends the run: for one that has no end of its own."""
 
@@ -185,6 +190,10 @@ class MissionDriver(VehicleDriver):
     @property
     def ready(self) -> bool:
         return self._departure.ready
+
+    @property
+    def departed(self) -> bool:
+        return self._under_way
 
     def update(self, sim_ns: int) -> None:
         self._under_way = self._under_way or self._departure.update(sim_ns)
@@ -464,6 +473,10 @@ class RosDriver(VehicleDriver):
     @property
     def ready(self) -> bool:
         return self._departure is None or self._departure.ready
+
+    @property
+    def departed(self) -> bool:
+        return self._under_way
 
     def update(self, sim_ns: int) -> None:
         if self._departure is not None and not self._under_way:

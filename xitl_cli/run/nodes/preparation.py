@@ -217,6 +217,10 @@ class Preparation(VehicleDriver):
     def begin(self, context: RunContext) -> None:
         self._driver.begin(context)
 
+    @property
+    def departed(self) -> bool:
+        return self._driver.departed
+
     def finish(self) -> None:
         self._driver.finish()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, cast
 
@@ -20,7 +19,7 @@ from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
-from xitl_cli.run.nodes.drivers import why_not_armed
+from xitl_cli.run.nodes.drivers import VehicleDriver, why_not_armed
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.operator.actions import (
     ActionError,
@@ -76,7 +75,7 @@ class VesselOrders:
     said. A place is repeated while the vessel is in GUIDED, since ArduPilot does not answer it. A velocity is a
     stream, see there: after it has fallen silent the vessel goes to HOLD.
 
-    finish: ends the run of a driver that has no end of its own. silent_s: how soon a stream is silent.
+    driver: who else commands the autopilot; streams wait until it has departed. silent_s: how soon a stream is silent.
     """
 
     def __init__(
@@ -85,13 +84,13 @@ class VesselOrders:
         commands: AutopilotCommands,
         frame: LocalFrame,
         faults: FaultInjection,
-        finish: Callable[[], object],
+        driver: VehicleDriver,
         silent_s: float = SILENT_S,
     ) -> None:
         self.silences = 0
         self.asked_by: Counter[str] = Counter()
         self._velocity = VelocityStream(commands, silent_s)
-        self._finish = finish
+        self._driver = driver
         self._upload: MissionUpload | None = None
         self._profile = profile
         self._commands = commands
@@ -154,7 +153,7 @@ class VesselOrders:
                 places = [self._geodetic(*place) for place in (first, *order.waypoints_ned_m)]
                 self._upload = self._commands.upload(waypoint_items(places))
         else:
-            self._finish()
+            self._driver.finish()
 
     def _begin(self, order: _Order | None, armed: bool | None = None) -> None:
         self._commands.forget()
@@ -178,7 +177,7 @@ class VesselOrders:
         """Repeat what is due. To be called at every exchange."""
         commands = self._commands
         self._now_ns = now_ns
-        if self._velocity.update(now_ns, say):
+        if self._velocity.update(now_ns, say, self._driver.departed):
             self.silences += 1
             self.give(ChangeMode(mode="HOLD"))
         if self._order is not None:

@@ -55,8 +55,11 @@ class VelocityStream:
         if self._state is not _State.IDLE:
             self._state = _State.IDLE if mode == "GUIDED" else _State.OVERRULED
 
-    def update(self, now_ns: int, say: Say) -> bool:
-        """Send what is due. True once, when one that was in force has fallen silent."""
+    def update(self, now_ns: int, say: Say, may_begin: bool = True) -> bool:
+        """Send what is due. True once, when one that was in force has fallen silent.
+
+        may_begin: the vessel need not be left to who brings it under way.
+        """
         if self._fresh:
             self._heard_ns = now_ns
             if self._state is _State.IDLE:
@@ -68,7 +71,7 @@ class VelocityStream:
             if was is _State.IN_FORCE:
                 say(f"no velocity for {self._silent_ns * 1e-9:g} s: HOLD, outputs neutral")
             return was is _State.IN_FORCE
-        if self._state is _State.ASKED:
+        if self._state is _State.ASKED and may_begin:
             self._ask(now_ns, say)
         if self._state is _State.IN_FORCE:
             self._steer(now_ns, say)

@@ -11,7 +11,7 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
-from xitl_cli.run.nodes.drivers import RosDriver
+from xitl_cli.run.nodes.drivers import RosDriver, VehicleDriver
 from xitl_cli.run.operator.actions import (
     ActionError,
     Arm,
@@ -30,6 +30,19 @@ HOLD, AUTO, GUIDED = 4, 10, 15
 BODY_NED, SPEED_AND_TURN_RATE = 8, 0x05C7  # mavlink.io/en/messages/common.html
 
 
+class Driver(VehicleDriver):
+    """Who brings the vessel under way: `left` once it has."""
+
+    left, finished = True, False
+
+    @property
+    def departed(self) -> bool:
+        return self.left
+
+    def finish(self) -> None:
+        self.finished = True
+
+
 class Helm:
     """Orders, and the autopilot at the other end of them; `beat` is its heartbeat in a mode."""
 
@@ -37,15 +50,12 @@ class Helm:
         self.view = AgentView(FRAME, lambda severity, text: None, lambda stamp, estimate: None)
         self.sent: list[Any] = []
         self.said: list[str] = []
-        self.ended = False
+        self.driver = Driver()
         self.now_ns = 0
         profile = load_profile("sitl", [f"driver.kind={driver}", "ros.enabled=false"]).runnable()
         commands = AutopilotCommands(self.view, self.sent.append, 1, 1)
-        self.orders = VesselOrders(profile, commands, FRAME, cast(Any, None), self._end)
+        self.orders = VesselOrders(profile, commands, FRAME, cast(Any, None), self.driver)
         self.beat(HOLD)
-
-    def _end(self) -> None:
-        self.ended = True
 
     def steer(self, speed_mps: float = 1.0, turn_rate_radps: float = 0.2) -> None:
         self.orders.give(SteerVelocity(speed_mps=speed_mps, turn_rate_radps=turn_rate_radps))
@@ -158,6 +168,19 @@ def test_arming_does_not_end_a_stream_nor_a_stream_an_arming() -> None:
     assert len(helm.targets()) == 1
 
 
+def test_a_stream_from_before_the_departure_takes_over_after_it() -> None:
+    helm = Helm()
+    helm.driver.left = False
+    for _ in range(100):
+        helm.steer()
+        helm.go_on()
+    assert helm.modes() == []
+    helm.driver.left = True
+    helm.steer()
+    helm.go_on()
+    assert helm.modes() == [GUIDED]
+
+
 def test_a_refused_guided_is_asked_for_as_long_as_the_stream_goes_on() -> None:
     helm = Helm()
     for _ in range(700):
@@ -206,7 +229,7 @@ def test_a_run_that_nodes_drive_has_the_end_that_they_ask_for() -> None:
     helm = Helm("ros")
     helm.orders.check(EndRun())
     helm.orders.give(EndRun())
-    assert helm.ended
+    assert helm.driver.finished
     view = AgentView(FRAME, lambda severity, text: None, lambda stamp, estimate: None)
     driver = RosDriver(AutopilotCommands(view, lambda message: None, 1, 1), FRAME, arms=True)
     assert not driver.progress().completed
