@@ -21,7 +21,8 @@ from tf2_msgs.msg import TFMessage
 
 CLEARANCE_M = 6.0  # of the vessel's origin from any point
 SEEN_M = 40.0
-LOW_M, HIGH_M = 0.0, 4.0  # above base_link, which is 0.15 m above the water: what is lower is waves
+LOW_M, HIGH_M = 0.4, 4.0  # above the water: what is lower is waves
+NEAR_M = 10.0  # returns from there are of the water, in the middle
 FEWEST = 3  # points that are an obstacle: one alone is a crest
 MOST_OFF = math.radians(70)  # from the way to the waypoint
 TURN_PER_RAD, MOST_TURN_RADPS = 0.6, 0.4
@@ -86,7 +87,10 @@ class Avoider(Node):
         turn, place = self.mounting
         attitude, here = self.pose
         points = (xyz(cloud) @ turn.T + place) @ attitude.T
-        high = (points[:, 2] > LOW_M) & (points[:, 2] < HIGH_M) & (np.hypot(points[:, 0], points[:, 1]) < SEEN_M)
+        away = np.hypot(points[:, 0], points[:, 1])
+        near = points[away < NEAR_M, 2]
+        water = float(np.median(near)) if len(near) else 0.0
+        high = (points[:, 2] > water + LOW_M) & (points[:, 2] < water + HIGH_M) & (away < SEEN_M)
         points = points[high, :2] + here
         now = cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec
         self.seen = [(then, old) for then, old in self.seen if now - then < 5.0] + [(now, points)]

@@ -1,4 +1,4 @@
-"""A node in a process of its own that a run waits for: answers each /clock with a cmd_vel that follows from the motion."""
+"""A node in a process of its own that a run waits for: it answers each /clock with a cmd_vel made of the motion."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.cyclone_middleware import CycloneMiddleware
 from xitl_cli.ros.definitions import deserialize, ros2_types, serialize
-from xitl_cli.ros.middleware import CLOCK, RELIABLE
+from xitl_cli.ros.middleware import RELIABLE
 
 TYPES: Any = ros2_types().types
 
@@ -29,7 +29,7 @@ class Helm:
         self.node = CycloneMiddleware(RosSpec(), "helm")
         self.cmd_vel = self.node.advertise("/cmd_vel", "geometry_msgs/msg/Twist", RELIABLE)
         self.ready = self.node.advertise("/ready", "std_msgs/msg/Header", RELIABLE)
-        self.node.subscribe("/clock", "rosgraph_msgs/msg/Clock", CLOCK, self.on_clock)
+        self.node.subscribe("/clock", "rosgraph_msgs/msg/Clock", RELIABLE, self.on_clock)
         self.node.subscribe("/ground_truth/odom", "nav_msgs/msg/Odometry", RELIABLE, self.on_motion)
         self.step_ns = step_ns
         self.clock_ns = self.motion_ns = self.answered_ns = 0
