@@ -1,16 +1,17 @@
-"""Generate the tables of topics in docs/recording.md from xitl_cli/record/topics.py; `--check` only compares."""
+"""Generate the tables of topics in docs/recording.md and docs/ros.md; `--check` only compares."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from xitl_cli.record.cdr import TopicField
 from xitl_cli.record.topics import TOPICS, OdometryMessage
+from xitl_cli.ros.outputs import OUTPUTS
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "recording.md"
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 def topic_table() -> Iterator[str]:
@@ -38,27 +39,49 @@ def described(field: TopicField) -> str:
     return f"`{field.name}` {kind}" + (f" ({field.meaning})" if field.meaning else "")
 
 
-def generated(page: str) -> str:
-    """`page` with its tables renewed: all between `<!-- topics -->` or `<!-- fields -->` and its end mark."""
-    for name, lines in (("topics", topic_table()), ("fields", field_table())):
-        start, end = f"<!-- {name}: generated, edit xitl_cli/record/topics.py -->", f"<!-- end of {name} -->"
-        before, _, rest = page.partition(start)
+def ros_table() -> Iterator[str]:
+    """Lines of the table of topics of ROS."""
+    yield "| topic | type | rate | frame | what |"
+    yield "|---|---|---|---|---|"
+    for topic in OUTPUTS.values():
+        frame = f"`{topic.frame}`" if topic.frame else ""
+        kind = topic.type.replace("/msg/", "/")
+        yield f"| `{topic.name}` | `{kind}` | {topic.rate} | {frame} | {topic.meaning} |"
+
+
+Tables = dict[str, tuple[str, Callable[[], Iterator[str]]]]
+_RECORDED, _OF_ROS = "xitl_cli/record/topics.py", "xitl_cli/ros/outputs.py"
+PAGES: dict[str, Tables] = {
+    "recording.md": {"topics": (_RECORDED, topic_table), "fields": (_RECORDED, field_table)},
+    "ros.md": {"topics of ROS": (_OF_ROS, ros_table)},
+}
+"""Of each page its tables: by the words in their marks, the file to edit and the lines."""
+
+
+def generated(page: str, text: str) -> str:
+    """The text of a page with its tables renewed: all between `<!-- topics … -->` or the like and its end mark."""
+    for name, (source, lines) in PAGES[page].items():
+        start, end = f"<!-- {name}: generated, edit {source} -->", f"<!-- end of {name} -->"
+        before, _, rest = text.partition(start)
         _, mark, after = rest.partition(end)
         if not mark:
-            raise SystemExit(f"{PAGE}: has no marks {start} and {end}; put them back")
-        page = "\n".join([before + start, *lines, end + after])
-    return page
+            raise SystemExit(f"{DOCS / page}: has no marks {start} and {end}; put them back")
+        text = "\n".join([before + start, *lines(), end + after])
+    return text
 
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--check", action="store_true", help="write nothing; exit 1 when the page is not current")
-    page = PAGE.read_text(encoding="utf-8")
-    if arguments.parse_args().check:
-        if generated(page) != page:
-            sys.exit(f"{PAGE} does not match xitl_cli/record/topics.py: run `make pages`")
-    else:
-        PAGE.write_text(generated(page), encoding="utf-8")
+    arguments.add_argument("--check", action="store_true", help="write nothing; exit 1 when a page is not current")
+    check = arguments.parse_args().check
+    for page in PAGES:
+        path = DOCS / page
+        text = path.read_text(encoding="utf-8")
+        renewed = generated(page, text)
+        if not check:
+            path.write_text(renewed, encoding="utf-8")
+        elif renewed != text:
+            sys.exit(f"{path} does not match its tables: run `make pages`")
 
 
 if __name__ == "__main__":

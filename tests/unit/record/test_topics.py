@@ -35,14 +35,15 @@ def generator() -> ModuleType:
     return module
 
 
-def test_the_page_is_current() -> None:
-    page = (ROOT / "docs" / "recording.md").read_text(encoding="utf-8")
-    assert generator().generated(page) == page, "run `make pages`"
+@pytest.mark.parametrize("page", ["recording.md", "ros.md"])
+def test_the_page_is_current(page: str) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    assert generator().generated(page, text) == text, "run `make pages`"
 
 
 def test_a_page_without_its_marks_is_refused() -> None:
     with pytest.raises(SystemExit, match="has no marks <!-- topics"):
-        generator().generated("| topic |")
+        generator().generated("recording.md", "| topic |")
 
 
 @pytest.mark.parametrize("topic", TOPICS.values(), ids=lambda topic: topic.name)
