@@ -9,6 +9,7 @@ from pathlib import Path
 
 from xitl_cli.record.cdr import TopicField
 from xitl_cli.record.topics import TOPICS, OdometryMessage
+from xitl_cli.ros.inputs import INPUTS
 from xitl_cli.ros.outputs import OUTPUTS
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -49,11 +50,21 @@ def ros_table() -> Iterator[str]:
         yield f"| `{topic.name}` | `{kind}` | {topic.rate} | {frame} | {topic.meaning} |"
 
 
+def ros_inputs_table() -> Iterator[str]:
+    """Lines of the table of what nodes of ROS may ask."""
+    yield "| name | type | of | what |"
+    yield "|---|---|---|---|"
+    for one in INPUTS.values():
+        kind = one.type.replace("/msg/", "/").replace("/srv/", "/")
+        of = "each vessel" if one.of == "vessel" else "the run"
+        yield f"| `{one.name}` | {'service ' if one.service else ''}`{kind}` | {of} | {one.meaning} |"
+
+
 Tables = dict[str, tuple[str, Callable[[], Iterator[str]]]]
-_RECORDED, _OF_ROS = "xitl_cli/record/topics.py", "xitl_cli/ros/outputs.py"
+_RECORDED, _OF_ROS, _ASKED = "xitl_cli/record/topics.py", "xitl_cli/ros/outputs.py", "xitl_cli/ros/inputs.py"
 PAGES: dict[str, Tables] = {
     "recording.md": {"topics": (_RECORDED, topic_table), "fields": (_RECORDED, field_table)},
-    "ros.md": {"topics of ROS": (_OF_ROS, ros_table)},
+    "ros.md": {"topics of ROS": (_OF_ROS, ros_table), "what nodes may ask": (_ASKED, ros_inputs_table)},
 }
 """Of each page its tables: by the words in their marks, the file to edit and the lines."""
 

@@ -71,7 +71,9 @@ class VelocityStream:
             if was is _State.IN_FORCE:
                 say(f"no velocity for {self._silent_ns * 1e-9:g} s: HOLD, outputs neutral")
             return was is _State.IN_FORCE
-        if self._state is _State.ASKED and may_begin:
+        if not may_begin:
+            self._since_ns = now_ns
+        elif self._state is _State.ASKED:
             self._ask(now_ns, say)
         if self._state is _State.IN_FORCE:
             self._steer(now_ns, say)

@@ -2,7 +2,7 @@
 
 cmd/arming                            command.cpp: COMMAND_LONG 400
 set_mode                              sys_status.cpp: SET_MODE with the number of the mode
-setpoint_velocity/cmd_vel_unstamped   setpoint_velocity.cpp: SET_POSITION_TARGET_LOCAL_NED, mask 0x5C7, in `mav_frame`
+setpoint_velocity/cmd_vel_unstamped   setpoint_velocity.cpp: SET_POSITION_TARGET_LOCAL_NED, mask 0x5C7
 mission/push, mission/clear           mission_protocol_base.cpp: the mission protocol with MISSION_ITEM_INT
 set_message_interval                  sys_status.cpp: COMMAND_LONG 511
 """

@@ -171,10 +171,11 @@ def test_arming_does_not_end_a_stream_nor_a_stream_an_arming() -> None:
 def test_a_stream_from_before_the_departure_takes_over_after_it() -> None:
     helm = Helm()
     helm.driver.left = False
-    for _ in range(100):
+    for _ in range(600):
         helm.steer()
         helm.go_on()
     assert helm.modes() == []
+    assert helm.said == []
     helm.driver.left = True
     helm.steer()
     helm.go_on()
