@@ -40,7 +40,7 @@ from rosbags.interfaces import Nodetype
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.definitions import ros2_types, serialize, type_hash
-from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, QosProfile, mismatch_text, others_text
+from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, Losses, QosProfile, mismatch_text, others_text
 from xitl_cli.ros.rtps_services import RtpsServices, ServiceRequest
 
 CONFIGURATION = """<CycloneDDS><Domain>
@@ -164,6 +164,10 @@ class CycloneMiddleware:
                 for payload, about in taken:
                     if about.valid_data:
                         take(payload)
+
+    def losses(self) -> Losses:
+        """See Middleware."""
+        return Losses()
 
     def problems(self) -> list[str]:
         """See Middleware."""

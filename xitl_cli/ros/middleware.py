@@ -6,8 +6,8 @@ CDR bytes with their 4-byte header are the currency; types are named as in `sens
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Literal, Protocol
@@ -80,6 +80,15 @@ def others_text(topics: Sequence[str], domain: str) -> str:
 _OF_ALL = ("/clock", "/tf")
 
 
+@dataclass(frozen=True, slots=True)
+class Losses:
+    """By topic. dropped: messages that a reader, or we, did not take in time. refused: messages and peers that are not
+    what they should be."""
+
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    refused: Mapping[str, int] = field(default_factory=dict)
+
+
 class Middleware(Protocol):
     """A node of ROS. Handlers are called within `spin`; publishers may be called from any thread."""
 
@@ -100,6 +109,9 @@ class Middleware(Protocol):
 
     def problems(self) -> list[str]:
         """What has gone wrong since the last call, in sentences that say what to do."""
+
+    def losses(self) -> Losses:
+        """What the middleware itself has dropped and refused until now; nothing where DDS keeps its own counts."""
 
     def close(self) -> None:
         """Leave the graph. A second call does nothing."""

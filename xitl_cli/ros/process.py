@@ -196,7 +196,8 @@ class RosBridge:
         now_s = time.monotonic()
         if last or now_s - self._told_s >= COUNTS_S:
             self._told_s = now_s
-            counts = {"published": self._published}
+            losses = self._middleware.losses()
+            counts = {"published": self._published, "not_read": losses.dropped, "refused_peers": losses.refused}
             if (inputs := self._inputs) is not None:
                 counts |= {"received": inputs.received, "refused": inputs.refused, "superseded": inputs.superseded}
             self._pipe.send({"counts": {name: dict(count) for name, count in counts.items()}})

@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
-from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, QosProfile, mismatch_text, others_text
+from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, Losses, QosProfile, mismatch_text, others_text
 
 
 class RclpyMiddleware:
@@ -68,6 +68,10 @@ class RclpyMiddleware:
     def spin(self, timeout_s: float) -> None:
         """See Middleware."""
         self._executor.spin_once(timeout_sec=timeout_s)
+
+    def losses(self) -> Losses:
+        """See Middleware."""
+        return Losses()
 
     def problems(self) -> list[str]:
         """See Middleware."""

@@ -299,6 +299,8 @@ class LiveRosNode(RunNode):
                 "namespace": self._spec.namespace,
                 "published": self._counts.get("published", {}),
                 "dropped": {self._topics[number]: count for number, count in sorted(self._dropped.items())},
+                "not_read": self._counts.get("not_read", {}),
+                "refused_peers": self._counts.get("refused_peers", {}),
                 "received": self._counts.get("received", {}),
                 "superseded": self._counts.get("superseded", {}),
                 "not_taken": not_taken,

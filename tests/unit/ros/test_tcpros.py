@@ -127,7 +127,7 @@ def test_messages_go_from_node_to_node(nodes: Callable[[str], TcprosMiddleware])
     wait(lambda: len(got) == len(sent), taker)
     assert got == sent
     assert giver.connections() == [("/taker", "o", "/boat/imu"), ("/taker", "o", "/boat/robot_description")]
-    assert not giver.dropped
+    assert not giver.losses().dropped
     assert not giver.problems()
 
 
@@ -198,7 +198,7 @@ def test_another_type_is_refused_with_a_reason(
     with connect(node, "/thrust", **fields) as connection:
         assert said in receive_header(connection)["error"]
         assert connection.recv(1) == b""
-    assert node.refused == {"/thrust": 1}
+    assert node.losses().refused == {"/thrust": 1}
     assert any(said in problem for problem in node.problems())
     with connect(node, "/thrust", md5sum="*", type="*") as connection:  # and others are still served
         assert receive_header(connection)["md5sum"] == ros1_definition(FLOAT)[1]
@@ -225,7 +225,7 @@ def test_a_hostile_peer_is_refused_and_counted(nodes: Callable[[str], TcprosMidd
     with socket.create_connection(("127.0.0.1", node._port), LIMIT_S) as peer:
         peer.sendall(sent)
         peer.shutdown(socket.SHUT_WR)
-        wait(lambda: sum(node.refused.values()) == 1)
+        wait(lambda: sum(node.losses().refused.values()) == 1)
     assert len(node.problems()) == 1
 
 
@@ -251,7 +251,7 @@ def test_a_hostile_publisher_is_refused_and_counted(
         connection, _ = listener.accept()  # it tries again
     else:
         connection.sendall({"4 GB": b"\xff" * 8, "garbage": block(b"abc"), "other type": b""}[behaviour])
-        wait(lambda: node.refused == {"/thrust": 1}, node)
+        wait(lambda: node.losses().refused == {"/thrust": 1}, node)
         assert "std_msgs/Float64" in (said := node.problems()[0]) or "bytes" in said
     assert not got
     for each in (connection, listener):
@@ -273,7 +273,7 @@ def test_a_subscriber_that_does_not_read_loses_messages_and_holds_nobody_up(
         for _ in range(400):  # 40 MB: more than the buffers of any system
             publish(payload)
             assert len(receive_block(quick, 1 << 20) or b"") == 100_004
-        assert 0 < node.dropped["/text"] <= 400
+        assert 0 < node.losses().dropped["/text"] <= 400
 
 
 def test_of_a_flood_the_latest_are_handled(nodes: Callable[[str], TcprosMiddleware]) -> None:
@@ -284,10 +284,10 @@ def test_of_a_flood_the_latest_are_handled(nodes: Callable[[str], TcprosMiddlewa
     wait(giver.connections)
     for number in range(10_000):
         publish(cdr(FLOAT, data=float(number)))
-    wait(lambda: taker.dropped.get("/thrust", 0) + len(taker._inbox) == 10_000)
+    wait(lambda: taker.losses().dropped.get("/thrust", 0) + len(taker._inbox) == 10_000)
     wait(lambda: got and got[-1] == 9_999.0, taker)
     assert got == [float(number) for number in range(9_990, 10_000)]
-    assert taker.dropped == {"/thrust": 9_990}
+    assert taker.losses().dropped == {"/thrust": 9_990}
 
 
 def test_a_master_that_is_away_is_said_once_and_found_when_it_comes_and_again() -> None:
