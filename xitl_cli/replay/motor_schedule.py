@@ -7,10 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
+from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import ReplaySpec, ScriptStep
-from xitl_cli.replay.pulse_log import NO_PULSE_US, PulseLog, read_pulse_log
+from xitl_cli.replay.pulse_log import NO_PULSE_US, PulseLog, holds_messages, read_pulse_log
+from xitl_cli.replay.thrust_log import ThrustLog, read_thrust_log
 
 THROTTLE_LEFT, THROTTLE_RIGHT, GROUND_STEERING, THROTTLE, MOTOR_1 = 73, 74, 26, 70, 33  # SERVOn_FUNCTION
 USUAL_OUTPUTS = (1, 3)
@@ -47,9 +51,39 @@ def schedule_from_script(steps: Sequence[ScriptStep]) -> MotorSchedule:
     return MotorSchedule(tuple(at_ns for at_ns, _ in moving), tuple(motors for _, motors in moving), end_ns)
 
 
-def schedule_from_file(file: str, replay: ReplaySpec, vessel: VesselSpec | None = None) -> MotorSchedule:
-    """The recording as commands, as `schedule_from_pulses`. Raises UserError with what is wrong in the file."""
-    return schedule_from_pulses(read_pulse_log(Path(file)), replay, vessel)
+def schedule_from_file(profile: RunProfile, vessel: VesselSpec | None = None) -> MotorSchedule:
+    """The recording of `driver.file` as commands, as `schedule_from_pulses`; of a bag without servo outputs what its
+    thrusters were asked for. Raises UserError with what is wrong in the file.
+    """
+    path, replay = Path(profile.driver.file or ""), profile.driver.replay
+    if holds_messages(path) and (thrusts := read_thrust_log(path, profile)) is not None:
+        return _schedule_from_thrusts(thrusts, replay, vessel)
+    return schedule_from_pulses(read_pulse_log(path), replay, vessel)
+
+
+def _schedule_from_thrusts(log: ThrustLog, replay: ReplaySpec, vessel: VesselSpec | None) -> MotorSchedule:
+    """From `start_s`, or the first command that is not neutral, on."""
+    moving = np.flatnonzero(log.commands.any(axis=1))
+    if not len(moving):
+        raise UserError(f"{log.source}: no thruster is ever asked for anything; give a bag of a vessel under way")
+    if vessel is None and log.commands.shape[1] != len(USUAL_OUTPUTS):
+        raise UserError(
+            f"{log.source}: an autopilot is given the sticks of two propellers side by side; leave it out "
+            "(autopilot.kind: none) to replay thrusters of another vessel"
+        )
+    start_s = float(log.at_s[moving[0]]) if replay.start_s is None else replay.start_s
+    end_s = float(log.at_s[-1]) if replay.end_s is None else min(replay.end_s, float(log.at_s[-1]))
+    if start_s >= end_s:
+        raise UserError(
+            f"{log.source}: ends at {end_s:g} s, not after the start of the replay at {start_s:g} s; "
+            "set driver.replay.start_s and end_s within it"
+        )
+    first = max(int(np.searchsorted(log.at_s, start_s, side="right")) - 1, 0)
+    last = int(np.searchsorted(log.at_s, end_s, side="right"))
+    at_ns = np.maximum(np.rint((log.at_s[first:last] - start_s) * 1e9), 0.0).astype(np.int64)
+    return MotorSchedule(
+        tuple(at_ns.tolist()), tuple(map(tuple, log.commands[first:last].tolist())), round((end_s - start_s) * 1e9)
+    )
 
 
 def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None = None) -> MotorSchedule:

@@ -1,8 +1,9 @@
 """Recorded pulse widths, read from a table or from a log.
 
 A table has the columns `time_s` (or `TimeUS`) and C1, C2, … in µs, as `mavlogdump.py --format csv --types RCOU` writes
-it. Of a DataFlash log RCOU counts, of telemetry and MCAP SERVO_OUTPUT_RAW or RCOU; the log says when it was armed and
-what the outputs were used for. A recording of ours holds commands, which become pulses of 1500 ± 400 µs.
+it. Of a DataFlash log RCOU counts, of telemetry and MCAP SERVO_OUTPUT_RAW or RCOU, of a bag the topic rc/out of MAVROS;
+the log says when it was armed and what the outputs were used for. A recording of ours holds commands, which become
+pulses of 1500 ± 400 µs.
 """
 
 from __future__ import annotations
@@ -62,11 +63,15 @@ def is_pulse(pulse_us: float) -> bool:
 
 
 def read_pulse_log(path: Path) -> PulseLog:
-    """The log (`.bin`, `.tlog`, `.mcap`) or the table at `path`. Raises UserError with what is wrong in it."""
-    kind = path.suffix.lower()
-    if kind == ".bin":
+    """The log (`.bin`, `.tlog`, `.mcap`, a bag) or the table at `path`. Raises UserError with what is wrong in it."""
+    if path.suffix.lower() == ".bin":
         return read_dataflash(path)
-    return read_recording(path) if kind in (".tlog", ".mcap") else read_csv(path)
+    return read_recording(path) if path.suffix.lower() == ".tlog" or holds_messages(path) else read_csv(path)
+
+
+def holds_messages(path: Path) -> bool:
+    """Whether it is a recording or a bag, by its name; of ROS 2 the folder."""
+    return path.suffix.lower() in (".mcap", ".bag", ".db3") or path.is_dir()
 
 
 def read_csv(path: Path) -> PulseLog:
@@ -186,7 +191,9 @@ def read_recording(path: Path) -> PulseLog:
     with opened as log:
         found, functions = signals.outputs(log), output_functions(log)
         if not found:
-            raise UserError(f"{path}: holds no servo outputs; give a log with RCOU or SERVO_OUTPUT_RAW")
+            raise UserError(
+                f"{path}: holds no servo outputs; give a log with RCOU or SERVO_OUTPUT_RAW, or a bag with mavros/rc/out"
+            )
         stamp_ns = max((series.stamp_ns for series in found.values()), key=len)
         in_force = {
             channel: series.values[np.clip(np.searchsorted(series.stamp_ns, stamp_ns, side="right") - 1, 0, None)]

@@ -296,7 +296,8 @@ def test_values(write: Write, text: str, problem: str) -> None:
         ),
         (
             "extends: mitl\ndriver:\n  kind: replay",
-            "boat.yaml:3: driver.kind = replay has no file; add driver.file, a log (.bin, .tlog, .mcap) or a .csv",
+            "boat.yaml:3: driver.kind = replay has no file; "
+            "add driver.file, a log (.bin, .tlog, .mcap, .bag, .db3) or a .csv",
         ),
         (
             "extends: mitl\ndriver: {kind: replay, file: gone.csv}",
@@ -304,7 +305,7 @@ def test_values(write: Write, text: str, problem: str) -> None:
         ),
         (
             "extends: mitl-replay\ndriver: {file: boat.yaml}",
-            "boat.yaml:2: driver.file = {tmp_shown} is neither a log (.bin, .tlog, .mcap) nor a .csv; "
+            "boat.yaml:2: driver.file = {tmp_shown} is neither a log (.bin, .tlog, .mcap, a bag) nor a .csv; "
             "give a log with servo outputs or a table of pulse widths",
         ),
         (

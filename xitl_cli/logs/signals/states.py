@@ -201,7 +201,7 @@ def modes(log: Log) -> list[StateSpan]:
         return _state_spans(log, table.stamp_ns, numbers, f"MODE.{column}", dict(MODES[vehicle_kind(log)]))
     beats = autopilot_heartbeats(log)
     if beats is None:
-        return []
+        return _bridged_modes(log)
     return _state_spans(
         log,
         beats.stamp_ns,
@@ -209,6 +209,14 @@ def modes(log: Log) -> list[StateSpan]:
         f"{beats.name}.custom_mode",
         dict(MODES[vehicle_kind(log)]),
     )
+
+
+def _bridged_modes(log: Log) -> list[StateSpan]:
+    table = bridge_topic(log, "state", "mode")
+    if table is None or table.columns["mode"].kind != "text" or not len(table):
+        return []
+    names, numbers_of = np.unique(table.values("mode"), return_inverse=True)
+    return _state_spans(log, table.stamp_ns, numbers_of, f"{table.name}.mode", dict(enumerate(names.tolist())))
 
 
 def texts(log: Log) -> list[LogText]:
@@ -245,7 +253,8 @@ def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
         return table.stamp_ns, table.values("armed") != 0, "/actuators.armed"
     beats = autopilot_heartbeats(log)
     if beats is None:
-        return None
+        bridged = bridge_topic(log, "state", "armed")
+        return None if bridged is None else (bridged.stamp_ns, bridged.values("armed") != 0, f"{bridged.name}.armed")
     return beats.stamp_ns, (beats.values("base_mode", raw=True) & _ARMED_FLAG) != 0, f"{beats.name}.base_mode"
 
 
@@ -352,16 +361,36 @@ def output_names(log: Log) -> dict[int, str]:
 
 def pulses(log: Log) -> dict[int, Series]:
     """Outputs by channel from 1, pulse widths (us) alone."""
-    return _pulses(log, ("RCOU", "RCO2", "RCO3"), "SERVO_OUTPUT_RAW")
+    return _pulses(log, ("RCOU", "RCO2", "RCO3"), "SERVO_OUTPUT_RAW", "rc/out")
 
 
 def rc_inputs(log: Log) -> dict[int, Series]:
     """By channel from 1: pulse widths (us)."""
-    return _pulses(log, ("RCIN", "RCI2"), "RC_CHANNELS")
+    return _pulses(log, ("RCIN", "RCI2"), "RC_CHANNELS", "rc/in")
 
 
-def _pulses(log: Log, logged: tuple[str, ...], message: str) -> dict[int, Series]:
-    found: dict[int, Series] = {}
+def _bridged_pulses(log: Log, ending: str) -> dict[int, Series]:
+    table = bridge_topic(log, ending, "channels")
+    if table is None or (channels := numbers(table, "channels", raw=True)) is None or channels.ndim != 2:
+        return {}
+    found = {
+        number + 1: make_series(table.stamp_ns, channels[:, number], "us", f"{table.name}.channels[{number}]")
+        for number in range(channels.shape[1])
+    }
+    return {number: each for number, each in found.items() if each is not None and (each.values != 0.0).any()}
+
+
+def bridge_topic(log: Log, ending: str, column: str) -> Table | None:
+    """A topic of MAVROS by its end, `rc/out` of `/mavros/rc/out`."""
+    for name, table in log.tables.items() if log.of_topics else ():
+        if name.endswith(f"/{ending}") and column in table.columns:
+            return table
+    return None
+
+
+def _pulses(log: Log, logged: tuple[str, ...], message: str, bridged: str) -> dict[int, Series]:
+    """bridged: how the topic ends on which MAVROS gives them."""
+    found = _bridged_pulses(log, bridged)
     for name in (*logged, message, f"/link/agent/rx:{message}"):
         table = first_instance(log, name)
         if table is None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from agent.fcu.parameters import MOTORS, OUTPUTS, RUDDERS
 from sim_core.vessel.spec import VesselSpec
-from xitl_cli.profile.checks.world import is_file
+from xitl_cli.profile.checks.world import is_directory, is_file
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import DriverSpec
@@ -16,7 +16,7 @@ from xitl_cli.profile.schema.profile import ground_stations_of
 SHORTEST_PULSE_US = 800
 _STICKS = 2  # steering and throttle, or port and starboard
 _LEVER_M, _ALONG = 1e-3, 1e-3  # less of a lever, or of a thrust ahead, is none
-FILE_SUFFIXES = (".bin", ".tlog", ".mcap", ".csv")
+FILE_SUFFIXES = (".bin", ".tlog", ".mcap", ".bag", ".db3", ".csv")
 _ORDERS = ("mode", "arm", "rc_us", "goto_ned_m")
 
 
@@ -207,12 +207,14 @@ def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
     if driver.file is None:
         yield (
             ("driver", "kind"),
-            "driver.kind = replay has no file; add driver.file, a log (.bin, .tlog, .mcap) or a .csv",
+            "driver.kind = replay has no file; add driver.file, a log (.bin, .tlog, .mcap, .bag, .db3) or a .csv",
         )
+    elif is_directory(driver.file):
+        pass  # the folder of a bag
     elif not driver.file.lower().endswith(FILE_SUFFIXES):
         yield (
             ("driver", "file"),
-            f"driver.file = {shown(driver.file)} is neither a log (.bin, .tlog, .mcap) nor a "
+            f"driver.file = {shown(driver.file)} is neither a log (.bin, .tlog, .mcap, a bag) nor a "
             ".csv; give a log with servo outputs or a table of pulse widths",
         )
     elif not is_file(driver.file):

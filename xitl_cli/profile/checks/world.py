@@ -49,6 +49,14 @@ def _unfit(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str
         yield ("clock", "physics_rate_hz"), f"clock.physics_rate_hz = {rate_hz:g}: {error}"
 
 
+def is_directory(path: str) -> bool:
+    """Whether there is such a directory; False for what none can be called."""
+    try:
+        return Path(path).is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def is_file(path: str) -> bool:
     """Whether there is such a file; False for what no file can be called."""
     try:

@@ -90,6 +90,7 @@ class ReplaySpec(Specification):
     start_s: Annotated[float | None, "on the recording's clock; null: at the first armed output"] = None
     end_s: Annotated[float | None, "on the recording's clock; null: to the end"] = None
     rc_channels: Annotated[tuple[RcChannel, RcChannel], "with an autopilot: of steering and throttle"] = (1, 3)
+    thrust: Annotated[Literal["newton", "share"], "what `thrusters/*/cmd` of a bag are, as `ros.thrust`"] = "newton"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +119,9 @@ class DriverSpec(Specification):
     stay: Annotated[bool, "with a ground station: go on after its mission has ended"] = False
     script: Annotated[tuple[ScriptStep, ...], "in order of time"] = ()
     file: Annotated[
-        str | None, "of a replay: a log with servo outputs (.bin, .tlog, .mcap) or a table of pulse widths (.csv)"
+        str | None,
+        "of a replay: a log with servo outputs (.bin, .tlog, .mcap), a table of pulse widths (.csv), or a bag of ROS "
+        "with `mavros/rc/out` or `thrusters/*/cmd`",
     ] = None
     replay: ReplaySpec = ReplaySpec()
     follow: Annotated[FollowSpec | None, AmongVessels()] = None

@@ -160,6 +160,5 @@ def direct_control(profile: RunProfile, others: Callable[[], str] = nobody) -> C
     if driver.kind == "script":
         return ScheduledControl(schedule_from_script(driver.script), "SCRIPT", vessel.commands)
     if driver.kind == "replay":
-        assert driver.file is not None
-        return ScheduledControl(schedule_from_file(driver.file, driver.replay, vessel), "REPLAY", vessel.commands)
+        return ScheduledControl(schedule_from_file(profile, vessel), "REPLAY", vessel.commands)
     return IdealControl(profile, others)

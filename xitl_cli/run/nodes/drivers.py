@@ -92,8 +92,7 @@ def make_driver(
     if driver.kind == "script":
         return ScriptDriver(commands, frame, driver.script, waypoints)
     if driver.kind == "replay":
-        assert driver.file is not None
-        schedule = schedule_from_file(driver.file, driver.replay)
+        schedule = schedule_from_file(profile)
         return ReplayDriver(commands, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s, others)
     return NoDriver(commands, waypoints)
 

@@ -1,0 +1,75 @@
+"""Motor commands out of what nodes have asked of thrusters: topics `thrusters/*/cmd` and `pos` of a bag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import xitl_cli.logs.signals as signals
+from xitl_cli.errors import UserError
+from xitl_cli.logs import open_log
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Table
+from xitl_cli.profile.schema import RunProfile
+
+_ALSO_CALLED = {"/cmd": "/thrust"}  # by VRX
+
+
+@dataclass(frozen=True, slots=True)
+class ThrustLog:
+    """at_s: rising instants on the recording's clock, (N,). commands: (N, k) in [-1, 1], in the vessel's order; 0 until
+    the first message."""
+
+    source: str
+    at_s: NDArray[np.float64]
+    commands: NDArray[np.float64]
+
+
+def read_thrust_log(path: Path, profile: RunProfile) -> ThrustLog | None:
+    """What the profile's thrusters were asked for; None of a log that has servo outputs, or no such topic.
+
+    Raises UserError with what is wrong in the file.
+    """
+    try:
+        with open_log(path) as log:
+            return None if signals.outputs(log) else _read(log, profile)
+    except LogError as error:
+        raise UserError(str(error)) from error
+
+
+def _read(log: Log, profile: RunProfile) -> ThrustLog | None:
+    from xitl_cli.ros.inputs import motor_commands
+
+    named = list(motor_commands(profile, profile.driver.replay.thrust == "share"))
+    tables = [_topic(log, topic) for topic, _ in named]
+    found = [table for table in tables if table is not None]
+    if not found:
+        return None
+    stamp_ns = np.unique(np.concatenate([table.stamp_ns for table in found]))
+    commands = np.zeros((len(stamp_ns), len(named)))
+    for number, (table, (topic, command)) in enumerate(zip(tables, named, strict=True)):
+        if table is None:
+            continue
+        given = table.values("data").astype(np.float64)
+        if not np.isfinite(given).all():
+            row = int(np.argmin(np.isfinite(given)))
+            at_s = (int(table.stamp_ns[row]) - log.zero_ns) * 1e-9
+            raise UserError(f"{log.path}: {topic} is {given[row]:g} at {at_s:.3f} s; give a bag with finite commands")
+        order = np.argsort(table.stamp_ns, kind="stable")
+        made = np.array([0.0, *(command(value) for value in given[order].tolist())])
+        commands[:, number] = made[np.searchsorted(table.stamp_ns[order], stamp_ns, side="right")]
+    return ThrustLog(str(log.path), (stamp_ns - log.zero_ns) * 1e-9, commands)
+
+
+def _topic(log: Log, topic: str) -> Table | None:
+    """The one that ends so. Raises UserError where several do."""
+    before, slash, last = topic.rpartition("/")
+    endings = (f"/{topic}", f"/{before}{_ALSO_CALLED.get(slash + last, slash + last)}")
+    names = [name for name, table in log.tables.items() if name.endswith(endings) and "data" in table.columns]
+    if len(names) > 1:
+        raise UserError(f"{log.path}: has {' and '.join(names)}; give a bag of one vessel, as `rosbag filter` makes it")
+    return log.tables[names[0]] if names else None
