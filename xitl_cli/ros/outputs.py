@@ -72,7 +72,7 @@ _TABLE = (
              (SENSORS_LINK,)),
     RosTopic("fix_velocity", "geometry_msgs/msg/TwistStamped", "the same", "map",
              "velocity of the antenna over ground in ENU, as the receiver has it", (SENSORS_LINK,)),
-    RosTopic("odometry", "nav_msgs/msg/Odometry", "as the autopilot sends it", "odom → base_link",
+    RosTopic("odometry", "nav_msgs/msg/Odometry", "`ros.estimate_rate_hz`", "odom → base_link",
              "the autopilot's estimate; twist in `base_link`", (ESTIMATE,)),
     RosTopic("ground_truth/odom", "nav_msgs/msg/Odometry", "`recording.truth_rate_hz`", "map → base_link",
              "the true motion; twist in `base_link`, covariances zero", (TRUTH,)),

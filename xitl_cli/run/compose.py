@@ -30,13 +30,14 @@ from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.drivers import VehicleDriver, make_driver
 from xitl_cli.run.nodes.encounters import EncounterNode
+from xitl_cli.run.nodes.estimate_rate import EstimateRate
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.nodes.findings import findings_from_profile
 from xitl_cli.run.nodes.follow import FollowDriver
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
-from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, TruthRecorder
+from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, SensorRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
 from xitl_cli.run.nodes.ros_companion import RosCompanionNode
 from xitl_cli.run.nodes.scripted import ScriptedRecorder
@@ -172,6 +173,11 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         # In lockstep how much has come from a companion depends on the wall clock.
         age = autopilot.actuator_age if realtime else None
         links = LinkRecorder(profile.clock, agents if realtime else autopilots, age)
+    sensors = estimate_rate = None
+    if autopilot is not None and companion is None and profile.ros.enabled and profile.ros.estimate_rate_hz:
+        estimate_rate = EstimateRate(autopilot.new_commands(), profile.ros.estimate_rate_hz)
+    if autopilot is None and profile.sensors is not None and profile.ros.enabled:
+        sensors = SensorRecorder(profile, setup.seeds, plant.hulls, lambda: plant.simulation.environment.wind)
     steering = setup.steering.get(profile.vessel)
     nodes_of_ros = None
     if profile.companion is not None and not profile.companion.is_ours and steering is not None:
@@ -183,6 +189,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
 
     order: list[RunNode | None] = [
         collisions,
+        sensors,
         perception,
         findings,
         None if autopilot is None else autopilot.driver,
@@ -192,6 +199,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         control,
         bridge,
         companion,
+        estimate_rate,
         links,
         nodes_of_ros,
         TruthRecorder(profile, control, plant),

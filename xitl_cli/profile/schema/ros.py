@@ -81,6 +81,10 @@ class RosSpec(Specification):
         Literal["newton", "share"], "what `thrusters/*/cmd` are: thrust at rest, or motor commands in [-1, 1]"
     ] = "newton"
     lockstep: Annotated[RosLockstepSpec | None, "null: the run waits for nobody"] = None
+    estimate_rate_hz: Annotated[
+        Positive | None,
+        "at which the autopilot is asked for what `odometry` is made from; null, or with a companion of ours: as it is",
+    ] = 25.0
     tf: Annotated[
         Literal["auto", "estimate", "truth", "none"],
         "what moves `base_link` in `odom`; auto: the autopilot's estimate, without an autopilot the truth; "

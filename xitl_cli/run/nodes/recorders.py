@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from agent.wire.codec import Packer
+from sim_core.environment.wind import Air
+from sim_core.sensors.rangefinder import HullsAround
 from sim_core.simulation import elevation_m
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.topics import ActuatorAge
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
+from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.world import local_frame
+from xitl_cli.seeds import Seeds
 
 ENVIRONMENT_RATE_HZ = 10.0
 CLOCK_RATE_HZ = 10.0
@@ -48,6 +54,30 @@ class TruthRecorder(RunNode):
             recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], surface_m)
             lat, lon, alt = self._frame.geodetic(motion.pos_ned_m)
             recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))
+
+
+class SensorRecorder(RunNode):
+    """Records what the sensors measure where there is no autopilot, in the frames that one would be sent.
+
+    hulls, air: as of make_sensing.
+    """
+
+    def __init__(
+        self,
+        profile: RunProfile,
+        seeds: Seeds,
+        hulls: HullsAround | None = None,
+        air: Callable[[], Air] | None = None,
+    ) -> None:
+        self._sensing = make_sensing(profile, seeds, hulls, air)
+        self._packer = Packer(HOST_SYSTEM_ID, HOST_COMPONENT_ID)
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+
+    def sense(self, step: RunStep) -> None:
+        for message in self._sensing.due(step.number, step.now_ns, step.motion, step.state.wind_ned_mps):
+            self._recorder.frame_sent(step.now_ns, self._packer.pack(message))
 
 
 class PaceRecorder(RunNode):
