@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# What some tests need beside Python: an ssh server, network namespaces, an ARM emulator, systemd-analyze, Lua, a browser, ROS 1. As root
+# What some tests need beside Python: an ssh server, network namespaces, ARM emulators, systemd-analyze, Lua, a browser, ROS 1. As root
 # on Debian or Ubuntu, install what is missing; elsewhere say so, and those tests skip. No service is started.
 set -euo pipefail
 declare -A package_of=(
     [ssh]=openssh-client [sshd]=openssh-server [ip]=iproute2 [lua5.3]=lua5.3 [qemu-arm-static]=qemu-user-static
-    [systemd-analyze]=systemd [chromium]=chromium
+    [systemd-analyze]=systemd [chromium]=chromium [qemu-system-arm]=qemu-system-arm [qemu-img]=qemu-utils
+    [mke2fs]=e2fsprogs [fakeroot]=fakeroot
 )
 PATH=$PATH:/usr/sbin:/sbin
 missing=()

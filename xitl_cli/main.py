@@ -186,6 +186,9 @@ def _board(group: typer.Typer) -> None:
     group.command("list")(board.list_boards)
     group.command("ssh", context_settings={"ignore_unknown_options": True})(board.ssh)
     group.command("console")(board.console)
+    group.command("put")(board.put)
+    group.command("pause")(board.pause)
+    group.command("unplug")(board.unplug)
     group.command("remove")(board.remove)
 
 

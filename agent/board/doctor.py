@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agent.board.receive import MARK, OLDEST
+from agent.machine import loop_rate_hz
 from agent.wire.transport import AddressInUseError, TransportError, open_transport
 
 OK, WARNING, PROBLEM = "ok", "warning", "problem"
@@ -159,6 +160,11 @@ def check_processors(count: int) -> DoctorFinding:
     if count > 1:
         return DoctorFinding("processors", OK, f"{count}")
     return DoctorFinding("processors", OK, "1: whatever else runs takes time from the agent")
+
+
+def check_speed(rate_hz: float) -> DoctorFinding:
+    """rate_hz: of the fixed loop of `agent.machine`; to compare boards by, no more."""
+    return DoctorFinding("speed", OK, f"a fixed Python loop goes round {rate_hz * 1e-6:.2f} million times a second")
 
 
 def check_memory(root: Path) -> DoctorFinding:
@@ -361,6 +367,7 @@ def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/"
         check_real_time(root),
         check_memory_lock(root),
         check_processors(os.cpu_count() or 1),
+        check_speed(loop_rate_hz()),
         check_governor(root),
         check_temperature(root),
         check_memory(root),

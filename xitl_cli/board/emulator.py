@@ -7,7 +7,8 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from xitl_cli.board import recipe
@@ -42,7 +43,7 @@ def sockets(board: EmulatedBoard) -> tuple[Path, Path]:
 def board_arguments(board: EmulatedBoard, kernel: Path) -> list[str]:
     """The whole command that boots a board in the background; its ports are on the loopback interface alone."""
     monitor, console = sockets(board)
-    forwarded = [("tcp", board.ssh_port, 22), ("tcp", board.mavlink_port, 5760)]
+    forwarded = [("tcp", board.ssh_port, 22), ("tcp", board.mavlink_port, recipe.MAVLINK_PORT)]
     for port, inside in zip((board.autopilot_port, board.companion_port), recipe.BOARD_PORTS, strict=True):
         forwarded += [("udp", port, inside), ("tcp", port, inside)]
     rules = [f"hostfwd={kind}:127.0.0.1:{port}-{recipe.BOARD_ADDRESS}:{inside}" for kind, port, inside in forwarded]
@@ -193,3 +194,25 @@ def cut_power(board: EmulatedBoard) -> None:
     os.kill(pid, signal.SIGKILL)
     while running(board) == pid:
         time.sleep(0.02)
+
+
+@contextmanager
+def stopped(board: EmulatedBoard) -> Iterator[None]:
+    """Its processors and clocks stand still meanwhile."""
+    with EmulatorMonitor(sockets(board)[0]) as monitor:
+        monitor.do("stop")
+        try:
+            yield
+        finally:
+            monitor.do("cont")
+
+
+@contextmanager
+def unplugged(board: EmulatedBoard) -> Iterator[None]:
+    """Its network cable is out meanwhile."""
+    with EmulatorMonitor(sockets(board)[0]) as monitor:
+        monitor.do("set_link", name="nic", up=False)
+        try:
+            yield
+        finally:
+            monitor.do("set_link", name="nic", up=True)

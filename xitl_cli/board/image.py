@@ -8,6 +8,7 @@ Each step leaves a mark, so that one that was interrupted is taken up where it s
 
 from __future__ import annotations
 
+import fcntl
 import gzip
 import json
 import re
@@ -16,6 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -71,9 +73,24 @@ def find_image(suite: str) -> BoardImage | None:
 
 def make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
     """The image of a suite, made where it is not there yet. Raises UserError; what was done so far is kept."""
-    found = find_image(suite)
-    if found is not None:
-        return found
+    images_root().mkdir(parents=True, exist_ok=True)
+    with _alone(images_root() / f"{suite}.lock", progress):
+        return find_image(suite) or _make_image(suite, mirror, progress)
+
+
+@contextmanager
+def _alone(lock: Path, progress: Progress) -> Iterator[None]:
+    """No two at a time; the second finds what the first has made."""
+    with lock.open("w") as held:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            progress("waiting for another xitl that makes this image")
+            fcntl.flock(held, fcntl.LOCK_EX)
+        yield
+
+
+def _make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
     folder = images_root() / f"{suite}-{recipe.recipe_version()}"
     folder.mkdir(parents=True, exist_ok=True)
     free_mib = shutil.disk_usage(folder).free >> 20

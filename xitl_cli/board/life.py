@@ -111,7 +111,7 @@ def remove(name: str, images: bool) -> list[str]:
     if images:
         used = {f"{one.suite}-{one.image}" for each in board_names() if (one := find_board(each)) is not None}
         for at in sorted(images_root().glob("*")):
-            if at.name not in used:
+            if at.is_dir() and at.name not in used:
                 shutil.rmtree(at)
                 removed.append(str(at))
     return removed

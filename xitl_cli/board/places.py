@@ -58,7 +58,7 @@ class EmulatedBoard:
 
     @property
     def mavlink_port(self) -> int:
-        """Of this machine, for what speaks MAVLink over TCP on the board, port 5760 there."""
+        """Of this machine, for an ArduPilot on the board, port 5762 there."""
         return self.port + 3
 
     @property

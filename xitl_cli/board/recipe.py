@@ -74,6 +74,8 @@ INTERFACE = "usb0"
 HOST_ADDRESS, BOARD_ADDRESS, NETWORK = "192.168.7.1", "192.168.7.2", "192.168.7.0/24"
 BOARD_PORTS = (14660, 14661)
 """Where an agent on the board listens: the autopilot's, the companion's."""
+MAVLINK_PORT = 5762
+"""Where an ArduPilot on the board listens for ground stations."""
 DISK_MIB = 3072
 CONSOLE_DEVICE = "ttyAMA0"
 SETUP_DONE = "xitl-setup: done"

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from xitl_cli.board.places import EmulatedBoard
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="The board's name.")]
+Seconds = Annotated[float, typer.Option("--for", metavar="S", min=0.0, max=3600.0, help="For so many seconds.")]
 Port = Annotated[
     int | None, typer.Option(min=1024, max=65525, help="First of its ten ports on 127.0.0.1 (default: the first free).")
 ]
@@ -74,6 +77,40 @@ def stop(
         _say(f"{name}: shut down")
     else:
         _say(f"{name}: did not shut down by itself, so its power was cut")
+
+
+def put(
+    name: Name,
+    program: Annotated[Path, typer.Argument(metavar="ARDUROVER", help="ArduPilot Rover, built for armhf Linux.")],
+    parameters: Annotated[
+        str, typer.Option(metavar="FILE|PROFILE", help="The parameters that it starts with.")
+    ] = "hitl-ardupilot-linux",
+) -> None:
+    """Bring an ArduPilot to a board, with a unit that starts it beside the agent as its bridge."""
+    from xitl_cli.board.autopilot import UNIT, put_autopilot
+    from xitl_cli.board.emulator import the_running_board
+
+    put_autopilot(the_running_board(name), program, parameters)
+    _say(f"{name}: {UNIT} is started now and at each boot, and waits for the agent to call")
+    _say(f"  bridge     xitl agent deploy board:{name} --service --config agent.conf, as docs/virtual-board.md has it")
+
+
+def pause(name: Name, seconds: Seconds = 2.0) -> None:
+    """Stop the emulated machine for a while, clocks and all, and go on: what a run makes of it is in its record."""
+    from xitl_cli.board.emulator import stopped, the_running_board
+
+    with stopped(the_running_board(name)):
+        time.sleep(seconds)
+    _say(f"{name}: stood still for {seconds:g} s")
+
+
+def unplug(name: Name, seconds: Seconds = 2.0) -> None:
+    """Pull a board's network cable for a while, and plug it again."""
+    from xitl_cli.board.emulator import the_running_board, unplugged
+
+    with unplugged(the_running_board(name)):
+        time.sleep(seconds)
+    _say(f"{name}: without its network for {seconds:g} s")
 
 
 def remove(

@@ -21,6 +21,7 @@ from xitl_cli.shipped import firmware_params_dir
 
 MOST_RESTARTS = 3
 MOST_ROUNDS = 6
+_CALIBRATED = "INS_ACC_ID"
 _AHRS, _PORTS = "EAHRS_TYPE", "SCR_"
 _WAITS = "it comes last, when the port that it listens at is there; add --reboot"
 NAME = "xitl_hil.lua"
@@ -87,7 +88,7 @@ def push(
             refused = any(change.reason for change in changes.values())
             due = fresh or (restarts == 0 and (written or refused))
             if not (reboot and due and restarts < MOST_RESTARTS):
-                if script is not None and not due:
+                if not due and (script is not None or _injects_sensors(wanted, changes)):
                     accept_calibration(vehicle)
                 return PushResult(tuple(changes.values()), restarts, path, written, due)
             progress("restart")
@@ -95,6 +96,11 @@ def push(
         restarts += 1
         progress("parameters")
         reached = restarted(url, key, boot_ms)
+
+
+def _injects_sensors(wanted: Mapping[str, float], changes: Mapping[str, PushedParameter]) -> bool:
+    """Whether its inertial sensors come from outside, so that there is nothing to calibrate; of a whole set only."""
+    return wanted.get(_AHRS, 0.0) > 0.0 and _CALIBRATED in wanted and not any(one.reason for one in changes.values())
 
 
 def _set_all(vehicle: VehicleConnection, wanted: Mapping[str, float], changes: dict[str, PushedParameter]) -> bool:

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 from pathlib import Path
 
 import pytest
 
-from agent.machine import REAL, VIRTUAL, HealthMonitor, read_machine, resident_kib
+from agent.machine import (
+    LOOP_PASSES,
+    LOOP_TRIES,
+    REAL,
+    VIRTUAL,
+    HealthMonitor,
+    loop_rate_hz,
+    read_machine,
+    resident_kib,
+)
 
 
 def made(root: Path, **files: str) -> Path:
@@ -48,7 +58,15 @@ def test_a_machine_that_tells_nothing(tmp_path: Path) -> None:
 
 def test_an_emulated_board_stands_in_for_one(tmp_path: Path) -> None:
     made(tmp_path, proc__device_dash_tree__model="linux,dummy-virt\0")
-    assert read_machine(tmp_path).kind == VIRTUAL
+    emulated = read_machine(tmp_path)
+    assert emulated.kind == VIRTUAL
+    assert re.fullmatch(r"emulated \w+ board, \d+\.\d\d M loops/s", emulated.name)
+
+
+def test_the_loop_goes_round_as_often_as_a_clock_of_its_own_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    instants = iter([0.0, 0.5, 1.0, 1.25, *(2.0 + 0.5 * count for count in range(2 * LOOP_TRIES))])
+    monkeypatch.setattr("agent.machine.time.perf_counter", lambda: next(instants))
+    assert loop_rate_hz() == LOOP_PASSES / 0.25
 
 
 @pytest.mark.parametrize("junk", ["MemTotal:\n", "MemTotal: many kB\n", "\xff\xfe"])

@@ -251,7 +251,7 @@ class BridgeNode(RunNode):
             self._view,
             ParameterStep(send, target, live_parameters(profile), autopilot.kind == "px4"),
             MissionStep(send, target, places),
-            CalibrationStep(send, target, self._launch is not None and autopilot.firmware_build == "linux"),
+            CalibrationStep(send, target, autopilot.firmware_build == "linux"),
             autopilot.moored_until_armed,
             self.bridge.mavlink,
             autopilot.connect_timeout_s,

@@ -158,8 +158,9 @@ class MissionStep:
 class CalibrationStep:
     """Has the accelerometer offsets in the parameters accepted as a calibration; `update` and `handle` as above.
 
-    An autopilot whose storage is empty takes no accelerometer for calibrated, whatever the parameters say. A SITL build
-    does. Refused or not known, it is left at that: the pre-arm checks then say what is missing.
+    An autopilot whose storage is empty, started here or on a board, takes no accelerometer for calibrated, whatever the
+    parameters say. A SITL build does. Refused or not known, it is left at that: the pre-arm checks then say what is
+    missing.
     """
 
     def __init__(self, send: Send, target: Target, wanted: bool) -> None:

@@ -1,0 +1,211 @@
+"""What only a second kernel can show: a board emulated here, booted once, disturbed in one way after the other.
+
+How fast the board is depends on this machine, so nothing is said of deadlines; that all is counted and told is.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import command, environment, summary
+
+from xitl_cli.board.emulator import cut_power, running, stopped, unplugged
+from xitl_cli.board.life import create, remove, start
+from xitl_cli.board.places import EmulatedBoard
+from xitl_cli.board.tools import FOR_MAKING, find_program
+from xitl_cli.errors import UserError
+from xitl_cli.logs.formats import open_log
+
+pytestmark = [pytest.mark.realtime, pytest.mark.board]
+
+LIMIT_S = 600.0  # for what is sure to come, on whatever machine
+PRIORITY = 50
+
+
+@pytest.fixture(scope="module")
+def board() -> Iterator[EmulatedBoard]:
+    """Booted, and removed in the end; its image is kept for the next time."""
+    missing = [name for name in FOR_MAKING if find_program(name) is None]
+    if missing:
+        pytest.skip(f"needs {', '.join(missing)} to emulate a board (tools/system_packages.sh)")
+    name = f"test-{os.getpid()}"
+    try:
+        create(name, "bookworm", 1, 512, None, None, lambda doing: None)
+    except UserError as error:
+        if os.environ.get("CI"):
+            raise
+        pytest.skip(f"no board can be made here: {error}")
+    try:
+        yield start(name, None, LIMIT_S, lambda doing: None)[0]
+    finally:
+        remove(name, images=False)
+
+
+def there(board: EmulatedBoard, *words: str) -> str:
+    done = subprocess.run(
+        ["ssh", "-F", str(board.ssh_config), board.name, *words], capture_output=True, timeout=LIMIT_S, check=True
+    )
+    return done.stdout.decode(errors="replace").strip()
+
+
+def deploy(board: EmulatedBoard, link: str, folder: Path) -> str:
+    config = folder / "agent.conf"
+    config.write_text(f"[agent]\nlink = {link}\nrealtime = {PRIORITY}\nlog-dir = logs\n")
+    words = ["agent", "deploy", f"board:{board.name}", "--service", "--config", str(config)]
+    done = subprocess.run(command(*words), env=environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def sail(
+    folder: Path,
+    board: EmulatedBoard,
+    duration_s: float,
+    disturb: Sequence[tuple[float, Callable[[], object]]] = (),
+    link: str = "",
+) -> tuple[int, str]:
+    """A run on the board, each disturbance at its time of the run; its exit code and what it said."""
+    link = link or f"udp://127.0.0.1:{board.autopilot_port}"
+    words = ["sim", "--profile", "hitl-virtual-board", "--duration", str(duration_s), "--out", "run"]
+    words += ["--set", f"autopilot.link={link}", "--set", "autopilot.connect_timeout_s=60"]
+    due = list(disturb)
+    said = []
+    with subprocess.Popen(
+        command(*words), cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as ran:
+        assert ran.stdout is not None
+        for line in ran.stdout:
+            said.append(line)
+            at = re.match(r"t +([\d.]+) s", line)
+            while at and due and float(at[1]) >= due[0][0]:
+                due.pop(0)[1]()
+        code = ran.wait(LIMIT_S)
+    assert not due, "".join(said)
+    return code, "".join(said)
+
+
+def assert_all_accounted(run: dict[str, Any]) -> None:
+    """What was sent has arrived or is counted as lost; unknown only where the ends did not agree when it was over."""
+    for link in run["links"]:
+        assert link["gaps"] is not None
+        if link["lost"] is not None and link["sent"] is not None:
+            assert link["sent"] == link["received"] - link["repeated"] + link["lost"], link
+
+
+def during(seconds: float, disturbance: Callable[[EmulatedBoard], Any], board: EmulatedBoard) -> None:
+    with disturbance(board):
+        time.sleep(seconds)  # how long it lasts
+
+
+def wait_for_another_boot(board: EmulatedBoard, before: str) -> None:
+    end_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < end_s:
+        try:
+            if there(board, "cat /proc/sys/kernel/random/boot_id") != before:
+                there(board, "systemctl is-system-running --wait || true")
+                return
+        except subprocess.CalledProcessError:  # not yet
+            time.sleep(1.0)
+    pytest.fail("the board did not come back")
+
+
+def test_deployed_as_a_service_it_comes_back_after_a_reboot(board: EmulatedBoard, tmp_path: Path) -> None:
+    assert "wrote   /etc/systemd/system/xitl-agent.service" in deploy(board, "udp://usb0:14660", tmp_path)
+    before = there(board, "cat", "/proc/sys/kernel/random/boot_id")
+    subprocess.run(["ssh", "-F", str(board.ssh_config), board.name, "systemctl reboot"], check=False)
+    wait_for_another_boot(board, before)
+    assert there(board, "systemctl is-active xitl-agent") == "active"
+    policy = there(board, "cat /proc/$(systemctl show -P MainPID xitl-agent)/sched")
+    assert re.search(r"^policy\s*:\s*1$", policy, re.MULTILINE), policy  # SCHED_FIFO
+    assert re.search(rf"^prio\s*:\s*{99 - PRIORITY}$", policy, re.MULTILINE), policy
+
+
+def test_a_clock_set_in_mid_run_and_stress_leave_the_relation_of_the_clocks_alone(
+    board: EmulatedBoard, tmp_path: Path
+) -> None:
+    def set_date() -> None:
+        there(board, "date -s '2031-05-04 03:02:01'")
+
+    def stress() -> None:
+        there(board, "systemd-run --quiet stress --cpu 4 --io 2 --vm 1 --vm-bytes 64M --timeout 6 --quiet")
+
+    code, said = sail(tmp_path, board, 22.0, [(5.0, set_date), (10.0, stress)])
+    assert code == 0, said
+    run = summary(tmp_path / "run")
+    assert_all_accounted(run)
+    (node,) = run["nodes"]
+    assert node["kind"] == "virtual"
+    assert re.match(r"emulated armv7l board, [\d.]+ M loops/s$", node["machine"])
+    assert {"SCHED_FIFO", "memory locked"} <= set(node["flags"])
+    clock = next(one for one in run["clocks"] if one["node"] == "LC")
+    assert clock["steps"] == 0
+    assert clock["samples"] > 0
+    assert run["graph"]["claimed"]["wdri"] == pytest.approx(run["graph"]["measured"]["wdri"])
+
+
+def test_a_machine_that_stood_still_and_a_cable_that_was_out_are_counted_and_told(
+    board: EmulatedBoard, tmp_path: Path
+) -> None:
+    disturb = [(6.0, lambda: during(2.0, stopped, board)), (16.0, lambda: during(3.0, unplugged, board))]
+    code, said = sail(tmp_path, board, 30.0, disturb)
+    assert code == 0, said
+    run = summary(tmp_path / "run")
+    assert_all_accounted(run)
+    assert next(one for one in run["clocks"] if one["node"] == "LC")["steps"] >= 1
+    assert sum(link["gaps"] for link in run["links"]) > 0
+    assert "the clock of LC stepped" in said
+    told = subprocess.run(
+        command("logs", "analyze", "run/run.mcap", "--json"),
+        cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    findings = json.dumps(json.loads(told.stdout))
+    assert "no frame for" in findings
+    assert "frames were lost" in findings
+
+
+def test_a_run_over_the_second_serial_line(board: EmulatedBoard, tmp_path: Path) -> None:
+    deploy(board, "serial:///dev/ttyS0?baud=921600", tmp_path)
+    code, said = sail(tmp_path, board, 12.0, link=f"serial://{board.serial}?baud=921600")
+    assert code == 0, said
+    run = summary(tmp_path / "run")
+    assert_all_accounted(run)
+    assert next(link for link in run["links"] if link["name"] == "actuators")["received"] > 0
+    deploy(board, "udp://usb0:14660", tmp_path)
+
+
+def test_a_power_cut_costs_the_last_second(board: EmulatedBoard, tmp_path: Path) -> None:
+    newest = "ls -t /var/lib/xitl/logs/*.BIN | head -1"
+    logs: list[str] = []
+    sizes: list[int] = []
+
+    def cut() -> None:
+        logs.append(there(board, newest))
+        sizes.append(int(there(board, f"stat -c %s {logs[0]}")))
+        time.sleep(2.0)  # what is written by now is synced by then
+        cut_power(board)
+
+    code, said = sail(tmp_path, board, 60.0, [(10.0, cut)])
+    assert code == 2, said
+    assert "stopped answering" in said
+    assert running(board) is None
+    start(board.name, None, LIMIT_S, lambda doing: None)
+    assert there(board, "systemctl is-active xitl-agent") == "active"
+    assert "EXT4-fs error" not in there(board, "dmesg")
+    left = tmp_path / "cut.BIN"
+    words = ["ssh", "-F", str(board.ssh_config), board.name, "cat", logs[0]]
+    left.write_bytes(subprocess.run(words, capture_output=True, check=True).stdout)
+    assert left.stat().st_size >= sizes[0]
+    with open_log(left) as log:
+        assert log.health.damaged == 0
+        assert log.health.records > 0
+    with open_log(tmp_path / "run" / "run.mcap") as recording:
+        assert recording.health.damaged == 0
+        assert not recording.health.unclosed
