@@ -245,7 +245,7 @@ class OperatorAction:
     """What a person did to the run."""
 
     action: Annotated[String, "a JSON object, see [view.md](view.md)"]
-    source: Annotated[String, "where it was asked for: `view`, `foxglove`, or a file's own word"]
+    source: Annotated[String, "where it was asked for: `view`, `foxglove`, `ros`, or a file's own word"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,8 +36,8 @@ RELIABLE = QosProfile()
 LATCHED = QosProfile(durability="transient_local", depth=1)
 QOS: dict[QosKind, QosProfile] = {"sensor": replace(RELIABLE, depth=0), "latched": LATCHED, "clock": RELIABLE}
 """By their names in the table of topics; depth 0: the profile's."""
-COMMANDS = QosProfile(reliability="best_effort", depth=10)
-"""Of a subscriber: best effort takes from every publisher."""
+COMMANDS = QosProfile(reliability="best_effort", depth=1000)
+"""Of a subscriber: best effort takes from every publisher; a flood of ten thousand a second is still counted."""
 
 
 def qos_with(usual: QosProfile, asked: RosTopicSpec) -> QosProfile:

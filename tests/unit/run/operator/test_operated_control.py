@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.operator.actions import ActionError, Arm, CommandMotor, EndRun, SteerVelocity
 from xitl_cli.run.operator.control import OperatedControl
@@ -86,3 +87,10 @@ def test_of_many_between_two_exchanges_the_latest_counts(tmp_path: Path) -> None
     assert superseded == 5 * done
     assert summary["ended"] == "finished"
     assert summary["verdict"]["why"] == "nodes of ROS drove"
+
+
+def test_a_vessel_that_nobody_can_drive_does_not_set_out(tmp_path: Path) -> None:
+    profile = load_profile("mitl", ["driver.kind=ros", "ros.enabled=false"])
+    with pytest.raises(UserError, match=r"driver\.kind = ros has nobody to drive it.*--replay-events"):
+        run(profile, tmp_path / "run", False, NoDisplay)
+    assert not (tmp_path / "run").exists()
