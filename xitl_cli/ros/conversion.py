@@ -72,6 +72,7 @@ from rosbags.typesys.stores.ros2_jazzy import (
 
 from agent.mavlink.modes import mode_name
 from agent.wire import codec, dialect
+from agent.wire.framing import MAGIC
 from sim_core.frames import ned_to_enu, quat_multiply
 from sim_core.geodesy import LocalFrame
 from xitl_cli.profile.schema import RunProfile
@@ -105,6 +106,7 @@ VELOCITY_DEVIATION_MPS, POSITION_DEVIATION_M = 0.1, 1.0
 RATE_DEVIATION_RADPS = 0.01
 _STAMP = struct.Struct("<iI")
 _HEADER_BYTES = 4
+_LEAST_FRAME = 12
 
 
 class RosMessage(NamedTuple):
@@ -555,7 +557,7 @@ def read_frame(payload: bytes, kinds: frozenset[int]) -> Any:
     (size,) = struct.unpack_from("<I", payload, _HEADER_BYTES + _STAMP.size)
     start = _HEADER_BYTES + _STAMP.size + 4
     frame = payload[start : start + size]
-    if len(frame) < 10 or int.from_bytes(frame[7:10], "little") not in kinds:
+    if len(frame) < _LEAST_FRAME or frame[0] != MAGIC or int.from_bytes(frame[7:10], "little") not in kinds:
         return None
     return codec.decode(frame)
 

@@ -187,7 +187,7 @@ class Instruments:
         scanner = self._sensors.messages.obstacle_distance
         assert scanner is not None
         distance_m = np.array(message.distances[:72], dtype=np.float32) * np.float32(0.01)
-        ranges_m = np.where(distance_m > scanner.max_range_m, np.float32(np.inf), distance_m)[::-1]
+        ranges_m = np.where(distance_m > scanner.max_range_m, np.float32(np.inf), distance_m)[::-1].copy()
         header, limits_m = self._header(stamp_ns, VESSEL_FRAME), (scanner.min_range_m, scanner.max_range_m)
         first_rad = -math.tau * 71 / 72
         yield "scan", "", clouds.laser_scan(header, ranges_m, first_rad, limits_m, 1.0 / scanner.rate_hz), stamp_ns
