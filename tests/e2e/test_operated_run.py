@@ -67,6 +67,9 @@ def test_a_run_that_was_played_with_repeats_byte_for_byte(tmp_path: Path) -> Non
         (9.0, {"action": "fault", "name": "gnss-bias"}),
         (10.0, {"action": "fault", "name": "gnss-bias", "on": False}),
         (12.5, {"action": "goto", "north_m": 10.0, "east_m": -5.0}),
+        (15.0, {"action": "mission", "do": "replace", "waypoints_ned_m": [[20.0, 0.0]]}),
+        (17.0, {"action": "mission", "do": "start"}),
+        (18.0, {"action": "velocity", "speed_mps": 1.0, "turn_rate_radps": 0.1}),
         (20.0, {"action": "mode", "mode": "HOLD"}),
         (21.0, {"action": "arm", "armed": False}),
         (22.0, {"action": "mode", "mode": "FLY"}),
@@ -84,8 +87,9 @@ def test_a_run_that_was_played_with_repeats_byte_for_byte(tmp_path: Path) -> Non
 
     counts = played.summary["operator"]
     assert counts["refused"] == 2
-    assert sum(counts["actions"].values()) == 14
-    assert again.summary["operator"] == {**counts, "refused": 0, "replayed": 14}
+    assert sum(counts["actions"].values()) == 17
+    assert counts["silences"] == 1
+    assert again.summary["operator"] == {**counts, "refused": 0, "replayed": 17}
     assert played.summary["debris"]["by"] == {"trunk": 1}
     faults = {fault["name"]: fault for fault in played.summary["faults"]}
     assert faults["link to agent"]["did"]["frames_lost_to_agent"] > 0
@@ -99,9 +103,15 @@ def test_a_run_that_was_played_with_repeats_byte_for_byte(tmp_path: Path) -> Non
             assert instant.waves is not None
             here_m = float(instant.waves.elevation_m(at_s, instant.vessels[""].position_enu_m[:2]))
             assert here_m == pytest.approx(float(told["surface_elevation_m"][row]), abs=1e-6)
-    # It has obeyed: went to GUIDED on the way to the place, held, and was disarmed.
+    # It has obeyed: went to GUIDED on the way to the place, sailed another mission, held, and was disarmed.
     said = " ".join(str(payload) for _, payload in one["/log"])
     assert all(word in said for word in ("Mode GUIDED", "Mode HOLD", "Disarmed", "disarm: accepted"))
+    assert all(word in said for word in ("replace the mission: accepted", "Mode AUTO", "velocity: in GUIDED"))
+    # A second after the velocity nobody had repeated it: outputs are neutral until the mode that is asked for then.
+    with open_log(played.recording) as log:
+        outputs = log["/actuators"]
+        first, last = np.searchsorted(outputs.stamp_ns, (19.2e9, 20e9)).tolist()
+        assert np.all(outputs["command"][first:last] == 0.0)
 
 
 @pytest.mark.slow

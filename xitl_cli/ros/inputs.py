@@ -253,8 +253,11 @@ class RosInputs:
         return answer_cdr(refusal is None, refusal or "")
 
     def _refuse(self, topic: str, why: str) -> None:
-        """Counted; said to people once for each reason, and to nodes on `refusals`."""
         self.refused[topic] += 1
+        self._say(topic, why)
+
+    def _say(self, topic: str, why: str) -> None:
+        """To people once for each reason, and to nodes on `refusals`."""
         if (topic, why) not in self._said and len(self._said) < MOST_A_SECOND:
             self._said.add((topic, why))
             self._problem(f"{topic} {why}")
@@ -271,9 +274,12 @@ class RosInputs:
         if stamped and message.header.frame_id not in ("", frame_name(VESSEL_FRAME, vessel)):
             raise InputError(f"is in {message.header.frame_id!r}; use {frame_name(VESSEL_FRAME, vessel)}")
         linear, angular = twist.linear, twist.angular
-        named = {"linear.x": linear.x, "linear.y": linear.y, "linear.z": linear.z,
-                 "angular.x": angular.x, "angular.y": angular.y, "angular.z": angular.z}  # fmt: skip
-        _check_finite(named)
+        used = {"linear.x": linear.x, "angular.z": angular.z}
+        others = {"linear.y": linear.y, "linear.z": linear.z, "angular.x": angular.x, "angular.y": angular.y}
+        _check_finite(used | others)
+        if passed_over := [name for name, value in others.items() if value]:
+            topic = ros_name(self._spec.namespace, vessel, "cmd_vel")
+            self._say(topic, f"has {', '.join(passed_over)}, which is passed over: linear.x and angular.z count")
         return {"action": "velocity", "speed_mps": float(linear.x), "turn_rate_radps": -float(angular.z)}
 
     def _launch_ahead(self, vessel: str) -> Action:

@@ -109,6 +109,16 @@ def test_a_twist_is_a_speed_and_a_turn_rate_to_starboard() -> None:
     assert nodes.actions == [{"action": "velocity", "speed_mps": 1.5, "turn_rate_radps": -0.25}]
 
 
+def test_what_of_a_twist_does_not_count_is_said_once() -> None:
+    nodes = Nodes()
+    for second in range(3):
+        nodes.now_s = float(second)
+        nodes.publish("/cmd_vel", twist(1.0, 0.0, sway=0.3))
+    assert len(nodes.actions) == 3
+    assert nodes.problems == ["/cmd_vel has linear.y, which is passed over: linear.x and angular.z count"]
+    assert nodes.inputs.refused == {}
+
+
 def test_a_stamped_twist_in_place_of_it() -> None:
     nodes = Nodes("sitl", "ros.cmd_vel=TwistStamped")
     kind = nodes.middleware.topics["/cmd_vel"][0]
