@@ -187,6 +187,7 @@ def _board(group: typer.Typer) -> None:
     group.command("ssh", context_settings={"ignore_unknown_options": True})(board.ssh)
     group.command("console")(board.console)
     group.command("put")(board.put)
+    group.command("compare")(board.compare)
     group.command("pause")(board.pause)
     group.command("unplug")(board.unplug)
     group.command("remove")(board.remove)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import Json
+from xitl_cli.commands.options import Json, Overwrite
 
 if TYPE_CHECKING:
     from xitl_cli.board.places import EmulatedBoard
@@ -111,6 +111,34 @@ def unplug(name: Name, seconds: Seconds = 2.0) -> None:
     with unplugged(the_running_board(name)):
         time.sleep(seconds)
     _say(f"{name}: without its network for {seconds:g} s")
+
+
+def compare(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="An emulated board that runs, an agent deployed to it.")
+    ] = None,
+    board: Annotated[str | None, typer.Option(metavar="URL", help="The agent on a real board, too.")] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where runs and page go.")] = Path("runs/four-ways"),
+    seed: Annotated[int, typer.Option(min=0, help="Of every run.")] = 1,
+    duration: Annotated[float | None, typer.Option(metavar="S", min=1.0, help="Of each run at most.")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """The same mission in process, as a loopback, on an emulated and on a real board: one page, side by side.
+
+    Exit code: 0 when all completed the mission, 1 when not.
+    """
+    from xitl_cli.commands.terminal import show_rows, terminal
+    from xitl_cli.experiments.four_ways import PAGE, sail, table, ways, write_page
+    from xitl_cli.experiments.setup import ExperimentSetup
+
+    chosen = list(ways(name, board))
+    sailed = sail(ExperimentSetup(out, seed, duration, overwrite, tell=_say), chosen)
+    write_page(sailed, out / PAGE)
+    columns = tuple(range(len(sailed) + 1))
+    show_rows(terminal(), ("", *(way.title for way in sailed)), table(sailed), text=columns)
+    _say(str(out / PAGE))
+    if not all(((way.summary or {}).get("mission") or {}).get("completed") for way in sailed):
+        raise typer.Exit(1)
 
 
 def remove(
