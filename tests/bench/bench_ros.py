@@ -1,16 +1,12 @@
-"""What ROS costs a run, and how late a command of a node is.
+"""What ROS costs a run.
 
-`python -m tests.bench.bench_ros`: pairs of runs in lockstep, as fast as they go, with and without `--ros` and by turns: the
-speed, and the processor time of the run's own process. Then a run in real time with a node beside it that publishes
-cmd_vel: from its publish to the first motor command that the run records after taking it, beside the way to another
-node and back in the same moment. The node is rclpy's where `XITL_ROS_PYTHON` names a Python that has it, else Cyclone
-DDS.
+`python -m tests.bench.bench_ros`: pairs of runs in lockstep, as fast as they go, with and without `--ros` and by turns:
+the speed, and the processor time of the run's own process.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import statistics
 import subprocess
 import sys
@@ -63,7 +59,8 @@ def main() -> None:
     for profile in ("sitl", CLOUDS):
         speeds, seconds = ros_ratios(profile)
         for what, values in (("speed", speeds), ("processor time of the run", seconds)):
-            print(f"{profile}: {what} with ROS over without: {statistics.median(values):.3f} ({min(values):.3f} to {max(values):.3f})")
+            spread = f"({min(values):.3f} to {max(values):.3f})"
+            print(f"{profile}: {what} with ROS over without: {statistics.median(values):.3f} {spread}")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ Up go JSON objects: {"opened": NAME}, {"failed": SENTENCE}, {"action": {...}, "r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from xitl_cli.profile.schema import RunProfile
 
@@ -27,8 +28,7 @@ class RosChannel:
     topic: str
 
 
-@dataclass(frozen=True, slots=True)
-class RosBatch:
+class RosBatch(NamedTuple):
     """What was recorded since the last one. messages: number of the channel, instant and payload."""
 
     now_ns: int

@@ -28,6 +28,7 @@ class Beside:
         self.node = LiveRosNode([profile], self.told.append)
         ours, theirs = socket.socketpair()
         self.node._pipe = Pipe.of_run(ours)
+        self.node._holds = True  # whatever the clock on the wall says
         self.bridge = Pipe.of_process(theirs)
 
     def exchange(self, now_ns: int = 0) -> None:
@@ -97,10 +98,10 @@ def test_a_bridge_that_is_gone_is_said_once_and_the_run_goes_on(beside: Beside) 
 
 
 def test_a_bridge_that_takes_nothing_is_said_once(beside: Beside, monkeypatch: pytest.MonkeyPatch) -> None:
-    clock_s = iter((0.0, 1.0, 7.0, 8.0))
-    monkeypatch.setattr(live_ros, "time", SimpleNamespace(monotonic=lambda: next(clock_s)))
+    clock = SimpleNamespace(now_s=0.0)
+    monkeypatch.setattr(live_ros, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
     channel(beside.node, "/truth/odometry")(bytes(4_000_000), 0)
-    for _ in range(4):
+    for clock.now_s in (0.0, 1.0, 7.0, 8.0):
         beside.exchange()
     monkeypatch.undo()
     assert len(beside.told) == 1
