@@ -107,7 +107,8 @@ def _written(
     profiles = recorded_profiles(log.attachment(PROFILE)) if log.base == "simulation" else ()
     if profiles:
         conversion = RosConversion([one for one in profiles if not log.vessel or one.vessel == log.vessel])
-        types, messages = known_types(), _of_recording(log, conversion, wanted)
+        others = tuple(f"/{name}/" for name in log.vessels if log.vessel and name != log.vessel)
+        types, messages = known_types(), _of_recording(log.path, conversion, wanted, others)
         said = "times count from the run's start, as its /clock"
     else:
         rows = LogRows(log, wanted)
@@ -132,8 +133,10 @@ def _written(
     return (bag.messages, bag.topics), said
 
 
-def _of_recording(log: Log, conversion: RosConversion, wanted: ExportSelection) -> Iterator[BagMessage]:
-    """What is latched comes at the beginning, also of a later stretch."""
+def _of_recording(
+    path: Path, conversion: RosConversion, wanted: ExportSelection, others: tuple[str, ...]
+) -> Iterator[BagMessage]:
+    """What is latched comes at the beginning, also of a later stretch. others: what topics to leave out begin with."""
     latched = {
         (message.topic.name, message.vessel): BagMessage(
             message.topic.full_name(message.vessel), message.topic.type, message.cdr, 0, message.topic.qos
@@ -141,7 +144,9 @@ def _of_recording(log: Log, conversion: RosConversion, wanted: ExportSelection) 
         for message in conversion.static()
     }
     begun = False
-    for topic, type_name, payload, stamp_ns in recorded_messages(log.path):
+    for topic, type_name, payload, stamp_ns in recorded_messages(path):
+        if topic.startswith(others):
+            continue
         if wanted.until_ns is not None and stamp_ns > wanted.until_ns:
             break
         before = wanted.from_ns is not None and stamp_ns < wanted.from_ns

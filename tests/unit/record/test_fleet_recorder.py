@@ -73,3 +73,14 @@ def test_a_vessel_that_is_not_there_is_refused_by_the_names_of_those_that_are(fl
         open_log(tmp_path / "alone.mcap", "alpha")
     with open_log(tmp_path / "alone.mcap", "") as log:
         assert log.vessel == ""
+
+
+def test_several_watch_a_topic_that_is_opened_later(tmp_path: Path) -> None:
+    """Of one of several vessels a topic begins with its first message."""
+    run = Recorder(tmp_path / "run.mcap", "lz4", links=())
+    vessel, seen = run.of_vessel("alpha"), list[tuple[str, int]]()
+    vessel.watch("/faults", lambda stamp_ns, *values: seen.append(("first", stamp_ns)))
+    vessel.watch("/faults", lambda stamp_ns, *values: seen.append(("second", stamp_ns)))
+    vessel.write(5, FaultEvent("link-cut", active=True))
+    run.close()
+    assert sorted(seen) == [("first", 5), ("second", 5)]

@@ -71,9 +71,9 @@ class AutopilotCommands:
         asked = dialect.MAV_CMD_DO_SET_MODE in self._sent_ns
         return asked and self.view.mode == shown_mode(self._mode, px4=True)
 
-    def stream(self, sim_ns: int, message: int, rate_hz: float) -> bool:
-        """Ask for a message, by its number, at a rate, until that is accepted; True once it is."""
-        return self._command(sim_ns, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, float(message), 1e6 / rate_hz)
+    def stream(self, message: int, rate_hz: float) -> None:
+        """Ask once for a message, by its number, at a rate."""
+        self.send(command_long(self._target, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, float(message), 1e6 / rate_hz))
 
     def set_waypoint(self, seq: int) -> None:
         """Head for an item of the mission; nothing answers it."""

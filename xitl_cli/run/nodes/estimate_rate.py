@@ -2,29 +2,46 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from agent.wire import dialect
-from xitl_cli.run.core.node import RunNode, RunStep
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 
-ASKED_S = 20.0
-"""For so long it is asked, once it is heard: one that does not know the command answers nothing."""
+WATCHED_S = 3.0
+ENOUGH_SHARE = 0.8
+ASKS = 6
+_ESTIMATE = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 
 
 class EstimateRate(RunNode):
-    """Asks for position and attitude at `rate_hz`, one after the other, until each is accepted."""
+    """Asks for position and attitude at `rate_hz`, and again while estimates come more slowly.
+
+    A bridge asks its autopilot for a rate of its own at the start, so that an acknowledgement says little. One that
+    keeps to its own rate is left alone after ASKS.
+    """
 
     def __init__(self, commands: AutopilotCommands, rate_hz: float) -> None:
         self._commands = commands
         self._rate_hz = rate_hz
-        self._left = [dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION]
-        self._since_ns: int | None = None
+        self._asks = 0
+        self._came = 0
+        self._look_ns = 0
+
+    def begin(self, context: RunContext) -> None:
+        context.recorder.watch("/estimate/odometry", self._count)
 
     def exchange(self, step: RunStep) -> None:
-        if not self._left or not self._commands.view.heard:
+        if self._asks == ASKS or step.now_ns < self._look_ns or not self._commands.view.heard:
             return
-        self._since_ns = step.now_ns if self._since_ns is None else self._since_ns
-        if step.now_ns - self._since_ns > ASKED_S * 1e9:
-            self._left.clear()
-        elif self._commands.stream(step.now_ns, self._left[0], self._rate_hz):
-            del self._left[0]
-            self._commands.forget()
+        self._look_ns = step.now_ns + round(WATCHED_S * 1e9)
+        came, self._came = self._came, 0
+        if came >= ENOUGH_SHARE * self._rate_hz * WATCHED_S:
+            self._asks = ASKS
+        elif came or not self._asks:
+            self._asks += 1
+            for message in _ESTIMATE:
+                self._commands.stream(message, self._rate_hz)
+
+    def _count(self, stamp_ns: int, *odometry: Any) -> None:
+        self._came += 1

@@ -13,8 +13,8 @@ from agent.wire.codec import Message, decode
 from tests.unit.sim_core.motion import at_rest
 from xitl_cli.profile.load import load_profile
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
-from xitl_cli.run.nodes.estimate_rate import ASKED_S, EstimateRate
+from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.nodes.estimate_rate import ASKS, EstimateRate
 from xitl_cli.run.nodes.recorders import SensorRecorder
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
@@ -49,37 +49,61 @@ def test_sensors_are_recorded_at_their_rates_without_an_autopilot() -> None:
 
 
 class Asked:
-    """An autopilot that answers SET_MESSAGE_INTERVAL, or does not."""
+    """An autopilot that tells its estimate at a rate, which it changes when it is asked for the n-th time."""
 
-    def __init__(self, answers: bool = True) -> None:
+    def __init__(self, heeds: int = 1) -> None:
         self.view = AgentView(local_frame(PROFILE.site), lambda severity, text: None, lambda agent_us, estimate: None)
         self.messages: list[Message] = []
-        self.answers = answers
+        self.rate_hz = 10.0
         self.node = EstimateRate(AutopilotCommands(self.view, self._send, 1, 1), 25.0)
+        self._heeds = heeds
+        self._said: Any = None
+        self.node.begin(SimpleNamespace(recorder=SimpleNamespace(watch=self._watch)))  # type: ignore[arg-type]
+
+    def _watch(self, topic: str, seen: Any) -> None:
+        assert topic == "/estimate/odometry"
+        self._said = seen
 
     def _send(self, message: Message) -> None:
         self.messages.append(message)
+        if len(self.messages) >= 2 * self._heeds:
+            self.rate_hz = 1e6 / message.param2
 
-    def run(self, seconds: float, rate_hz: float = 50.0) -> None:
-        for number in range(1, round(seconds * rate_hz)):
-            sent = len(self.messages)
-            self.node.exchange(step_at(number, rate_hz))
-            if self.answers and len(self.messages) > sent:
-                self.view.acks[dialect.MAV_CMD_SET_MESSAGE_INTERVAL] = 0
+    def run(self, seconds: float) -> None:
+        told = 0.0
+        for number in range(1, round(seconds * 50.0)):
+            told += self.rate_hz / 50.0
+            while told >= 1.0:
+                told -= 1.0
+                self._said(0)
+            self.node.exchange(step_at(number, 50.0))
 
 
-def test_position_and_attitude_are_asked_for_once_each_when_accepted() -> None:
+def test_position_and_attitude_are_asked_for_once_each_when_that_is_heeded() -> None:
     autopilot = Asked()
     autopilot.run(1.0)
     assert autopilot.messages == []  # nobody is there yet
     autopilot.view.heard = True
-    autopilot.run(5.0)
+    autopilot.run(30.0)
     assert [(round(one.param1), one.param2) for one in autopilot.messages] == [(POSITION, 40e3), (ATTITUDE, 40e3)]
 
 
-def test_one_that_does_not_answer_is_asked_again_and_then_left_alone() -> None:
-    autopilot = Asked(answers=False)
+def test_one_whose_bridge_asks_otherwise_is_asked_again() -> None:
+    autopilot = Asked(heeds=3)
     autopilot.view.heard = True
-    autopilot.run(ASKED_S + 20.0)
-    assert {round(one.param1) for one in autopilot.messages} == {POSITION}
-    assert abs(len(autopilot.messages) - ASKED_S / REPEAT_S) <= 1
+    autopilot.run(60.0)
+    assert len(autopilot.messages) == 6
+
+
+def test_one_that_keeps_to_its_rate_is_left_alone_after_some_time() -> None:
+    autopilot = Asked(heeds=1000)
+    autopilot.view.heard = True
+    autopilot.run(120.0)
+    assert len(autopilot.messages) == 2 * ASKS
+
+
+def test_one_that_has_no_estimate_yet_is_not_pestered() -> None:
+    autopilot = Asked(heeds=1000)
+    autopilot.view.heard, autopilot.rate_hz = True, 0.0
+    autopilot.run(60.0)
+    assert len(autopilot.messages) == 2
