@@ -11,14 +11,14 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterator, Mapping, Set
 from functools import cache
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from cyclonedds._clayer import ddspy_take, ddspy_write
-from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription
 from cyclonedds.core import (
     DDSException,
     GuardCondition,
@@ -40,7 +40,7 @@ from rosbags.interfaces import Nodetype
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.definitions import ros2_types, serialize, type_hash
-from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, Losses, QosProfile, mismatch_text, others_text
+from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, Losses, QosProfile, mismatch_text, others_text, type_text
 from xitl_cli.ros.rtps_services import RtpsServices, ServiceRequest
 
 CONFIGURATION = """<CycloneDDS><Domain>
@@ -95,7 +95,7 @@ class CycloneMiddleware:
         self._waiting.attach(self._request_come)
         self._problems: list[str] = []
         self._told: set[tuple[str, int]] = set()
-        self._others = OtherPublishers(self._participant)
+        self._others = OtherEndpoints(self._participant)
         self._next_look_s = 0.0
         self._lock = threading.Lock()
         self._graph = self._writer(GRAPH, GRAPH_TYPE, GRAPH_QOS)
@@ -176,9 +176,12 @@ class CycloneMiddleware:
         now_s = time.monotonic()
         if now_s >= self._next_look_s:
             self._next_look_s = now_s + LOOK_S
-            others = self._others.new({f"rt{topic}" for topic in self._published})
+            others = self._others.publishers({f"rt{topic}" for topic in self._published})
             if others:
                 problems.append(others_text([name[2:] for name in others], f"in domain {self._domain_id}"))
+            ours = {name: topic.typename for name, topic in self._topics.items()}
+            for name, theirs in self._others.other_types(ours):
+                problems.append(type_text(name[2:], ros_type(ours[name]), ros_type(theirs)))
         return problems
 
     def close(self) -> None:
@@ -230,23 +233,40 @@ class CycloneMiddleware:
         return serialize(message)
 
 
-class OtherPublishers:
-    """Who publishes in the domain beside this participant."""
+class OtherEndpoints:
+    """Publishers and subscribers in the domain beside this participant. All are told once, by names on the wire."""
 
     def __init__(self, participant: DomainParticipant) -> None:
-        self._reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+        self._publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+        self._subscriptions = BuiltinDataReader(participant, BuiltinTopicDcpsSubscription)
         self._own = participant.get_guid()
         self._told: set[str] = set()
+        self._told_types: set[tuple[str, str]] = set()
 
-    def new(self, topics: Set[str]) -> list[str]:
-        """Those of `topics` that somebody else publishes, and that were not told before."""
-        found = set()
-        for endpoint in self._reader.read(MOST_ENDPOINTS):
-            if getattr(endpoint, "participant_key", self._own) != self._own and endpoint.topic_name in topics:
-                found.add(endpoint.topic_name)
+    def publishers(self, topics: Set[str]) -> list[str]:
+        """Those of `topics` that somebody else publishes."""
+        found = {name for name, _ in self._seen(self._publications) if name in topics}
         new = sorted(found - self._told)
         self._told |= found
         return new
+
+    def other_types(self, types_of: Mapping[str, str]) -> list[tuple[str, str]]:
+        """Topics that somebody has with another type than `types_of` says, each with that type."""
+        seen = {*self._seen(self._publications), *self._seen(self._subscriptions)}
+        found = {(name, kind) for name, kind in seen if name in types_of and types_of[name] != kind}
+        new = sorted(found - self._told_types)
+        self._told_types |= found
+        return new
+
+    def _seen(self, reader: BuiltinDataReader[Any]) -> Iterator[tuple[str, str]]:
+        for endpoint in reader.read(MOST_ENDPOINTS):
+            if getattr(endpoint, "participant_key", self._own) != self._own:
+                yield endpoint.topic_name, endpoint.type_name
+
+
+def ros_type(wire_name: str) -> str:
+    """As ROS names a type: `std_msgs::msg::dds_::String_` is std_msgs/msg/String."""
+    return wire_name.replace("::dds_::", "::").replace("::", "/").removesuffix("_")
 
 
 def ros_domain(spec: RosSpec) -> int:

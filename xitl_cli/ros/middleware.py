@@ -77,6 +77,11 @@ def others_text(topics: Sequence[str], domain: str) -> str:
     return f"ros: another node publishes {shown} {where}, so that its readers get both; {fix}"
 
 
+def type_text(topic: str, ours: str, theirs: str) -> str:
+    """What is said where another node has a topic of ours with another type."""
+    return f"ros: {topic}: another node has it as {theirs}, so that nothing goes between the two; use {ours}"
+
+
 _OF_ALL = ("/clock", "/tf")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import rclpy
@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
-from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, Losses, QosProfile, mismatch_text, others_text
+from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, Losses, QosProfile, mismatch_text, others_text, type_text
 
 
 class RclpyMiddleware:
@@ -31,6 +31,7 @@ class RclpyMiddleware:
         self._executor.add_node(self._node)
         self._problems: list[str] = []
         self._published: list[str] = []
+        self._types: dict[str, str] = {}
         self._shared: set[str] = set()
         self._next_look_s = 0.0
         self._told: set[tuple[str, str]] = set()
@@ -44,6 +45,7 @@ class RclpyMiddleware:
         """See Middleware."""
         events = PublisherEventCallbacks(incompatible_qos=self._mismatch(topic, qos, True), use_default_callbacks=False)
         self._published.append(topic)
+        self._types[topic] = type_name
         publisher = self._node.create_publisher(message_type(type_name), topic, _qos(qos), event_callbacks=events)
         publish: Callable[[bytes], None] = publisher.publish
         return publish
@@ -54,6 +56,7 @@ class RclpyMiddleware:
             incompatible_qos=self._mismatch(topic, qos, False), use_default_callbacks=False
         )
         kind = message_type(type_name)
+        self._types[topic] = type_name
         self._node.create_subscription(kind, topic, take, _qos(qos), event_callbacks=events, raw=True)
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
@@ -83,7 +86,16 @@ class RclpyMiddleware:
             self._shared.update(others)
             if others:
                 problems.append(others_text(others, f"in domain {self._context.get_domain_id()}"))
+            problems.extend(self._other_types())
         return problems
+
+    def _other_types(self) -> Iterator[str]:
+        for topic, kinds in self._node.get_topic_names_and_types():
+            ours = self._types.get(topic)
+            for theirs in kinds if ours is not None else ():
+                if theirs != ours and (topic, theirs) not in self._told:
+                    self._told.add((topic, theirs))
+                    yield type_text(topic, ours, theirs)
 
     def _is_shared(self, topic: str) -> bool:
         shared: bool = self._node.count_publishers(topic) > 1
