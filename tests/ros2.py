@@ -16,7 +16,7 @@ import pytest
 ROOT_VARIABLE, DISTRIBUTION_MARK = "XITL_ROS_ROOT", ".made"
 HIGHEST_DOMAIN = 100
 """Above, the ports of a domain are among those that Linux gives to clients."""
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +58,12 @@ class Ros2:
 class Node:
     """A process that speaks in lines; `told` are those of both its streams."""
 
-    def __init__(self, command: list[str], environment: Mapping[str, str]) -> None:
+    def __init__(self, command: list[str], environment: Mapping[str, str], folder: Path | None = None) -> None:
         self.told: deque[str] = deque(maxlen=2000)
         self._heard = threading.Condition()
         self.process = subprocess.Popen(
             command,
+            cwd=folder,
             env=dict(environment),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

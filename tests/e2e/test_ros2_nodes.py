@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import PATIENCE_S, command, environment, summary
-from ros2 import Ros2, ros2
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from ros2 import Node, Ros2, ros2
 from rosbags.highlevel import AnyReader
 
+from xitl_cli.profile import load_profile
 from xitl_cli.ros.outputs import OUTPUTS
 
-LISTENER = Path(__file__).with_name("rclpy_listener.py")
+LISTENER, MISCHIEF = (Path(__file__).with_name(f"rclpy_{name}.py") for name in ("listener", "mischief"))
+EXAMPLES = Path(__file__).parents[2] / "examples" / "ros"
 SITE = "sitl-perception"  # lidar, sonar, odometry and map
+PACE = ("--set", "ros.pace=3")
 UNLIMITED = ("--set", "ros.queue_mb=1000", "--set", "ros.depth=10000")  # this machine may stand still for a while
 FOUND_BY_NS = 3_000_000_000  # when a node that was there before has found every topic
 TREE = {
@@ -42,6 +49,20 @@ def sim(folder: Path, ros: Ros2, *arguments: str, sourced: bool = False) -> subp
         timeout=PATIENCE_S,
         check=False,
     )
+
+
+def started(folder: Path, ros: Ros2, *arguments: str, sourced: bool = False) -> Node:
+    """The same under way."""
+    variables = ros.sourced if sourced else {"ROS_DOMAIN_ID": str(ros.domain)}
+    return Node(command("sim", *arguments, "--ros", "--out", "run"), environment() | variables, folder)
+
+
+def true_places(run: Path) -> np.ndarray:
+    """(n, 2) east and north in metres from the recording, by mcap-ros2-support."""
+    with (run / "run.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        odometry = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["/truth/odometry"])]
+    return np.array([(one.pose.pose.position.x, one.pose.pose.position.y) for one in odometry])
 
 
 def all_topics(folder: Path) -> Path:
@@ -87,8 +108,7 @@ def test_a_node_hears_every_message(tmp_path: Path, distribution: str, way: str,
     ros = ros2(distribution)
     with ros.node(LISTENER, str(all_topics(tmp_path)), str(tmp_path / "report.json")) as listener:
         listener.expect("listening")
-        pace = ("--set", "ros.pace=2")
-        done = sim(tmp_path, ros, SITE, *UNLIMITED, *pace, "--duration", str(seconds), sourced=way == "rclpy")
+        done = sim(tmp_path, ros, SITE, *UNLIMITED, *PACE, "--duration", str(seconds), sourced=way == "rclpy")
         assert done.returncode == 0, done.stderr
         assert listener.finish() == 0, list(listener.told)
     told = summary(tmp_path / "run")["ros"]
@@ -116,3 +136,60 @@ def test_a_node_hears_every_message(tmp_path: Path, distribution: str, way: str,
         topic = OUTPUTS.get(name.removeprefix("/"))
         if topic is not None and topic.frame:
             assert list(heard[name]["frames"]) == [topic.frame.replace("→", ">")]
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("distribution", "way"), [("jazzy", "cyclonedds"), ("kilted", "rclpy")])
+def test_a_node_sails_to_a_waypoint_and_one_that_does_all_wrong_harms_nothing(
+    tmp_path: Path, distribution: str, way: str
+) -> None:
+    ros = ros2(distribution)
+    x, y = -8.0, 22.0  # of the start 13 m ahead
+    waypoint = EXAMPLES / "waypoint_by_cmd_vel.py"
+    with ros.node(waypoint, "--ros-args", "-p", f"x:={x}", "-p", f"y:={y}", "-p", "speed:=2.0") as sailor:
+        run = started(tmp_path, ros, "ros", "--clock", "lockstep", *PACE, "--duration", "600", sourced=way == "rclpy")
+        with run:
+            sailor.expect("reached", 3 * PATIENCE_S)
+            assert sailor.process.wait(PATIENCE_S) == 0
+            with ros.node(MISCHIEF) as mischief:
+                mischief.expect("finish: True")
+                assert mischief.process.wait(PATIENCE_S) == 0, list(mischief.told)
+            assert run.process.wait(PATIENCE_S) == 0, list(run.told)
+    assert np.hypot(*(true_places(tmp_path / "run") - (x, y)).T).min() < 5.0  # the node's 3 m, and the estimate's error
+    told = summary(tmp_path / "run")
+    ros_told = told["ros"]
+    assert ros_told["way"].startswith(way)
+    assert told["ended"] == "completed"
+    assert ros_told["received"]["/cmd_vel"] > 100
+    assert ros_told["superseded"]["/cmd_vel"] > 0
+    assert ros_told["not_taken"]["/cmd_vel"] >= 1
+    assert ros_told["not_taken"]["/goal_pose"] == 1
+    for sentence in (
+        "/cmd_vel has linear.x = nan",
+        "speed_mps = 1000000000.0 is too large",
+        "/goal_pose is in 'camera_link', which is not known; use map or odom",
+        "/wind: a node asks for durability transient_local and is offered volatile",
+        "another node publishes /clock in domain",
+        "/set_mode: another node has it as std_msgs/msg/Float64",
+    ):
+        assert sum(sentence in warning for warning in told["warnings"]) == 1, (sentence, told["warnings"])
+
+
+@pytest.mark.realtime
+def test_a_node_keeps_clear_of_the_boom_by_points(tmp_path: Path) -> None:
+    ros = ros2("kilted")
+    with ros.node(EXAMPLES / "avoid_boom_by_points.py") as avoider:
+        done = sim(tmp_path, ros, "ros-companion", "--clock", "lockstep", *PACE, "--duration", "50")
+        assert done.returncode == 0, done.stderr
+        avoider.process.send_signal(signal.SIGINT)
+        avoider.expect("nearest point")
+    boom = load_profile("ros-companion").runnable().world.log_boom
+    anchors = np.array(boom.anchors_ne_m)[:, ::-1]
+    along = (anchors[-1] - anchors[0]) / np.hypot(*(anchors[-1] - anchors[0]))
+    upstream = np.array([-along[1], along[0]])
+    off_m = (true_places(tmp_path / "run") - anchors[0]) @ upstream
+    goal_m = float((np.array([40.0, -22.0]) - anchors[0]) @ upstream)
+    assert goal_m < -20.0 < 20.0 < off_m[0]  # the way to the goal leads through the boom
+    assert off_m.min() > boom.sag_m + 1.0
+    assert off_m.min() < 12.0  # it came near, as far as it could
+    assert summary(tmp_path / "run")["collisions"]["count"] == 0
