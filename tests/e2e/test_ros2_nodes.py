@@ -159,7 +159,7 @@ def test_a_node_sails_to_a_waypoint_and_one_that_does_all_wrong_harms_nothing(
     told = summary(tmp_path / "run")
     ros_told = told["ros"]
     assert ros_told["way"].startswith(way)
-    assert told["ended"] == "completed"
+    assert told["ended"] == "finished"
     assert ros_told["received"]["/cmd_vel"] > 100
     assert ros_told["superseded"]["/cmd_vel"] > 0
     assert ros_told["not_taken"]["/cmd_vel"] >= 1
