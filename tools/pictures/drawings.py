@@ -255,6 +255,38 @@ def ground_stations() -> Drawing:
     return d
 
 
+def ros() -> Drawing:
+    art = Drawing(
+        860,
+        330,
+        "A run, the bridge's process with the table of topics, and nodes of ROS; commands come back the same way",
+    )
+    art.frame(16, 16, 250, 298, "xitl sim", "blue")
+    recorder = art.box(36, 56, 210, 70, "what is recorded", "truth, sensors, clouds, links", tone="blue")
+    operator = art.box(36, 226, 210, 70, "actions", "checked, recorded, repeatable", tone="blue")
+    loop = art.box(36, 146, 210, 60, "the loop", "waits for nothing", tone="grey")
+    art.arrow(loop.top, recorder.bottom, tone="blue")
+    art.arrow(operator.top, loop.bottom, tone="amber")
+    art.frame(336, 16, 200, 298, "node /xitl", "green")
+    out = art.box(354, 56, 164, 70, "table of topics", "standard types", tone="green")
+    into = art.box(354, 226, 164, 70, "what is asked", "numbers, frames, rates", tone="amber")
+    art.text(436, 172, "rclpy · cyclonedds", soft=True)
+    art.text(436, 190, "TCPROS (ROS 1)", soft=True)
+    art.arrow(recorder.right, out.left, label="queue", tone="blue")
+    art.arrow(into.left, operator.right, label="pipe", tone="amber")
+    art.frame(620, 16, 224, 298, "your nodes")
+    for row, name in enumerate(("/tf  /odometry  /imu/data", "/points  /scan  /fix  …")):
+        art.text(732, 82 + 20 * row, name, mono=True)
+    art.arrow(out.right, (620, 91), tone="green")
+    art.text(732, 146, "rviz2, rosbag2, EKF, Nav2,", soft=True)
+    art.text(732, 166, "a node of your own", soft=True)
+    for row, name in enumerate(("/cmd_vel  /goal_pose", "thrusters/left/cmd  /arm  …")):
+        art.text(732, 256 + 20 * row, name, mono=True)
+    art.arrow((620, 261), into.right, tone="amber")
+    art.text(740, 222, "/clock, ready: lockstep", soft=True)
+    return art
+
+
 def recording() -> Drawing:
     d = Drawing(900, 400, "Data flow of a run: what is recorded, where, and who reads it")
     sources = [

@@ -41,6 +41,7 @@ PICTURES: dict[str, Maker] = {
     "boards.svg": drawn(drawings.boards),
     "links.svg": drawn(drawings.links),
     "ground-stations.svg": drawn(drawings.ground_stations),
+    "ros.svg": drawn(drawings.ros),
     "recording.svg": drawn(drawings.recording),
     "profiles.svg": drawn(drawings.profiles),
     "frames.svg": drawn(drawings.frames),

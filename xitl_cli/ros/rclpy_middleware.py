@@ -92,7 +92,9 @@ class RclpyMiddleware:
     def _other_types(self) -> Iterator[str]:
         for topic, kinds in self._node.get_topic_names_and_types():
             ours = self._types.get(topic)
-            for theirs in kinds if ours is not None else ():
+            if ours is None:
+                continue
+            for theirs in kinds:
                 if theirs != ours and (topic, theirs) not in self._told:
                     self._told.add((topic, theirs))
                     yield type_text(topic, ours, theirs)
