@@ -258,7 +258,8 @@ class OperatorNode(RunNode):
 
     @staticmethod
     def _no_autopilot(name: str, vessel: str) -> ActionError:
-        return ActionError(f"{name}: {vessel or 'the vessel'} has no autopilot; use autopilot.kind: embedded")
+        hint = ", or driver.kind: ros" if name in STREAMED else ""
+        return ActionError(f"{name}: {vessel or 'the vessel'} has no autopilot; use autopilot.kind: embedded{hint}")
 
     def _pace_carrier(self, name: str, asked: object) -> Callable[[], object]:
         """What ends or shortens a standstill acts at once: no exchange comes meanwhile."""
