@@ -118,14 +118,16 @@ class VesselOrders:
             raise ActionError(
                 "motor: the autopilot commands the motors; use velocity, or a profile with autopilot.kind: none"
             )
+        if isinstance(order, SteerVelocity):
+            if self._profile.autopilot.kind == "px4":
+                raise ActionError("velocity: PX4 takes no speed and turn rate as ArduPilot does; use goto")
+            return  # a stream waits for who brings the vessel under way, and so for the first heartbeat
         if not view.heard:
             raise ActionError("the autopilot has not been heard yet; wait for its heartbeat")
         if isinstance(order, ChangeMode):
             known = PX4_MODES if view.px4 else ROVER_MODE_NUMBERS
             if order.mode not in known:
                 raise ActionError(f"mode = {order.mode!r} is none of this autopilot; use {', '.join(known)}")
-        elif isinstance(order, SteerVelocity) and view.px4:
-            raise ActionError("velocity: PX4 takes no speed and turn rate as ArduPilot does; use goto")
 
     def give(self, order: Order) -> None:
         if isinstance(order, SteerVelocity):
@@ -177,7 +179,7 @@ class VesselOrders:
         """Repeat what is due. To be called at every exchange."""
         commands = self._commands
         self._now_ns = now_ns
-        if self._velocity.update(now_ns, say, self._driver.departed):
+        if self._velocity.update(now_ns, say, self._driver.departed and commands.view.heard):
             self.silences += 1
             self.give(ChangeMode(mode="HOLD"))
         if self._order is not None:

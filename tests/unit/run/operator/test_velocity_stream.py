@@ -46,15 +46,15 @@ class Driver(VehicleDriver):
 class Helm:
     """Orders, and the autopilot at the other end of them; `beat` is its heartbeat in a mode."""
 
-    def __init__(self, driver: str = "mission") -> None:
+    def __init__(self, driver: str = "mission", profile: str = "sitl") -> None:
         self.view = AgentView(FRAME, lambda severity, text: None, lambda stamp, estimate: None)
         self.sent: list[Any] = []
         self.said: list[str] = []
         self.driver = Driver()
         self.now_ns = 0
-        profile = load_profile("sitl", [f"driver.kind={driver}", "ros.enabled=false"]).runnable()
+        run = load_profile(profile, [f"driver.kind={driver}", "ros.enabled=false"]).runnable()
         commands = AutopilotCommands(self.view, self.sent.append, 1, 1)
-        self.orders = VesselOrders(profile, commands, FRAME, cast(Any, None), self.driver)
+        self.orders = VesselOrders(run, commands, FRAME, cast(Any, None), self.driver)
         self.beat(HOLD)
 
     def steer(self, speed_mps: float = 1.0, turn_rate_radps: float = 0.2) -> None:
@@ -168,6 +168,21 @@ def test_arming_does_not_end_a_stream_nor_a_stream_an_arming() -> None:
     assert len(helm.targets()) == 1
 
 
+def test_a_stream_from_before_the_first_heartbeat_is_no_error() -> None:
+    helm = Helm()
+    helm.view.heard = False
+    helm.orders.check(SteerVelocity(speed_mps=1.0, turn_rate_radps=0.0))
+    helm.steer()
+    helm.go_on()
+    assert helm.modes() == []
+    with pytest.raises(ActionError, match="has not been heard yet"):
+        helm.orders.check(Arm())
+    helm.beat(HOLD)
+    helm.steer()
+    helm.go_on()
+    assert helm.modes() == [GUIDED]
+
+
 def test_a_stream_from_before_the_departure_takes_over_after_it() -> None:
     helm = Helm()
     helm.driver.left = False
@@ -221,7 +236,7 @@ def test_what_nobody_could_carry_out_is_refused() -> None:
         helm.orders.check(CommandMotor(number=0, command=0.5))
     with pytest.raises(ActionError, match=r"only a run with driver\.kind: ros"):
         helm.orders.check(EndRun())
-    helm.view.px4 = True
+    helm = Helm(profile="sitl-px4")
     with pytest.raises(ActionError, match="PX4 takes no speed and turn rate"):
         helm.orders.check(SteerVelocity(speed_mps=1.0, turn_rate_radps=0.0))
 
