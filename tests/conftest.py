@@ -6,34 +6,56 @@ process is: the tests of a file that share a fixture (`make test` runs them with
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
+import tempfile
 from functools import cache
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from tests.recorded_run import FOLDER
+
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
 
 LONGEST_FIRST = (
-    "test_documentation.py",
     "test_campaigns.py",
-    "test_view_controls.py",
-    "test_estimate_runs.py",
+    "test_documentation.py",
     "test_loopbacks.py",
-    "test_network.py",
-    "test_fleet_traffic.py",
-    "test_validation.py",
-    "test_sim.py",
-    "test_live_view_runs.py",
-    "test_fleet_run.py",
     "test_view_recording.py",
-    "test_link_faults.py",
+    "test_fleet_stations.py",
+    "test_fleet_traffic.py",
+    "test_fleet_run.py",
+    "test_estimate_runs.py",
+    "test_network.py",
+    "test_view_controls.py",
+    "test_live_view_runs.py",
+    "test_mavsdk.py",
+    "test_ground_station.py",
+    "test_validation.py",
+    "test_own_boat.py",
+    "test_live_foxglove.py",
+    "test_perception.py",
+    "test_sim.py",
+    "test_vehicles.py",
+    "test_shipped_encounters.py",
+    "test_steered_vessels.py",
+    "test_arm.py",
+    "test_replay.py",
 )
 RANKS = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
 KINDS = ("slow", "realtime")
 FOR_ALL_TESTS_OF_A_FILE = 'scope="module"'
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `xitl` does, for those that are forked with numpy loaded
+    if FOLDER not in os.environ:  # of processes side by side the first
+        os.environ[FOLDER] = tempfile.mkdtemp(prefix="xitl-runs-")
+        config.add_cleanup(lambda: shutil.rmtree(os.environ.pop(FOLDER)))
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -50,7 +72,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for kind in KINDS:
             if item.get_closest_marker(kind) and not has_mark(item.path, kind):
                 raise pytest.UsageError(f"{item.nodeid}: is {kind}; mark it in its file, `-m {kind}` reads no others")
-    if config.getoption("dist", "no") == "loadgroup":
+    if getattr(config.option, "loadgroup", False):  # in a process of xdist
         items.sort(key=lambda item: RANKS.get(item.path.name, len(RANKS)))
         for item in items:
             if FOR_ALL_TESTS_OF_A_FILE in text(item.path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -210,3 +211,42 @@ def test_our_own_tools_ask_which(fleet: Fleet) -> None:
     assert "are heard there; add ?system= and one of them" in refused.stderr
     (row,) = json.loads(show(f"{fleet.tcp}?system=7").stdout)["parameters"]
     assert (row["name"], row["value"]) == ("SYSID_THISMAV", 7.0)
+
+
+SPY = """
+from MAVProxy.modules.lib import mp_module
+class Spy(mp_module.MPModule):
+    def idle_task(self):
+        for key, vessel in self.module("ais").threat_vehicles.items():
+            print("SEEN", key, vessel.state.lat, vessel.state.lon, flush=True)
+def init(mpstate):
+    return Spy(mpstate, "spy")
+"""
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("MAVProxy") is None, reason="MAVProxy is not installed: pip install MAVProxy"
+)
+def test_mavproxys_ais_has_the_other_vessels(fleet: Fleet, tmp_path: Path) -> None:
+    """At the port of the first vessel; a module of ours tells what MAVProxy's own would draw. News come in 30 s."""
+    (tmp_path / "spy.py").write_text(SPY)
+    program = Path(sys.executable).with_name("mavproxy.py")
+    words = [sys.executable, str(program), f"--master=tcp:127.0.0.1:{fleet.tcp_port + 10}", "--default-modules=ais,spy"]
+    seen: dict[str, tuple[float, float]] = {}
+    with subprocess.Popen(
+        words, cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), *sys.path)), "PYTHONWARNINGS": "ignore"},
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        until_s = time.monotonic() + 2 * WAIT_S
+        for line in process.stdout:
+            assert "Traceback" not in line
+            if line.startswith("SEEN"):
+                _, key, lat, lon = line.split()
+                seen[key] = float(lat) * 1e-7, float(lon) * 1e-7
+            if len(seen) == 2 or time.monotonic() > until_s:
+                break
+        process.kill()
+    assert set(seen) == {"AIS-200000002", "AIS-200000007"}
+    assert all(place == pytest.approx((-8.8, -63.95), abs=5e-3) for place in seen.values())
+    assert seen["AIS-200000002"][0] < seen["AIS-200000007"][0] - 20.0 / 110_600.0  # it lies south of it

@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from tests.forked_xitl import run_xitl
+
 Xitl = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -31,15 +33,7 @@ def xitl(tmp_path: Path) -> Xitl:
     """Run `xitl ARGUMENTS` in a temporary directory and wait for it."""
 
     def run(*arguments: str, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            command(*arguments),
-            cwd=tmp_path,
-            env=environment(),
-            capture_output=True,
-            text=True,
-            timeout=timeout_s,
-            check=False,
-        )
+        return run_xitl(arguments, tmp_path, environment(), timeout_s)
 
     return run
 

@@ -32,7 +32,9 @@ from tests.documentation import (
     holds,
     suppose,
 )  # fmt: skip
+from tests.forked_xitl import run_xitl
 from tests.recorded import CALM, GUST
+from tests.recorded_run import recorded_run
 
 PARSED_ONLY = ("pip", "git", "cd", "make", "ip", "mavproxy.py", "ardurover")
 RUN_S, ENOUGH_S = 1, 120.0
@@ -66,10 +68,15 @@ class Reader:
         """Everything that it prints. A run that is cut short completes nothing."""
         line = self._line(command.text, short)
         self.typed.append(line)
-        told = subprocess.run(
-            line, shell=True, cwd=self.directory, env=self._environment, capture_output=True, text=True,
-            timeout=ENOUGH_S * (8 if command.words[:2] == ["xitl", "campaign"] else 1), check=False,
-        )  # fmt: skip
+        enough_s = ENOUGH_S * (8 if command.words[:2] == ["xitl", "campaign"] else 1)
+        if command.program == "xitl" and not re.search(r"[|<>;&$`*?~]", line.partition(" #")[0]):
+            words = shlex.split(line, comments=True)[1:]
+            told = run_xitl(words, self.directory, self._environment, enough_s)
+        else:
+            told = subprocess.run(
+                line, shell=True, cwd=self.directory, env=self._environment, capture_output=True, text=True,
+                timeout=enough_s, check=False,
+            )  # fmt: skip
         printed = told.stdout + told.stderr
         wrong = "Traceback" in printed or not self._ended_well(command, told.returncode)
         assert not wrong, f"{command}\n{line}\n{printed}"
@@ -111,22 +118,14 @@ class Reader:
         assert told.returncode == 0, f"{block}\n{told.stderr}"
 
 
-@pytest.fixture(scope="module")
-def earlier(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What a reader has from before: a run in runs/x."""
-    directory = tmp_path_factory.mktemp("earlier")
-    reader = Reader(directory)
-    reader.run(Command("", 0, "xitl sim --profile sitl --out runs/x --duration 20"), short=False)
-    return directory
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
-def test_what_a_page_has_typed_works(page: str, earlier: Path, tmp_path: Path) -> None:
+def test_what_a_page_has_typed_works(page: str, tmp_path: Path) -> None:
+    """A reader has a run from before, in runs/x."""
     directory = tmp_path / "here"
     directory.mkdir()
     suppose(directory)
-    shutil.copytree(earlier / "runs/x", directory / "runs/x")
+    shutil.copytree(recorded_run("sitl", 20.0), directory / "runs/x")
     for name, source in LOGS.items():
         (directory / name).symlink_to(directory / source)
     (directory / "real.bin").symlink_to(CALM)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import PATIENCE_S, running, summary
 from mcap.reader import make_reader
 
 import xitl as toolkit
@@ -111,3 +113,31 @@ def test_a_seed_repeats_it_byte_for_byte_with_an_agent_in_another_process_too(
             for each in (run, again)
         )
         assert one == other, name
+
+
+def test_an_interrupt_ends_all_of_it_and_leaves_what_was_recorded(tmp_path: Path) -> None:
+    """With an agent in a process of its own, on lines beside each other; what ended is whole, and nobody is left."""
+    elsewhere = FLEET.replace(
+        "vehicles/otter\n", "vehicles/otter\n    autopilot: {runs: process, link: 'serial://pty?baud=921600'}\n"
+    )
+    (tmp_path / "fleet.yaml").write_text(elsewhere)
+    with running(tmp_path, "--profile", "fleet.yaml", "--duration", "900") as process:
+        started = children_of(process.pid)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, errors) == (130, "")
+    assert started
+    assert not any(Path(f"/proc/{child}").exists() for child in started)
+    told = summary(tmp_path / "run")
+    assert (told["ended"], told["error"]) == ("interrupted", None)
+    found = topics(tmp_path / "run/run.mcap")
+    for name in NAMES:
+        assert not told["vessels"][name]["mission"]["completed"]
+        assert [link["lost"] for link in told["vessels"][name]["links"]] == [0, 0]
+        assert found[f"/{name}/truth/state"][0] == pytest.approx(50 * told["duration_s"], abs=1)
+        with toolkit.open_log(tmp_path / "run" / name / "autopilot.bin") as log:
+            assert log.span_ns[1] * 1e-9 == pytest.approx(told["duration_s"], abs=0.2)
+
+
+def children_of(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]

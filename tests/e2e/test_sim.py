@@ -15,8 +15,11 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pymavlink.dialects.v20 import common
 
+from tests.recorded_run import recorded_run
+
 pytestmark = pytest.mark.slow
 
+SECONDS = 15
 ENVIRONMENTS = {"calm": 2.0, "current-waves": 4.0, "current-waves-gusts": 4.0}
 
 
@@ -42,9 +45,10 @@ def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_pat
 
 
 def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, tmp_path: Path) -> None:
-    for name, seed in (("a", "7"), ("b", "7"), ("c", "8")):
-        assert xitl("sim", "--seed", seed, "--duration", "15", "--out", name).returncode == 0
-    first, again, other = (payloads(tmp_path / name / "run.mcap") for name in "abc")
+    for name in "ab":
+        assert xitl("sim", "--seed", "7", "--duration", f"{SECONDS}", "--out", name).returncode == 0
+    runs = (tmp_path / "a", tmp_path / "b", recorded_run("sitl", SECONDS))
+    first, again, other = (payloads(run / "run.mcap") for run in runs)
     assert first == again
     assert first["/truth/state"] != other["/truth/state"]
     assert first["/link/agent/tx"] != other["/link/agent/tx"]
@@ -52,12 +56,11 @@ def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, t
 
 def test_an_agent_in_its_own_process_flies_the_same_run_in_lockstep(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     """Where the autopilot runs changes the profile and nothing else: not one byte of the vessel's motion."""
-    assert xitl("sim", "--duration", "15", "--out", "here").returncode == 0
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
-    away = ("sim", "--profile", "hitl-loopback", "--clock", "lockstep", "--set", link, "--duration", "15")
+    away = ("sim", "--profile", "hitl-loopback", "--clock", "lockstep", "--set", link, "--duration", f"{SECONDS}")
     result = xitl(*away, "--out", "there")
     assert result.returncode == 0, result.stderr
-    here, there = payloads(tmp_path / "here/run.mcap"), payloads(tmp_path / "there/run.mcap")
+    here, there = payloads(recorded_run("sitl", SECONDS) / "run.mcap"), payloads(tmp_path / "there/run.mcap")
     for topic in ("/truth/state", "/actuators", "/estimate/odometry", "/environment"):
         assert here[topic] == there[topic], topic
 
@@ -76,17 +79,16 @@ def test_a_bare_python_3_9_flies_the_same_run(xitl: Xitl, tmp_path: Path, free_p
     python = python_of_a_board()
     if python is None:
         pytest.skip("there is no Python 3.9 on this machine")
-    assert xitl("sim", "--duration", "15", "--out", "here").returncode == 0
     link = f"udp://127.0.0.1:{free_port}"
     root = Path(__file__).parents[2]
     with subprocess.Popen([python, "-S", "-m", "agent", "--link", link], cwd=root, stdout=subprocess.PIPE) as agent:
         assert agent.stdout is not None
         agent.stdout.readline()
         board = ("--profile", "hitl-beaglebone", "--clock", "lockstep", "--set", f"autopilot.link={link}")
-        result = xitl("sim", *board, "--duration", "15", "--out", "there")
+        result = xitl("sim", *board, "--duration", f"{SECONDS}", "--out", "there")
         agent.terminate()
     assert result.returncode == 0, result.stderr
-    here, there = payloads(tmp_path / "here/run.mcap"), payloads(tmp_path / "there/run.mcap")
+    here, there = payloads(recorded_run("sitl", SECONDS) / "run.mcap"), payloads(tmp_path / "there/run.mcap")
     assert here["/truth/state"] == there["/truth/state"]
     assert here["/estimate/odometry"] == there["/estimate/odometry"]
 
@@ -114,13 +116,12 @@ def test_real_time_over_udp_measures_the_link_and_the_clocks(xitl: Xitl, tmp_pat
     assert len(payloads(tmp_path / "run/run.mcap")["/clocks"]) > 30
 
 
-def test_the_recording_reads_back_in_standard_tools(xitl: Xitl, tmp_path: Path) -> None:
-    assert xitl("sim", "--duration", "20", "--out", "run").returncode == 0
-    path = tmp_path / "run/run.mcap"
+def test_the_recording_reads_back_in_standard_tools() -> None:
+    path = recorded_run("sitl", SECONDS) / "run.mcap"
     topics = payloads(path)
     wanted = {"/truth/state", "/truth/odometry", "/truth/pose", "/truth/fix", "/tf", "/scene", "/environment", "/log"}
     assert wanted | {"/estimate/odometry", "/actuators", "/link/agent/tx", "/link/agent/rx", "/tasks"} <= topics.keys()
-    assert len(topics["/truth/state"]) == 20 * 50
+    assert len(topics["/truth/state"]) == SECONDS * 50
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         assert {item.name for item in reader.iter_attachments()} == {"profile.yaml", "xitl.xml"}
@@ -156,33 +157,32 @@ def test_a_resolved_profile_flies_the_same_run_again(xitl: Xitl, tmp_path: Path)
     assert one == two
 
 
-def test_the_estimate_never_sees_the_truth(xitl: Xitl, tmp_path: Path) -> None:
+def test_the_estimate_never_sees_the_truth() -> None:
     """What goes to the agent are sensors, time and orders: no message carries the true state."""
     from agent.wire import dialect
 
-    assert xitl("sim", "--duration", "10", "--out", "run").returncode == 0
-    sent = {int.from_bytes(data[23:26], "little") for _, data in payloads(tmp_path / "run/run.mcap")["/link/agent/tx"]}
+    told = payloads(recorded_run("sitl", SECONDS) / "run.mcap")["/link/agent/tx"]
+    sent = {int.from_bytes(data[23:26], "little") for _, data in told}
     names = {dialect.mavlink_map[number].msgname for number in sent}
     sensors = {"XITL_IMU", "XITL_GNSS", "XITL_MAGNETOMETER", "XITL_BAROMETER"}
     orders = {"XITL_TICK", "XITL_RUN", "PARAM_SET", "MISSION_COUNT", "MISSION_ITEM_INT", "COMMAND_LONG"}
     assert sensors <= names <= sensors | orders
 
 
-def test_sensors_carry_noise_latency_and_rate(xitl: Xitl, tmp_path: Path) -> None:
+def test_sensors_carry_noise_latency_and_rate() -> None:
     from agent.wire import dialect
 
-    assert xitl("sim", "--duration", "10", "--out", "run").returncode == 0
     arrivals: dict[int, list[int]] = {}
     delays: dict[int, set[int]] = {}
-    for stamp_ns, data in payloads(tmp_path / "run/run.mcap")["/link/agent/tx"]:
+    for stamp_ns, data in payloads(recorded_run("sitl", SECONDS) / "run.mcap")["/link/agent/tx"]:
         number = int.from_bytes(data[23:26], "little")
         if number in (dialect.MAVLINK_MSG_ID_XITL_IMU, dialect.MAVLINK_MSG_ID_XITL_GNSS):
             sampled_us = int.from_bytes(data[26:34], "little")
             arrivals.setdefault(number, []).append(stamp_ns)
             delays.setdefault(number, set()).add(stamp_ns // 1000 - sampled_us)
-    assert len(arrivals[dialect.MAVLINK_MSG_ID_XITL_IMU]) == 10 * 200
+    assert len(arrivals[dialect.MAVLINK_MSG_ID_XITL_IMU]) == SECONDS * 200
     assert delays[dialect.MAVLINK_MSG_ID_XITL_IMU] == {0}
-    assert len(arrivals[dialect.MAVLINK_MSG_ID_XITL_GNSS]) == math.floor((10 - 0.12) * 5)
+    assert len(arrivals[dialect.MAVLINK_MSG_ID_XITL_GNSS]) == math.floor((SECONDS - 0.12) * 5)
     assert delays[dialect.MAVLINK_MSG_ID_XITL_GNSS] == {120_000}
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.unit.logs.recorded_run import recorded_run
+from tests.recorded_run import recorded_run
 from xitl_cli.view.pictures import picture
 from xitl_cli.view.recording import open_scene
 from xitl_cli.view.replay_page import replay_html

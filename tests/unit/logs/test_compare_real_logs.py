@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recorded_run import recorded_run
 from typer.testing import CliRunner
 
 from tests.recorded import CALM, GUST, LOGS
+from tests.recorded_run import recorded_run
 from xitl_cli.logs import open_log
 from xitl_cli.logs.compare.comparison import Comparison, compare
 from xitl_cli.main import _app

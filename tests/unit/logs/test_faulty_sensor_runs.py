@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from recorded_run import recorded_run
 
+from tests.recorded_run import recorded_run
 from xitl_cli.logs.analyses import gnss, power, radio, sensors, vibration
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.sections import Finding

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
-from recorded_run import recorded_run
 
+from tests.recorded_run import recorded_run
 from xitl_cli.logs import open_log
 from xitl_cli.logs.analyses import faults, links, scheduler, time_bases
 from xitl_cli.logs.analyses.link_sequences import missing_frames

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_truth import is_equal, payloads_of
-from recorded_run import recorded_run
 
+from tests.recorded_run import recorded_run
 from xitl_cli.logs.formats.mcap import chunks
 from xitl_cli.logs.formats.mcap import table as table_module
 from xitl_cli.logs.formats.mcap.file import McapLog

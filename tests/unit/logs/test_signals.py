@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 from pymavlink import DFReader, mavutil
-from recorded_run import recorded_run
 
 from tests.recorded import GUST, MISSION_TLOG
+from tests.recorded_run import recorded_run
 from xitl_cli.logs import open_log, signals
 from xitl_cli.logs.signals.series import make_series
 

@@ -1,0 +1,28 @@
+"""A run of ours, recorded once for all tests, also for those of other processes."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from hashlib import sha256
+from pathlib import Path
+
+from tests.forked_xitl import run_xitl
+
+FOLDER = "XITL_TEST_RUNS"  # in the environment; tests/conftest.py makes it and removes it
+ENOUGH_S = 300.0
+
+
+def recorded_run(profile: str = "sitl", duration_s: float = 30.0, *overrides: str) -> Path:
+    """The run's directory: run.mcap, autopilot.bin, summary.json. The same arguments give the same directory."""
+    words = ["sim", "--profile", profile, "--duration", f"{duration_s:g}"]
+    for override in overrides:
+        words += ["--set", override]
+    folder = Path(os.environ[FOLDER]) / sha256(" ".join(words).encode()).hexdigest()[:16]
+    folder.mkdir(exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "run/summary.json").exists():
+            done = run_xitl([*words, "--out", "run", "--json"], folder, os.environ, ENOUGH_S)
+            assert done.returncode == 0, done.stderr
+    return folder / "run"
