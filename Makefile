@@ -35,7 +35,7 @@ package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
 
 test: $(VENV)/.dev  ## all tests; those that keep real time one at a time
 	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
-	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadgroup --no-loadscope-reorder
+	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
 	$(BIN)/python -m pytest -m realtime
 
 checks: lint types check-dialect docs wheel  ## everything else that has to pass

@@ -1,7 +1,7 @@
 """What holds for all tests: they may not depend on how fast the machine is, and what else it does.
 
 Of those that take long the longest begin first, so that no processor is idle in the end; and only what has to be in one
-process is: the tests of a file that share a fixture (`make test` runs them with `--dist loadgroup`).
+process is: the tests of a file that share a fixture (`make test` runs them with `--dist loadscope`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import shutil
 import tempfile
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -72,11 +73,22 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for kind in KINDS:
             if item.get_closest_marker(kind) and not has_mark(item.path, kind):
                 raise pytest.UsageError(f"{item.nodeid}: is {kind}; mark it in its file, `-m {kind}` reads no others")
-    if getattr(config.option, "loadgroup", False):  # in a process of xdist
+    if hasattr(config, "workerinput"):
         items.sort(key=lambda item: RANKS.get(item.path.name, len(RANKS)))
-        for item in items:
-            if FOR_ALL_TESTS_OF_A_FILE in text(item.path):
-                item.add_marker(pytest.mark.xdist_group(item.path.name))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    if config.getoption("dist") != "loadscope":
+        return None
+    from xdist.scheduler import LoadScopeScheduling
+
+    class FixtureScheduling(LoadScopeScheduling):  # type: ignore[misc]
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return file if FOR_ALL_TESTS_OF_A_FILE in text(config.rootpath / file) else nodeid
+
+    return FixtureScheduling(config, log)
 
 
 def has_mark(file: Path, kind: str) -> bool:

@@ -21,7 +21,7 @@ from xitl_cli.logs.expressions.functions import ARITIES, ELEMENTWISE
 from xitl_cli.logs.expressions.syntax import (
     Arithmetic,
     Call,
-    Comparison,
+    ComparisonChain,
     ExpressionError,
     Junction,
     Language,
@@ -92,7 +92,7 @@ class Expression:
                 if inner is None:
                     return None
                 return _PREFIXES[sign](inner)
-            case Comparison():
+            case ComparisonChain():
                 return self._compared(node, values)
             case Arithmetic(sign=sign, left=left, right=right):
                 sides = [self._evaluate(left, values), self._evaluate(right, values)]
@@ -111,7 +111,7 @@ class Expression:
             known = None if found is None else known
         return known
 
-    def _compared(self, node: Comparison, values: Mapping[str, Any]) -> bool | None:
+    def _compared(self, node: ComparisonChain, values: Mapping[str, Any]) -> bool | None:
         left = self._evaluate(node.sides[0], values)
         result: bool | None = True
         for sign, side in zip(node.signs, node.sides[1:], strict=True):

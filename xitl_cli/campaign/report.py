@@ -226,8 +226,7 @@ def boundary_sentence(search: Search, found: BoundaryFinding, axis: str, where: 
             (),
             "Widen the range of the axis, or set another limit.",
         )
-    interval = found.estimate.interval
-    within = f"{sure} interval {_interval_text(interval, unit)}"
+    within = _sure_text(search, found.estimate.interval, unit)
     crosses = "Half of the runs fail" if search.spec.pass_rate == 0.5 else f"The pass rate crosses {rate}"
     place = f"{axis} = {short(found.estimate.value)}{unit}{where}"
     sentence = f"{crosses} at {place} ({within}, {runs}): they {ways[0]} below and {ways[1]} above"
@@ -271,11 +270,15 @@ def exploration_sentence(search: Search, found: ExplorationFinding, where: str, 
     estimate = found.along.estimate
     sentence = (
         f"Nearest to nominal ({at_home}) it begins to fail{where} at {place}: {short(estimate.value)} of the ranges "
-        f"away ({100 * search.spec.confidence:g} % interval {_interval_text(estimate.interval, '')}, {runs})"
+        f"away ({_sure_text(search, estimate.interval, '')}, {runs})"
     )
     if found.outcome == Outcome.UNDECIDED:
         return Finding.notice(key, f"{sentence}. The runs were spent before it was sure", (), "Allow more most_runs.")
     return Finding.notice(key, sentence, (), _BOTH_SIDES)
+
+
+def _sure_text(search: Search, interval: Interval, unit: str) -> str:
+    return f"{100 * search.spec.confidence:g} % interval {_interval_text(interval, unit)}"
 
 
 def _place_text(search: Search, shares: Sequence[float]) -> str:

@@ -14,7 +14,7 @@ from xitl_cli.logs.expressions.functions import ELEMENTWISE, TIMED, WHERE, Funct
 from xitl_cli.logs.expressions.syntax import (
     Arithmetic,
     Call,
-    Comparison,
+    ComparisonChain,
     ExpressionError,
     Junction,
     Name,
@@ -106,7 +106,7 @@ class Evaluation:
                 return Quantity(result)
             case Arithmetic(left=left, right=right):
                 return self._arithmetic(node, self._number(left), self._number(right))
-            case Comparison():
+            case ComparisonChain():
                 return self._comparison(node)
             case Call(function=name, arguments=arguments):
                 if name == WHERE:
@@ -117,7 +117,7 @@ class Evaluation:
     def _shown(self, node: Tree) -> str:
         return self.text[node.begin : node.end]
 
-    def _comparison(self, node: Comparison) -> Quantity:
+    def _comparison(self, node: ComparisonChain) -> Quantity:
         left, result = self.quantity(node.sides[0]), None
         for sign, side in zip(node.signs, node.sides[1:], strict=True):
             right = self.quantity(side)

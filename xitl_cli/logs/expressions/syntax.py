@@ -27,7 +27,7 @@ class ExpressionError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class SyntaxNode:
     """begin, end: where in the text it stands."""
 
     begin: int
@@ -35,31 +35,31 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
-class Number(Node):
+class Number(SyntaxNode):
     value: int | float
 
 
 @dataclass(frozen=True, slots=True)
-class Text(Node):
+class Text(SyntaxNode):
     value: str
 
 
 @dataclass(frozen=True, slots=True)
-class Word(Node):
+class Word(SyntaxNode):
     """true, false or null."""
 
     value: bool | None
 
 
 @dataclass(frozen=True, slots=True)
-class Name(Node):
+class Name(SyntaxNode):
     """path: as written, without spaces."""
 
     path: str
 
 
 @dataclass(frozen=True, slots=True)
-class Prefix(Node):
+class Prefix(SyntaxNode):
     """sign: - + not."""
 
     sign: str
@@ -67,7 +67,7 @@ class Prefix(Node):
 
 
 @dataclass(frozen=True, slots=True)
-class Arithmetic(Node):
+class Arithmetic(SyntaxNode):
     """sign: + - * / % **."""
 
     sign: str
@@ -76,7 +76,7 @@ class Arithmetic(Node):
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison(Node):
+class ComparisonChain(SyntaxNode):
     """A chain, as `0 < x <= 3`: one sign between each two."""
 
     signs: tuple[str, ...]
@@ -84,7 +84,7 @@ class Comparison(Node):
 
 
 @dataclass(frozen=True, slots=True)
-class Junction(Node):
+class Junction(SyntaxNode):
     """sign: and, or."""
 
     sign: str
@@ -92,12 +92,12 @@ class Junction(Node):
 
 
 @dataclass(frozen=True, slots=True)
-class Call(Node):
+class Call(SyntaxNode):
     function: str
     arguments: tuple[Tree, ...]
 
 
-Tree: TypeAlias = Number | Text | Word | Name | Prefix | Arithmetic | Comparison | Junction | Call
+Tree: TypeAlias = Number | Text | Word | Name | Prefix | Arithmetic | ComparisonChain | Junction | Call
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +175,7 @@ def nodes(tree: Tree) -> Iterator[Tree]:
             below = (operand,)
         case Arithmetic(left=left, right=right):
             below = (left, right)
-        case Comparison(sides=sides):
+        case ComparisonChain(sides=sides):
             below = sides
         case Junction(parts=parts):
             below = parts
@@ -223,7 +223,7 @@ class _Parser:
             sides.append(self._sum())
         if not signs:
             return sides[0]
-        return Comparison(sides[0].begin, sides[-1].end, tuple(signs), tuple(sides))
+        return ComparisonChain(sides[0].begin, sides[-1].end, tuple(signs), tuple(sides))
 
     def _sum(self) -> Tree:
         return self._chain(("+", "-"), self._product)
