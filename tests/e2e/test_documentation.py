@@ -68,8 +68,9 @@ class Reader:
         """Everything that it prints. A run that is cut short completes nothing."""
         line = self._line(command.text, short)
         self.typed.append(line)
-        enough_s = ENOUGH_S * (8 if command.words[:2] == ["xitl", "campaign"] else 1)
-        if command.program == "xitl" and not re.search(r"[|<>;&$`*?~]", line.partition(" #")[0]):
+        is_campaign = command.words[:2] == ["xitl", "campaign"]  # which starts processes that begin as its own did
+        enough_s = ENOUGH_S * (8 if is_campaign else 1)
+        if command.program == "xitl" and not is_campaign and not re.search(r"[|<>;&$`*?~]", line.partition(" #")[0]):
             words = shlex.split(line, comments=True)[1:]
             told = run_xitl(words, self.directory, self._environment, enough_s)
         else:
