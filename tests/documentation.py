@@ -159,7 +159,15 @@ def profile_header_commands() -> list[Command]:
     return found
 
 
-SUPPOSED = ("mine.csv", "pool-test.csv", "00000042.BIN", "runs/mine/autopilot.bin", "boat.key", "tuned.parm")
+SUPPOSED = (
+    "mine.csv",
+    "boat.bag",
+    "pool-test.csv",
+    "00000042.BIN",
+    "runs/mine/autopilot.bin",
+    "boat.key",
+    "tuned.parm",
+)
 """Files of the reader's own that pages name."""
 
 

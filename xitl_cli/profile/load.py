@@ -23,6 +23,7 @@ from xitl_cli.profile.schema.derived_graph import complete_graph_group
 
 _ANY_FILE: tuple[KeyPath, ...] = (
     ("driver", "file"),
+    ("sensors", "recorded", "file"),
     ("autopilot", "signing_key_file"),
     ("autopilot", "link_key_file"),
 )

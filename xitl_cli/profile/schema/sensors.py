@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
-from sim_core.keys import Bounds, Items, Specification
+from sim_core.keys import Bounds, Items, NonNegative, Required, Specification, SpecificationError
 from sim_core.sensors.spec import (
     BarometerSpec,
     GnssSpec,
@@ -37,6 +38,33 @@ class MessagesSpec(Specification):
     odometry: OdometrySpec | None = None
 
 
+AUTO, SIMULATED = "auto", "simulated"
+_SOURCE = re.compile(r"auto|simulated|/\S+")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedSensorsSpec(Specification):
+    """Samples of a bag, or of an MCAP recording with messages of ROS, in place of simulated ones, at their time stamps.
+
+    Of each sensor `auto` is the only topic of its type in the recording, and silence where it has none; `simulated`
+    leaves the sensor to the simulated vessel; else it is the name of a topic.
+    """
+
+    file: Annotated[str, Required] = ""
+    from_s: Annotated[NonNegative, "of the recording, as `xitl logs info` counts: when the run begins"] = 0.0
+    imu: Annotated[str, "sensor_msgs/Imu"] = AUTO
+    gnss: Annotated[str, "sensor_msgs/NavSatFix; its velocity is of a TwistStamped `fix_velocity` or `gps_vel`"] = AUTO
+    magnetometer: Annotated[str, "sensor_msgs/MagneticField"] = AUTO
+    barometer: Annotated[str, "sensor_msgs/FluidPressure"] = AUTO
+
+    def check(self) -> None:
+        for name in ("imu", "gnss", "magnetometer", "barometer"):
+            if not _SOURCE.fullmatch(asked := getattr(self, name)):
+                raise SpecificationError(
+                    (name,), f"= {asked!r} is no topic; use auto, simulated or a name as /imu/data"
+                )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorsSpec(Specification):
     """The sensors of the vessel; lidar and sonar reach a companion."""
@@ -50,6 +78,7 @@ class SensorsSpec(Specification):
     lidar: LidarSpec | None = None
     sonar: SonarSpec | None = None
     messages: MessagesSpec = MessagesSpec()
+    recorded: Annotated[RecordedSensorsSpec | None, "null: all are simulated"] = None
 
 
 def sampled_sensors(sensors: SensorsSpec) -> Iterator[tuple[tuple[str | int, ...], Any]]:

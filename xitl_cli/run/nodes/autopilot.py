@@ -85,6 +85,7 @@ class AutopilotNode(ControlNode):
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
         self._sensing = make_sensing(profile, seeds, hulls, air)
+        self._recorded = profile.sensors is not None and profile.sensors.recorded is not None  # not of this vessel
         self.agents = [self._connection(name) for name in autopilot_links(profile)]
         first, standby = self.agents[0], profile.autopilot.standby
         self.view = first.inbox.view
@@ -179,7 +180,8 @@ class AutopilotNode(ControlNode):
     # In the run
 
     def sense(self, step: RunStep) -> None:
-        self._check.add_truth(step.now_ns, step.motion)
+        if not self._recorded:
+            self._check.add_truth(step.now_ns, step.motion)
         air_ned_mps = step.state.wind_ned_mps if self._sensing.feels_wind else STILL_AIR
         messages = self._sensing.due(step.number, step.now_ns, step.motion, air_ned_mps)
         if messages:
@@ -278,6 +280,7 @@ class AutopilotNode(ControlNode):
             "stale_exchanges": self._use.report.stale,
             "actuators": self._use.report,
             "takeovers": [] if self._redundancy is None else self._redundancy.takeovers,
+            **self._sensing.recorded_report(),
         }
 
 

@@ -25,6 +25,7 @@ from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.world import SiteSpec
 from xitl_cli.run.sensors import sensor_messages
 from xitl_cli.run.sensors.channel import Channel, SensorChannel, TruthChannel, VaneChannel
+from xitl_cli.run.sensors.recorded import RecordedChannel, read_samples
 from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
 from xitl_cli.run.world.world import local_frame, magnetic_field_ned_gauss
@@ -61,8 +62,11 @@ class SensorSuite:
             ("barometer", Barometer(sensors.barometer, site.altitude_m), sensor_messages.barometer),
         )
         self._faults = {name: SensorFaults(name, faults or {}, seeds, frame) for name, _, _ in models}
-        self._sensors = {
-            name: SensorChannel(model, default_rng(seeds.sequence(name)), physics_rate_hz, encode, self._faults[name])
+        recorded = {} if sensors.recorded is None else read_samples(sensors.recorded, site)
+        self._sensors: dict[str, SensorChannel | RecordedChannel] = {
+            name: RecordedChannel(recorded[name], encode, self._faults[name])
+            if name in recorded
+            else SensorChannel(model, default_rng(seeds.sequence(name)), physics_rate_hz, encode, self._faults[name])
             for name, model, encode in models
         }
         self._channels: list[Channel] = [*self._sensors.values(), *further]
@@ -97,6 +101,12 @@ class SensorSuite:
             for name, of_sensor in faults.counts.items():
                 counts.setdefault(name, {}).update(of_sensor)
         return counts
+
+    def recorded_report(self) -> dict[str, dict[str, dict[str, int]]]:
+        """recorded_sensors: by sensor, samples of a recording that were sent, and skipped as newer ones had come."""
+        recorded = {name: each for name, each in self._sensors.items() if isinstance(each, RecordedChannel)}
+        counts = {name: {"sent": each.sent, "skipped": each.skipped} for name, each in recorded.items()}
+        return {"recorded_sensors": counts} if counts else {}
 
     def set_fault(self, name: str, fault: FaultSpec) -> None:
         """Have a fault act at its times, in place of the one of this name that there may have been."""
