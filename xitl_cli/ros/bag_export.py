@@ -185,6 +185,7 @@ class LogRows:
     def __init__(self, log: Log, wanted: ExportSelection) -> None:
         self._log, self._wanted = log, wanted
         names = type_names(table.name for table in wanted.tables)
+        self._unchanged = ros_topics(log.path) if log.format == "mcap" else {}
         self._tables = {
             table.name: (
                 topic_token(table.name),
@@ -192,8 +193,10 @@ class LogRows:
                 TableMessages(table, wanted.raw),
             )
             for table in wanted.tables
+            if table.name not in self._unchanged
         }
-        self.types = MessageTypes({kind: rows.definition for _, kind, rows in self._tables.values()})
+        further = {kind: rows.definition for _, kind, rows in self._tables.values()}
+        self.types = MessageTypes(further | dict(self._unchanged.values()))
         self._utc = utc_offset(log)
         self.times = "the log tells no UTC" if self._utc is None else f"its times are UTC {self._utc.source}"
 
@@ -201,18 +204,29 @@ class LogRows:
         """In the order of time, as far as the rows of the log are."""
         shift_ns = 0 if self._utc is None else self._utc.offset_ns
         told = (self._of_ros(messages, shift_ns) for messages in log_messages(self._log, shift_ns))
-        return heapq.merge(*told, self._rows(), key=lambda message: message.stamp_ns)
+        return heapq.merge(*told, self._messages_of_ros(), self._rows(), key=lambda message: message.stamp_ns)
+
+    def _messages_of_ros(self) -> Iterator[BagMessage]:
+        """Those that the log has as such."""
+        wanted = {table.name for table in self._wanted.tables} & self._unchanged.keys()
+        for topic, _, payload, stamp_ns in recorded_messages(self._log.path) if wanted else ():
+            if topic in wanted and self._inside(stamp_ns):
+                at_ns = int(in_utc(np.array([stamp_ns]), self._utc)[0])
+                yield BagMessage(topic_token(topic), self._unchanged[topic][0], payload, at_ns, recorded=topic)
+
+    def _inside(self, stamp_ns: int) -> bool:
+        first_ns, last_ns = self._wanted.from_ns, self._wanted.until_ns
+        return (first_ns is None or stamp_ns >= first_ns) and (last_ns is None or stamp_ns <= last_ns)
 
     def _of_ros(self, messages: Iterator[LogMessage], shift_ns: int) -> Iterator[BagMessage]:
-        first_ns, last_ns = self._wanted.from_ns, self._wanted.until_ns
         for topic, message, stamp_ns in messages:
-            at_ns = stamp_ns - shift_ns
-            if (first_ns is None or at_ns >= first_ns) and (last_ns is None or at_ns <= last_ns):
+            if self._inside(stamp_ns - shift_ns):
                 cdr = self.types.serialize(message)
                 yield BagMessage(topic.full_name(), topic.type, cdr, max(stamp_ns, 0), topic.qos)
 
     def _rows(self) -> Iterator[BagMessage]:
-        tables, of = self._wanted.tables, [self._tables[table.name] for table in self._wanted.tables]
+        tables = [table for table in self._wanted.tables if table.name in self._tables]
+        of = [self._tables[table.name] for table in tables]
         if not tables:
             return
         span, raw = (self._wanted.from_ns, self._wanted.until_ns), self._wanted.raw
@@ -225,6 +239,33 @@ class LogRows:
                 topic, kind, _ = of[owner]
                 for stamp_ns, payload in islice(waiting[owner], 1):
                     yield BagMessage(topic, kind, payload, stamp_ns, recorded=tables[owner].name)
+
+
+def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
+    """Of an MCAP the topics in CDR: type and definition. Not those whose type is another one in ROS."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+    from rosbags.typesys import TypesysError, get_types_from_msg
+    from rosbags.typesys.msg import normalize_msgtype
+
+    found: dict[str, tuple[str, str]] = {}
+    store = MessageTypes().ros2
+    try:
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+    except McapError:
+        return {}
+    for channel in () if summary is None else summary.channels.values():
+        schema = summary.schemas.get(channel.schema_id) if summary is not None else None
+        if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+            continue
+        name, text = normalize_msgtype(schema.name), schema.data.decode("utf-8", "replace")
+        try:
+            store.register(get_types_from_msg(text, name))
+        except (TypesysError, LookupError, TypeError, ValueError):
+            continue
+        found[channel.topic] = name, text
+    return found
 
 
 def topic_token(name: str) -> str:

@@ -32,7 +32,10 @@ SERVICES = {
 
 
 class MessageTypes:
-    """Those of ROS 2 Jazzy and ROS 1 Noetic, ours, and `further` by their names, as ros2msg texts."""
+    """Those of ROS 2 Jazzy and ROS 1 Noetic, ours, and `further` by their names, as ros2msg texts.
+
+    Raises rosbags' TypesysError for one that has a name of ROS's and is otherwise.
+    """
 
     def __init__(self, further: Mapping[str, str] | None = None) -> None:
         self.ros2: Typestore = get_typestore(Stores.ROS2_JAZZY)
@@ -42,7 +45,7 @@ class MessageTypes:
         for name, text in {**own_definitions(), **(further or {})}.items():
             found = get_types_from_msg(text, name)
             self.ros2.register(found)
-            self.ros1.register(found)
+            self.ros1.register({name: fields for name, fields in found.items() if name not in self.ros1.fielddefs})
         self.ros2.register(_service_types("uint8 structure_needs_at_least_one_member\n"))
         self.ros1.register(_service_types(""))
         self._converters: dict[tuple[str, bool], Callable[[bytes], bytes | memoryview]] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import struct
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from xitl_cli.record.topics import MotionEstimate
 DATA = Path(__file__).parents[2] / "data"
 FORMATS = ("rosbag2-mcap", "rosbag2-sqlite3", "rosbag1")
 IMU_COUNT, CLOUD_POINTS = 40, 25
+POINT = b"\0\1\0\0" + struct.pack("<3d", 1.0, 2.0, 3.0)
 
 
 @pytest.fixture(scope="module")
@@ -162,6 +164,47 @@ def test_a_recording_cut_short_names_the_repair(recording: Path, tmp_path: Path)
     cut.write_bytes(recording.read_bytes()[:-2000])
     with pytest.raises(UserError, match="xitl logs repair"):
         written(cut, tmp_path / "made", "rosbag2-mcap")
+
+
+def test_ros_messages_of_an_mcap_that_is_no_bag_stay_as_they_are(tmp_path: Path) -> None:
+    """Beside them a topic of JSON, and a type that is another one in ROS."""
+    from mcap.writer import Writer
+
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("", "another program")
+        for topic, encoding, schema, kind, text, payload in (
+            ("/place", "cdr", "geometry_msgs/msg/Point", "ros2msg", "float64 x\nfloat64 y\nfloat64 z\n", POINT),
+            (
+                "/bare",
+                "cdr",
+                "std_msgs/msg/Float64",
+                "ros2msg",
+                "float64 value\n",
+                b"\0\1\0\0" + struct.pack("<d", 4.0),
+            ),
+            (
+                "/json",
+                "json",
+                "x",
+                "jsonschema",
+                '{"type": "object", "properties": {"a": {"type": "number"}}}',
+                b'{"a": 5}',
+            ),
+        ):
+            number = writer.register_channel(topic, encoding, writer.register_schema(schema, kind, text.encode()))
+            writer.add_message(number, 10**9, payload, 10**9)
+        writer.finish()
+    for bag_format in FORMATS:
+        with AnyReader([written(path, place(tmp_path, bag_format), bag_format, overwrite=True)]) as reader:
+            read = {
+                one.topic: (one.msgtype, reader.deserialize(data, one.msgtype)) for one, _, data in reader.messages()
+            }
+        assert read["/place"][0] == "geometry_msgs/msg/Point"
+        assert (read["/place"][1].x, read["/place"][1].z) == (1.0, 3.0)
+        assert read["/bare"][1].value == 4.0
+        assert read["/json"][1].a == 5.0
 
 
 @pytest.mark.slow
