@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from conftest import command, environment, summary
 
+from xitl_cli.board.autopilot import put_autopilot
 from xitl_cli.board.emulator import cut_power, running, stopped, unplugged
 from xitl_cli.board.life import create, remove, start
 from xitl_cli.board.places import EmulatedBoard
@@ -28,6 +29,15 @@ pytestmark = [pytest.mark.realtime, pytest.mark.board]
 
 LIMIT_S = 600.0  # for what is sure to come, on whatever machine
 PRIORITY = 50
+ARMHF = "XITL_ARDUROVER_ARMHF"
+BRIDGE = """\
+[agent]
+role = bridge
+link = udp://usb0:14660
+autopilot = tcp://127.0.0.1:5760
+sensors = microstrain7
+sensor-link = tcp://127.0.0.1:14800
+"""
 
 
 @pytest.fixture(scope="module")
@@ -209,3 +219,30 @@ def test_a_power_cut_costs_the_last_second(board: EmulatedBoard, tmp_path: Path)
     with open_log(tmp_path / "run" / "run.mcap") as recording:
         assert recording.health.damaged == 0
         assert not recording.health.unclosed
+
+
+@pytest.mark.ardupilot
+def test_an_ardupilot_on_a_fresh_board_sails_with_all_its_checks_on(board: EmulatedBoard, tmp_path: Path) -> None:
+    program = os.environ.get(ARMHF)
+    if not program:
+        pytest.skip(f"{ARMHF} names no ardurover built for armhf Linux")
+    put_autopilot(board, Path(program))
+    config = tmp_path / "agent.conf"
+    config.write_text(BRIDGE)
+    words = ["agent", "deploy", f"board:{board.name}", "--service", "--config", str(config)]
+    subprocess.run(command(*words), env=environment(), check=True)
+    words = ["sim", "--profile", "hitl-ardupilot-linux", "--out", "run"]
+    words += ["--set", f"autopilot.link=udp://127.0.0.1:{board.autopilot_port}"]
+    done = subprocess.run(command(*words), cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+    run = summary(tmp_path / "run")
+    assert run["mission"]["waypoints_reached"] == run["mission"]["waypoints_total"], done.stdout + done.stderr
+    assert_all_accounted(run)
+    log = there(board, "ls -t /var/lib/ardurover/logs/*.BIN | head -1")
+    fetched = tmp_path / "ardurover.BIN"
+    words = ["ssh", "-F", str(board.ssh_config), board.name, "cat", log]
+    fetched.write_bytes(subprocess.run(words, capture_output=True, check=True).stdout)
+    with open_log(fetched) as read:
+        loops = read.tables["PM"]
+        longest_us, load = max(loops.values("MaxT")), max(loops.values("Load"))
+    print(f"PM: MaxT {longest_us} µs, Load {load / 10.0:.1f} %")
+    assert longest_us > 0

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mav
 from vehicle_double import VehicleDouble, over_tcp
 
 from agent.mavlink import parameters as protocol
@@ -216,6 +217,34 @@ def test_what_appears_by_a_restart_is_set_after_it(params: Params, tmp_path: Pat
     assert (ran.code, ran.told["restarts"], ran.told["refused"]) == (0, 2, [])
     assert double.values["SCR_HEAP_SIZE"] == 200.0
     assert (again.code, again.told["restarts"], again.told["set"]) == (0, 0, [])
+
+
+class FreshBoard(VehicleDouble):
+    """Its storage is empty: told takes the parameters of each calibration that it was told to accept."""
+
+    def __init__(self) -> None:
+        super().__init__({**BOAT, "EAHRS_TYPE": 7.0, "INS_ACC_ID": 0.0})
+        self.told: list[tuple[float, float]] = []
+
+    def _answer(self, message: Any) -> None:
+        super()._answer(message)
+        if message.get_type() == "COMMAND_LONG" and message.command == mav.MAV_CMD_PREFLIGHT_CALIBRATION:
+            self.told.append((message.param2, message.param5))
+            self._codec.command_ack_send(message.command, mav.MAV_RESULT_ACCEPTED)
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_a_calibration_that_was_pushed_is_taken_for_one_once_it_is_in_force(
+    params: Params, tmp_path: Path, calibrated: bool
+) -> None:
+    file = tmp_path / "ahrs.parm"
+    file.write_text("EAHRS_TYPE 7\n" + ("INS_ACC_ID 3277342\n" if calibrated else ""))
+    double = FreshBoard()
+    with over_tcp(double) as url:
+        assert params("push", str(file), url).code == 0
+        assert double.told == []  # a restart is due
+        assert params("push", str(file), url).code == 0
+    assert double.told == ([(76.0, 76.0)] if calibrated else [])
 
 
 @pytest.mark.usefixtures("quick_restarts")
