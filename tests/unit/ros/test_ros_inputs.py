@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from sim_core.environment.spec import Water
-from xitl_cli.profile import load_profile
+from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.ros.inputs import INPUTS, RosInputs, command_of_thrust, motor_commands
 from xitl_cli.ros.middleware import QosProfile
@@ -68,6 +69,11 @@ class Played:
     def close(self) -> None: ...
 
 
+@cache
+def profiles(name: str, *overrides: str) -> tuple[RunProfile, ...]:
+    return load_profile(name, list(overrides)).run_profiles()
+
+
 class Nodes:
     """What they publish, and what becomes of it; `now_s` is the clock on the wall."""
 
@@ -79,7 +85,7 @@ class Nodes:
         self.now_s = 0.0
         self.middleware = Played()
         self.inputs = RosInputs(
-            load_profile(profile, list(overrides)).run_profiles(),
+            profiles(profile, *overrides),
             self.middleware,
             self._ask,
             lambda action: self.actions.append(dict(action)),

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
 from sim_core.environment.spec import CurrentSpec, WaveSpec, WindSpec
-from sim_core.keys import Bounds, Direction, Place, Positive, Specification, SpecificationError, key_annotations
+from sim_core.keys import Bounds, Direction, Items, Positive, Specification, SpecificationError, key_annotations
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.entry import Entry, Origin, ProfileError
 from xitl_cli.profile.reader import read_group
@@ -22,6 +22,7 @@ from xitl_cli.profile.schema.faults import AgentName, Delay, LinkFault
 
 T = TypeVar("T")
 Way = Annotated[float, Bounds(at_least=-100_000, at_most=100_000)]
+MOST_WAYPOINTS = 700  # of an ArduRover
 ENVIRONMENT: Mapping[str, type[Specification]] = {"wind": WindSpec, "current": CurrentSpec, "waves": WaveSpec}
 
 
@@ -144,7 +145,9 @@ class ChangeMission(Specification):
     """Start the mission on board from its beginning, clear it, or put waypoints in its place."""
 
     do: Literal["start", "clear", "replace"] = "start"
-    waypoints_ned_m: Annotated[tuple[Place, ...], "of replace: a list of [north, east]"] = ()
+    waypoints_ned_m: Annotated[
+        tuple[tuple[Way, Way], ...], Items(0, MOST_WAYPOINTS), "of replace: a list of [north, east]"
+    ] = ()
     vessel: str = ""
 
     def check(self) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, cast
 
 import pytest
 
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
-from xitl_cli.profile import load_profile
+from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import RosDriver, VehicleDriver
@@ -43,6 +44,11 @@ class Driver(VehicleDriver):
         self.finished = True
 
 
+@cache
+def run_profile(name: str, driver: str) -> RunProfile:
+    return load_profile(name, [f"driver.kind={driver}", "ros.enabled=false"]).runnable()
+
+
 class Helm:
     """Orders, and the autopilot at the other end of them; `beat` is its heartbeat in a mode."""
 
@@ -52,7 +58,7 @@ class Helm:
         self.said: list[str] = []
         self.driver = Driver()
         self.now_ns = 0
-        run = load_profile(profile, [f"driver.kind={driver}", "ros.enabled=false"]).runnable()
+        run = run_profile(profile, driver)
         commands = AutopilotCommands(self.view, self.sent.append, 1, 1)
         self.orders = VesselOrders(run, commands, FRAME, cast(Any, None), self.driver)
         self.beat(HOLD)
