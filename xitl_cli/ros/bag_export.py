@@ -128,6 +128,9 @@ def _written(
         if not bag.messages:
             what = ", ".join(names) or "ROS"
             raise UserError(f"{log.path}: has nothing of {what} in this time; leave the names out for all there is")
+    if bag.unfit:
+        unfit = ", ".join(f"{count} of {topic}" for topic, count in bag.unfit.items())
+        said += f"; left out as they do not fit their definition: {unfit}"
     if left:
         said += f"; nothing of {', '.join(left.values())}"
     return (bag.messages, bag.topics), said
@@ -193,7 +196,7 @@ class LogRows:
                 TableMessages(table, wanted.raw),
             )
             for table in wanted.tables
-            if table.name not in self._unchanged
+            if table.name not in self._unchanged and table.columns
         }
         further = {kind: rows.definition for _, kind, rows in self._tables.values()}
         self.types = MessageTypes(further | dict(self._unchanged.values()))
@@ -262,6 +265,7 @@ def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
         name, text = normalize_msgtype(schema.name), schema.data.decode("utf-8", "replace")
         try:
             store.register(get_types_from_msg(text, name))
+            store.generate_msgdef(name, ros_version=2)  # which finds what the definition lacks
         except (TypesysError, LookupError, TypeError, ValueError):
             continue
         found[channel.topic] = name, text

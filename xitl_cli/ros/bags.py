@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, Self
+
+from rosbags.serde import SerdeError
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.export.exporting import BagFormat
@@ -24,11 +27,13 @@ _CALLER = "/xitl"
 class BagWriter:
     """Writes one bag; use it in a `with`. `path` must not exist yet: a directory of rosbag2, a file of ROS 1.
 
-    messages: how many were written; topics: on how many.
+    messages: how many were written; topics: on how many. unfit: by topic those that could not be, as they do not fit
+    their definition.
     """
 
     def __init__(self, path: Path, bag_format: BagFormat, types: MessageTypes) -> None:
         self.messages = 0
+        self.unfit: Counter[str] = Counter()
         self._types = types
         self._topics: dict[str, Any] = {}
         self._ros1 = bag_format == "rosbag1"
@@ -53,7 +58,12 @@ class BagWriter:
         connection = self._topics.get(topic)
         if connection is None:
             connection = self._topics[topic] = self._connection(topic, type_name, qos)
-        self._writer.write(connection, max(stamp_ns, 0), self._types.to_ros1(cdr, type_name) if self._ros1 else cdr)
+        try:
+            payload = self._types.to_ros1(cdr, type_name) if self._ros1 else cdr
+        except SerdeError:
+            self.unfit[topic] += 1
+            return
+        self._writer.write(connection, max(stamp_ns, 0), payload)
         self.messages += 1
 
     def _connection(self, topic: str, type_name: str, qos: QosKind) -> Any:

@@ -207,6 +207,32 @@ def test_ros_messages_of_an_mcap_that_is_no_bag_stay_as_they_are(tmp_path: Path)
         assert read["/json"][1].a == 5.0
 
 
+@pytest.mark.parametrize("bag_format", FORMATS)
+def test_definitions_and_messages_that_are_broken_are_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], bag_format: str
+) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "broken.mcap"
+    texts = (b"float64 $$", b"nosuch/Type a\n", b"", b"\xff\xfe", b"float64 x\n")
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("", "another program")
+        for number, text in enumerate(texts):
+            schema = writer.register_schema(f"a/msg/B{number}", "ros2msg", text)
+            channel = writer.register_channel(f"/t{number}", "cdr", schema)
+            writer.add_message(channel, 1, b"\0\1\0\0" + (struct.pack("<d", 1.0) if number == 4 else b""), 1)
+            if number == 4:
+                writer.add_message(channel, 2, b"\0\1\0\0", 2)
+        writer.finish()
+    with AnyReader([written(path, place(tmp_path, bag_format), bag_format)]) as reader:
+        read = [(one.topic, data) for one, _, data in reader.messages()]
+    assert "/t4" in {topic for topic, _ in read}
+    assert not {"/t0", "/t1", "/t3"} & {topic for topic, _ in read}
+    if bag_format == "rosbag1":
+        assert "1 of /t4" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_bags_go_over_into_each_other(recording: Path, tmp_path: Path) -> None:
     """From ROS 2 to ROS 1 and back: the same messages of every topic."""
