@@ -32,7 +32,7 @@ def environment() -> dict[str, str]:
 def xitl(tmp_path: Path) -> Xitl:
     """Run `xitl ARGUMENTS` in a temporary directory and wait for it."""
 
-    def run(*arguments: str, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+    def run(*arguments: str, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
         return run_xitl(arguments, tmp_path, environment(), timeout_s)
 
     return run

@@ -37,7 +37,7 @@ from tests.recorded import CALM, GUST
 from tests.recorded_run import recorded_run
 
 PARSED_ONLY = ("pip", "git", "cd", "make", "ip", "mavproxy.py", "ardurover")
-RUN_S, ENOUGH_S = 1, 120.0
+RUN_S, ENOUGH_S = 1, 300.0
 LOGS = {"autopilot.bin": "runs/x/autopilot.bin", "run.mcap": "runs/x/run.mcap", "simulated.bin": "runs/x/autopilot.bin"}
 
 
@@ -70,7 +70,7 @@ class Reader:
         self.typed.append(line)
         is_campaign = command.words[:2] == ["xitl", "campaign"]  # which starts processes that begin as its own did
         enough_s = ENOUGH_S * (8 if is_campaign else 1)
-        if command.program == "xitl" and not is_campaign and not re.search(r"[|<>;&$`*?~]", line.partition(" #")[0]):
+        if re.fullmatch(r"xitl [^|<>;&$`*?~]+", line.partition(" #")[0]) and not is_campaign:
             words = shlex.split(line, comments=True)[1:]
             told = run_xitl(words, self.directory, self._environment, enough_s)
         else:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
 
+from xitl_cli.commands.options import Json
 from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
 
@@ -22,7 +23,6 @@ Board = Annotated[
     typer.Option(help="sitl, sitl-armhf, or a board's folder on the server (default: the sitl of this machine)."),
 ]
 Url = Annotated[str | None, typer.Option("--url", metavar="BASE", help="A mirror of https://firmware.ardupilot.org.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
 def get(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import Vessel
+from xitl_cli.commands.options import Json, Vessel
 from xitl_cli.commands.output import quiet_pipe, refuse, tell_damage
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
@@ -26,7 +26,6 @@ _ASK_AGAIN_S = 2.0
 _TRIES = 9
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A DataFlash .bin, a .tlog or an .mcap.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 From = Annotated[
     str | None,
     typer.Option("--from", metavar="TIME", help="Only rows from here on, as `info` counts: 90, 1:30.5 or 1:02:03."),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import Vessel
+from xitl_cli.commands.options import Json, OpenPage, Vessel
 from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse, tell_vessels
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
@@ -19,8 +19,6 @@ from xitl_cli.logs.model.text import printable
 if TYPE_CHECKING:
     from xitl_cli.logs.report.model import Report
     from xitl_cli.logs.report.page import Replay
-
-Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
 
 def analyze(
@@ -43,8 +41,8 @@ def analyze(
     with_replay: Annotated[
         bool, typer.Option("--replay/--no-replay", help="With a page, put the 3D replay beside its map.")
     ] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
-    open_it: Open = False,
+    as_json: Json = False,
+    open_it: OpenPage = False,
 ) -> None:
     """Analyse logs: findings first, each with its evidence and a next step.
 
@@ -131,7 +129,7 @@ def plot(
     until_time: Annotated[str | None, typer.Option("--until", metavar="TIME", help="Only up to here.")] = None,
     raw: Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")] = False,
     vessel: Vessel = None,
-    open_it: Open = False,
+    open_it: OpenPage = False,
 ) -> None:
     """Plot signals of logs, and expressions of them, on one page: a plot for each unit, all on one time line.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from xitl_cli.commands.options import Vessel
+from xitl_cli.commands.options import Json, OpenPage, Vessel
 from xitl_cli.commands.output import open_in_browser, quiet_pipe, tell_damage, tell_vessels
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
@@ -69,8 +69,8 @@ def compare(
         Path | None,
         typer.Option("--tum", metavar="DIRECTORY", help="Write both paths as compared, for evo: a.tum and b.tum."),
     ] = None,
-    open_page: Annotated[bool, typer.Option("--open", help="Show the page in a browser.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    open_page: OpenPage = False,
+    as_json: Json = False,
 ) -> None:
     """Compare two logs: paths, errors, profiles, channels, events, scheduler, time bases."""
     from xitl_cli.logs import open_log

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from xitl_cli.commands.options import Vessel
+from xitl_cli.commands.options import Json, Vessel
 from xitl_cli.commands.output import quiet_pipe, tell_damage, tell_vessels
 from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
@@ -25,7 +25,7 @@ def map_command(
     ] = None,
     kind: Annotated[str, typer.Option("--format", metavar="ply|pcd", help="Of the map.")] = "ply",
     vessel: Vessel = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Run the companion's odometry and mapping over a recording: map, trajectories and how good they are.
 

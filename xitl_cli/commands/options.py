@@ -92,6 +92,7 @@ Set = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there already.")]
 Vessel = Annotated[
     str | None,

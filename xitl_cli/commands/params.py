@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
+from xitl_cli.commands.options import Json
 from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
 
@@ -35,7 +36,6 @@ VehicleArgument = Annotated[
         "?system=3 behind it picks one of several.",
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Key = Annotated[
     Path | None, typer.Option("--signing-key", metavar="FILE", help="Sign with this key, and hear only what is signed.")
 ]

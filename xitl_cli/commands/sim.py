@@ -110,8 +110,8 @@ def sim(
         str | None,
         typer.Option(
             "--ros",
-            metavar="[ros1://HOST:PORT]",
-            help="Publish it for nodes of ROS 2 while it goes on, or of ROS 1 at this master, and do what they ask.",
+            metavar="[URL]",
+            help="Publish it for nodes of ROS 2 as it goes on, or of ROS 1 at ros1://HOST:PORT, and do what they ask.",
         ),
     ] = None,
     no_ros: Annotated[bool, typer.Option("--no-ros", help="Without ROS, though the profile has it.")] = False,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from xitl_cli.commands.options import Json, complete_vehicle
+from xitl_cli.commands.options import Json, OpenPage, complete_vehicle
 from xitl_cli.commands.output import open_in_browser, quiet_pipe
 from xitl_cli.errors import UserError
 
@@ -40,7 +40,7 @@ def validate(
         Path | None, typer.Option("--out", metavar="HTML", help="Where the page goes; it replaces an earlier one.")
     ] = None,
     as_json: Json = False,
-    open_it: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    open_it: OpenPage = False,
 ) -> None:
     """Sail the standard manoeuvres with vessels and hold each figure against its reference.
 
