@@ -7,12 +7,14 @@ in Humble); ours, xitl_msgs, come from the topics of a recording.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from hashlib import md5
 from typing import TYPE_CHECKING, Any
 
 from rosbags.convert.converter import is_same_wireformat, migrate_bytes
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from xitl_cli.record.topics import TOPICS
@@ -59,12 +61,21 @@ class MessageTypes:
         return self.ros2.deserialize_cdr(cdr, type_name)
 
     def to_ros1(self, cdr: bytes, type_name: str) -> bytes:
-        """A CDR payload as ROS 1 has it: `seq` of headers is 0, and what ROS 1's type lacks is left out."""
-        return bytes(self._converter(type_name, True)(cdr))
+        """A CDR payload as ROS 1 has it: `seq` of headers is 0, and what ROS 1's type lacks is left out.
+
+        Raises rosbags' SerdeError where it is none of this type.
+        """
+        return self._converted(cdr, type_name, True)
 
     def from_ros1(self, data: bytes, type_name: str) -> bytes:
         """A message of ROS 1 as CDR. Raises rosbags' SerdeError where it is none of this type."""
-        return bytes(self._converter(type_name, False)(data))
+        return self._converted(data, type_name, False)
+
+    def _converted(self, data: bytes, type_name: str, to_ros1: bool) -> bytes:
+        try:
+            return bytes(self._converter(type_name, to_ros1)(data))
+        except (ValueError, IndexError, AssertionError, struct.error) as error:  # of one that ends too early
+            raise SerdeError(f"Could not convert {type_name!r}: {error}") from error
 
     def _converter(self, type_name: str, to_ros1: bool) -> Callable[[bytes], bytes | memoryview]:
         key = type_name, to_ros1
