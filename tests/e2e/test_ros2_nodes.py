@@ -34,7 +34,7 @@ TREE = {
     "lidar_link": "base_link",
     "sonar_link": "base_link",
 }
-AS_WANTED = ("/joint_states", "/battery", "/diagnostics", "/robot_description", "/refusals")
+AS_WANTED = ("/joint_states", "/battery", "/refusals")
 
 
 def sim(folder: Path, ros: Ros2, *arguments: str, sourced: bool = False) -> subprocess.CompletedProcess[str]:
