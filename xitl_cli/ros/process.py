@@ -211,10 +211,10 @@ def main(arguments: list[str], opened: Callable[..., Middleware] = open_middlewa
         start, *rest = _first(pipe)
         try:
             middleware = opened(start.profiles[0].ros)
+            bridge = RosBridge(pipe, start, middleware)
         except UserError as error:
             pipe.send({"failed": str(error)})
             return
-        bridge = RosBridge(pipe, start, middleware)
         bridge.meet_others()
         pipe.send({"opened": middleware.name})
         bridge.run(rest)

@@ -43,25 +43,32 @@ class RclpyMiddleware:
 
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
         """See Middleware."""
+        kind = self._type_of(topic, type_name)
+        if kind is None:
+            return lambda cdr: None
         events = PublisherEventCallbacks(incompatible_qos=self._mismatch(topic, qos, True), use_default_callbacks=False)
         self._published.append(topic)
         self._types[topic] = type_name
-        publisher = self._node.create_publisher(message_type(type_name), topic, _qos(qos), event_callbacks=events)
+        publisher = self._node.create_publisher(kind, topic, _qos(qos), event_callbacks=events)
         publish: Callable[[bytes], None] = publisher.publish
         return publish
 
     def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
         """See Middleware."""
+        kind = self._type_of(topic, type_name)
+        if kind is None:
+            return
         events = SubscriptionEventCallbacks(
             incompatible_qos=self._mismatch(topic, qos, False), use_default_callbacks=False
         )
-        kind = message_type(type_name)
         self._types[topic] = type_name
         self._node.create_subscription(kind, topic, take, _qos(qos), event_callbacks=events, raw=True)
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         """See Middleware."""
-        kind = message_type(type_name)
+        kind = self._type_of(service, type_name)
+        if kind is None:
+            return
 
         def serve(request: Any, response: Any) -> Any:
             return deserialize_message(answer(serialize_message(request)), kind.Response)
@@ -98,6 +105,14 @@ class RclpyMiddleware:
                 if theirs != ours and (topic, theirs) not in self._told:
                     self._told.add((topic, theirs))
                     yield type_text(topic, ours, theirs)
+
+    def _type_of(self, name: str, type_name: str) -> Any:
+        """Its class; None, and said, where this ROS has none: the run goes on without the topic."""
+        try:
+            return message_type(type_name)
+        except UserError as error:
+            self._problems.append(f"ros: {name} is left out: {error}")
+            return None
 
     def _is_shared(self, topic: str) -> bool:
         shared: bool = self._node.count_publishers(topic) > 1
