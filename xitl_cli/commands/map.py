@@ -19,7 +19,7 @@ _FORMATS = ("ply", "pcd")
 
 
 def map_command(
-    recording: Annotated[Path, typer.Argument(metavar="MCAP", help="A recording with lidar clouds.")],
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording or a bag with lidar clouds.")],
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Where the files go; beside the recording otherwise.")
     ] = None,

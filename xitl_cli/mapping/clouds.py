@@ -19,6 +19,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table
+from xitl_cli.mapping.foreign_clouds import cloud_topic, foreign_clouds
 from xitl_cli.record.topics import LIDAR_POINT, MAP_POINT, MAP_SOURCES, MapSource
 
 LIDAR, PING, MAP = "/lidar/points", "/sonar/ping", "/companion/map"
@@ -42,9 +43,17 @@ class SeenPoints:
 
 
 def clouds(log: Log) -> Iterator[PointCloud]:
-    """Frames of the lidar in the order of the file. Raises UserError when there are none or of another make."""
+    """Frames of the lidar in the order of the file; of a bag its PointCloud2.
+
+    Raises UserError when there are none or of another make.
+    """
     if LIDAR not in log.tables:
-        raise UserError(f"{log.path}: has no {LIDAR}; record a run with sensors.lidar in its profile")
+        if (table := cloud_topic(log)) is not None:
+            yield from foreign_clouds(log, table)
+            return
+        raise UserError(
+            f"{log.path}: has no {LIDAR} and no PointCloud2; record a run with sensors.lidar in its profile"
+        )
     for number, (stamp_ns, packed) in enumerate(_packed(log, LIDAR, LIDAR_POINT)):
         yield PointCloud(
             dialect.XITL_CLOUD_KIND_LIDAR,

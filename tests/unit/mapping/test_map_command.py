@@ -84,7 +84,9 @@ def test_what_cannot_be_mapped_is_said(run: Path, tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "dry.mcap", "lz4")
     recorder.write(1, FaultEvent("link-cut", active=True))
     recorder.close()
-    with pytest.raises(UserError, match=r"dry.mcap: has no /lidar/points; record a run with sensors.lidar"):
+    with pytest.raises(
+        UserError, match=r"dry.mcap: has no /lidar/points and no PointCloud2; record a run with sensors.lidar"
+    ):
         CliRunner().invoke(_app(["map"]), ["map", str(tmp_path / "dry.mcap")], catch_exceptions=False)
     with pytest.raises(UserError, match="use ply or pcd"):
         CliRunner().invoke(_app(["map"]), ["map", str(run), "--format", "las"], catch_exceptions=False)
