@@ -108,10 +108,10 @@ def client_at(address: str) -> Iterator[FoxgloveClient]:
 @pytest.mark.slow
 def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
     pytest.importorskip("websockets")
-    profile = load_profile("sitl", ["clock.duration_s=15.0"])
+    profile = load_profile("sitl", ["clock.duration_s=15.0", "live.foxglove=true"])
     addresses: list[str] = []
     results: list[Result] = []
-    operation = Operation(live="foxglove", pace=1.0)
+    operation = Operation(pace=1.0)
 
     def sail() -> None:
         results.append(run(profile, tmp_path / "run", False, NoDisplay, operation=operation, tell=addresses.append))
@@ -157,7 +157,7 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
         sailing.join(WAIT_S)
     assert not sailing.is_alive()
     summary = results[0].summary
-    assert summary["live"] == {"address": address, "clients": 2, "actions": 10, "refused": 3}
+    assert summary["live"] == {"address": address, "clients": 2, "dropped": None, "actions": 10, "refused": 3}
     actions = summary["operator"]["actions"]
     assert actions == {"pause": 1, "launch": 1, "step": 1, "wind": 1, "goto": 1, "pace": 1, "resume": 1}
     assert summary["debris"]["by"] == {"trunk": 1}
@@ -177,7 +177,7 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path, monkeypatch: pytest.Monkey
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        operation = Operation(live="foxglove", live_port=port)
-        with pytest.raises(UserError, match=f"--live-port {port}: somebody else listens there"):
-            run(load_profile("sitl"), tmp_path / "run", False, NoDisplay, operation=operation)
+        profile = load_profile("sitl", [f"live.port={port}"])
+        with pytest.raises(UserError, match=f"live.port = {port}: somebody else listens there"):
+            run(profile, tmp_path / "run", False, NoDisplay)
     assert not (tmp_path / "run").exists()

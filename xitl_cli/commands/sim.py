@@ -144,12 +144,13 @@ def sim(
         "view.show": True if view_host is not None or view_port is not None else view,
         "view.host": view_host,
         "view.port": view_port,
+        **live_options(live, live_port),
         **ros_options(ros, no_ros),
     }
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
     found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given], parts or ())
     loaded = found.profile
-    operation = operation_of(loaded, replay_events, pace, live, live_port)
+    operation = operation_of(loaded, replay_events, pace)
     console = terminal(stderr=as_json)
     result = run(
         loaded,
@@ -180,6 +181,13 @@ class SimCommand(TyperCommand):
             follows = args[number + 1] if number + 1 < len(args) else ""
             whole.append("--ros=ros2" if text == "--ros" and not follows.startswith(("ros1:", "ros2")) else text)
         return super().parse_args(ctx, whole)
+
+
+def live_options(live: str | None, port: int | None) -> dict[str, Any]:
+    """What `--live` and `--live-port` mean in the profile. Raises UserError for what it cannot be served to."""
+    if live not in (None, "foxglove"):
+        raise UserError(f"--live {live}: is not known; use foxglove, or --view for a page of xitl's own")
+    return {} if live is None and port is None else {"live.foxglove": True, "live.port": port}
 
 
 def ros_options(ros: str | None, without: bool) -> dict[str, str | None]:

@@ -253,8 +253,8 @@ def compose_world(
         if operator is not None:
             view.meet(operator)
     foxglove = None
-    if operation.live is not None:
-        foxglove = LiveFoxgloveNode(profile.name, operation.live_port, tell)
+    if profile.live.foxglove:
+        foxglove = LiveFoxgloveNode(profile.name, profile.live.port, tell)
         opened.callback(foxglove.close)
         if operator is not None:
             foxglove.meet(operator)

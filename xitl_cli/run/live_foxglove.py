@@ -124,9 +124,9 @@ class LiveFoxgloveNode(RunNode):
             return
         if self._wanted is None:
             raise UserError(
-                f"--live foxglove: no port from {first} to {first + TRIED - 1} is free; give one by --live-port"
+                f"live.foxglove: no port from {first} to {first + TRIED - 1} is free; give one by live.port"
             )
-        raise UserError(f"--live-port {first}: somebody else listens there; leave it out to have a free one")
+        raise UserError(f"live.port = {first}: somebody else listens there; leave it out to have a free one")
 
     def open_channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
@@ -181,11 +181,14 @@ class LiveFoxgloveNode(RunNode):
             server.stop()
 
     def report(self) -> dict[str, Any]:
-        """live: where it was, clients that came, actions asked for and refused."""
+        """live: where it was, clients that came, messages that slow ones lost (foxglove-sdk does not tell), actions
+        asked for and refused.
+        """
         return {
             "live": {
                 "address": f"ws://{HOST}:{self._port}",
                 "clients": len(self._clients),
+                "dropped": None,
                 "actions": self._asked,
                 "refused": self._refused,
             }

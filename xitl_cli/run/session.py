@@ -123,7 +123,7 @@ def run(
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
     scene = cache(partial(make_scene, profiles, scenery))
-    operation = replace(operation, viewed=lead.view.show, ros=lead.ros.enabled)
+    operation = replace(operation, viewed=lead.view.show, live=lead.live.foxglove, ros=lead.ros.enabled)
     check_driven(profiles, operation)
     if lead.ros.enabled and operation.pace is None:
         operation = replace(operation, pace=lead.ros.pace)

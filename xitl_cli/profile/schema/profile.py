@@ -14,6 +14,7 @@ from xitl_cli.profile.schema.agents import AutopilotSpec, CompanionSpec, DriverS
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.graph import NodeGraph
+from xitl_cli.profile.schema.live import LiveSpec
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.view import ViewSpec
@@ -67,6 +68,7 @@ class Profile(Specification):
     clock: ClockSpec | None = None
     recording: RecordingSpec | None = None
     view: ViewSpec | None = None
+    live: LiveSpec | None = None
     ros: RosSpec | None = None
     faults: Annotated[dict[str, FaultSpec] | None, "by name"] = None
     graph: NodeGraph | None = None
@@ -153,6 +155,7 @@ class Profile(Specification):
             ("clock", ClockSpec),
             ("recording", RecordingSpec),
             ("view", lambda: ViewSpec(show=False)),
+            ("live", lambda: LiveSpec(foxglove=False)),
             ("ros", lambda: RosSpec(enabled=False)),
             ("faults", dict),
         ):
@@ -192,6 +195,7 @@ class RunProfile:
     clock: ClockSpec
     recording: RecordingSpec
     view: ViewSpec
+    live: LiveSpec
     ros: RosSpec
     faults: dict[str, FaultSpec]
     graph: NodeGraph

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 class Operation:
     """people: who may act as it goes on; each is given the operator before the run begins. events: actions that are
     given again. pace: times real time in lockstep, None for as fast as it can. viewed: it has a view, at whose page
-    people act. ros: nodes of ROS do. live: what it is served to as well, at live_port of this machine, None for the
-    usual one or a free one.
+    people act. ros: nodes of ROS do. live: people act from Foxglove.
     """
 
     people: tuple[Callable[[OperatorNode], object], ...] = ()
@@ -29,8 +28,7 @@ class Operation:
     pace: float | None = None
     viewed: bool = False
     ros: bool = False
-    live: str | None = None
-    live_port: int | None = None
+    live: bool = False
 
     @property
     def operated(self) -> bool:
@@ -50,22 +48,8 @@ class Operation:
 UNATTENDED = Operation()
 
 
-LIVE = ("foxglove",)
-
-
-def operation_of(
-    profile: Profile,
-    replay_events: Path | None = None,
-    pace: float | None = None,
-    live: str | None = None,
-    live_port: int | None = None,
-) -> Operation:
-    """What the options of `xitl sim` ask for. Raises UserError for a file, a pace or a server that cannot be."""
-    if live is not None and live not in LIVE:
-        raise UserError(f"--live {live}: is not known; use {' or '.join(LIVE)}, or --view for a page of xitl's own")
-    if live_port is not None and (live is None or not 1 <= live_port <= 65535):
-        why = "is of --live foxglove; add that" if live is None else "is no port; use 1 to 65535"
-        raise UserError(f"--live-port {live_port}: {why}")
+def operation_of(profile: Profile, replay_events: Path | None = None, pace: float | None = None) -> Operation:
+    """What the options of `xitl sim` ask for. Raises UserError for a file or a pace that cannot be."""
     if pace is not None:
         try:
             read_action({"action": "pace", "factor": pace})
@@ -74,4 +58,4 @@ def operation_of(
         if profile.clock is not None and profile.clock.mode == "realtime":
             raise UserError("--pace: time goes by with the clock on the wall; use --clock lockstep, or leave it out")
     events = () if replay_events is None else read_events(replay_events)
-    return Operation(events=events, pace=pace, live=live, live_port=live_port)
+    return Operation(events=events, pace=pace)
