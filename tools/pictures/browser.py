@@ -30,5 +30,8 @@ def fewer_colours(path: Path) -> None:
     """A PNG, in place."""
     from PIL import Image
 
+    from xitl_cli.view.pictures import palette_of
+
     with Image.open(path) as image:
-        image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+        whole = image.convert("RGB")
+    whole.quantize(palette=palette_of(whole, COLOURS), dither=Image.Dither.NONE).save(path, optimize=True)

@@ -6,6 +6,7 @@ import io
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -40,9 +41,16 @@ def told(command: str, directory: Path) -> str:
     return done.stdout
 
 
+def _abridged(rows: Sequence[str]) -> list[str]:
+    """Without most lines of a run's progress, which are as many as the machine is slow."""
+    passed = [number for number, row in enumerate(rows) if row.startswith("t ")]
+    left_out = passed[2:-1]
+    return ["…" if number in left_out else row for number, row in enumerate(rows) if number not in left_out[1:]]
+
+
 def draw(command: str, printed: str, path: Path, lines: tuple[int, int] = (0, 10_000)) -> None:
     """lines: first and last that are shown; a row of dots where others are left out."""
-    rows = printed.rstrip().splitlines()
+    rows = _abridged(printed.rstrip().splitlines())
     first, last = lines
     shown = [*(["…"] if first > 0 else []), *rows[first:last], *(["…"] if last < len(rows) else [])]
     console = Console(record=True, width=max(80, *map(len, shown)), file=io.StringIO(), force_terminal=True)

@@ -286,6 +286,19 @@ def _png(image: Image.Image) -> bytes:
     return out.getvalue()
 
 
+def palette_of(image: Image.Image, colours: int) -> Image.Image:
+    """So many colours for an image, as `quantize` takes them: half of them for the large areas, which would show bands,
+    half for all hues, so that a thin line or a small mark keeps its own.
+    """
+    from PIL import Image
+
+    half = colours // 2
+    found = [image.quantize(half, method) for method in (Image.Quantize.MEDIANCUT, Image.Quantize.FASTOCTREE)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for one in found for value in (one.getpalette() or [])[: 3 * half]])
+    return palette
+
+
 def _gif(images: Sequence[Image.Image], rate_hz: float) -> bytes:
     """All with the colours of some of them, so that nothing flickers."""
     from PIL import Image
@@ -295,7 +308,7 @@ def _gif(images: Sequence[Image.Image], rate_hz: float) -> bytes:
     sheet = Image.new("RGB", (width, height * len(some)))
     for number, image in enumerate(some):
         sheet.paste(image, (0, number * height))
-    palette = sheet.quantize(GIF_COLOURS)
+    palette = palette_of(sheet, GIF_COLOURS)
     first, *rest = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     out = io.BytesIO()
     first.save(out, "GIF", save_all=True, append_images=rest, duration=round(1000.0 / rate_hz), loop=0, optimize=False)
