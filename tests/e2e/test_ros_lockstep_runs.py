@@ -14,7 +14,7 @@ from conftest import Xitl, payloads, summary
 
 pytest.importorskip("cyclonedds")
 pytestmark = pytest.mark.slow
-DOMAIN = {"ROS_DOMAIN_ID": "104"}
+DOMAIN = {"ROS_DOMAIN_ID": str(110 + os.getpid() % 120)}  # nobody else is to answer
 LOCKSTEP = ("--set", "ros.lockstep={nodes: [helm], step_s: 0.1, timeout_s: 60}", "--set", "ros.pace=null")
 RUN = ("sim", "ros-thrusters", "--clock", "lockstep", "--duration", "5", *LOCKSTEP)
 
@@ -44,7 +44,10 @@ def test_a_run_that_waits_for_a_node_repeats(xitl: Xitl, tmp_path: Path, monkeyp
     assert told["operator"]["superseded"] == 0
     again = xitl(*RUN, "--no-ros", "--replay-events", "one", "--out", "again")
     assert again.returncode == 0, again.stderr
-    one, *others = (payloads(tmp_path / name / "run.mcap") for name in ("one", "other", "again"))
-    for other in others:
-        assert one.keys() == other.keys()
-        assert [topic for topic in one if one[topic] != other[topic]] == []
+    one, other, replayed = (payloads(tmp_path / name / "run.mcap") for name in ("one", "other", "again"))
+    for each in (one, other, replayed):
+        each.pop("/log", None)  # what the bridge says of other nodes hangs on the network
+    assert one.keys() == other.keys()
+    assert [topic for topic in one if one[topic] != other[topic]] == []
+    assert set(one) - set(replayed) <= {"/link/agent/tx"}  # sensors that nobody but nodes of ROS hears
+    assert [topic for topic in replayed if one[topic] != replayed[topic]] == []

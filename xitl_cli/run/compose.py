@@ -265,7 +265,7 @@ def compose_world(
         if operator is not None:
             ros.meet(operator)
         if profile.ros.lockstep is not None:
-            ros_lockstep = RosLockstepNode(profile.ros.lockstep, profile.clock, ros, first.interrupted)
+            ros_lockstep = RosLockstepNode(profile.ros.lockstep, profile.clock, ros, tell, first.interrupted)
     behind: list[RunNode | None] = [
         *among,
         None if river is None else river.launching,

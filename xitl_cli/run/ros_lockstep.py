@@ -34,8 +34,8 @@ class AnsweringNodes(Protocol):
 class RosLockstepNode(RunNode):
     """Comes after the bridge, which has been given all that was recorded up to a standstill.
 
-    What nodes ask for before they answer is carried out at the next exchange. interrupted: whether somebody wants to
-    end the run.
+    What nodes ask for before they answer is carried out at the next exchange. tell: says something to the user.
+    interrupted: whether somebody wants to end the run.
     """
 
     def __init__(
@@ -43,23 +43,27 @@ class RosLockstepNode(RunNode):
         keys: RosLockstepSpec,
         clock: ClockSpec,
         nodes: AnsweringNodes,
+        tell: Callable[[str], object],
         interrupted: Callable[[], bool],
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._keys = keys
         self._every = max(round(keys.step_s * clock.physics_rate_hz), 1)
         self._nodes = nodes
+        self._tell = tell
         self._interrupted = interrupted
         self._now_s = now_s
         self._stood_s = 0.0
         self._standstills = 0
         self._unanswered: Counter[str] = Counter()
+        self._given_up: dict[str, int] = {}
         self._warnings: list[str] = []
         self._recorder: Any = None
         self._pace: Any = None
 
     def begin(self, context: RunContext) -> None:
         self._recorder, self._pace = context.recorder, context.pace
+        self._tell(f"ros: waits for {', '.join(self._keys.nodes)} to publish on ready")
         self._stand(0, self._keys.start_timeout_s)
         until_s = self._now_s() + SETTLED_S
         while self._now_s() < until_s and not self._interrupted() and not self._nodes.lost:
@@ -71,7 +75,10 @@ class RosLockstepNode(RunNode):
             self._stand(step.now_ns, self._keys.timeout_s)
 
     def _stand(self, now_ns: int, timeout_s: float) -> None:
-        """Until each node has answered, `timeout_s` at most."""
+        """Until each node has answered, `timeout_s` at most; one that has not is waited for once it answers again."""
+        answers_ns = self._nodes.answers_ns
+        self._given_up = {node: told for node, told in self._given_up.items() if answers_ns.get(node, -1) == told}
+        self._unanswered.update(self._given_up.keys())
         began_s = now_s = listened_s = told_s = self._now_s()
         while (missing := self._missing(now_ns)) and not self._interrupted() and not self._nodes.lost:
             if now_s - began_s >= timeout_s:
@@ -89,7 +96,8 @@ class RosLockstepNode(RunNode):
 
     def _missing(self, now_ns: int) -> list[str]:
         answers_ns = self._nodes.answers_ns
-        return [node for node in self._keys.nodes if answers_ns.get(node, -1) < now_ns]
+        waited_for = [node for node in self._keys.nodes if node not in self._given_up]
+        return [node for node in waited_for if answers_ns.get(node, -1) < now_ns]
 
     def _give_up(self, now_ns: int, missing: list[str], timeout_s: float) -> None:
         heard = ", ".join(self._nodes.answers_ns) or "nobody"
@@ -101,9 +109,11 @@ class RosLockstepNode(RunNode):
             raise UserError(f"{text}; give more ros.lockstep.timeout_s, or without_answer: go-on")
         first = not any(self._unanswered[node] for node in missing)
         self._unanswered.update(missing)
+        self._given_up |= {node: self._nodes.answers_ns.get(node, -1) for node in missing}
         if first:
-            self._warnings.append(f"{text}; the run goes on, and does not repeat")
+            self._warnings.append(f"{text}; the run goes on, does not repeat, and waits once it answers again")
             self._recorder.log(now_ns, WARNING, "ros", self._warnings[-1])
+            self._tell(f"warning: {self._warnings[-1]}")
 
     def report(self) -> dict[str, Any]:
         """ros.lockstep: standstills, how long they lasted by the clock on the wall, answers that did not come."""

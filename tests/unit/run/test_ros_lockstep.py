@@ -23,6 +23,7 @@ class Answers:
         self.answers_ns: dict[str, int] = {}
         self.lost = False
         self.told = 0
+        self.words: list[str] = []
         self.now_s = 0.0
         self.to_answer_ns = 0
         self._looks = looks
@@ -52,7 +53,7 @@ class Log:
 
 def lockstep(answers: Answers, log: Log, **keys: Any) -> RosLockstepNode:
     spec = RosLockstepSpec(**{"nodes": ("avoider", "mapper"), **keys})
-    node = RosLockstepNode(spec, CLOCK, answers, lambda: False, lambda: answers.now_s)
+    node = RosLockstepNode(spec, CLOCK, answers, answers.words.append, lambda: False, lambda: answers.now_s)
     node.begin(RunContext(cast(Any, log), cast(Any, None), cast(Any, None)))
     return node
 
@@ -72,21 +73,29 @@ def test_it_stands_still_every_step_until_all_have_answered() -> None:
     assert answers.answers_ns["mapper"] == step(80).now_ns
     assert answers.now_s - began_s == pytest.approx(2 * 40 * 0.002)
     assert answers.told == 0
+    assert answers.words == ["ros: waits for avoider, mapper to publish on ready"]
     assert log.said == []
 
 
-def test_who_does_not_answer_is_told_the_clock_again_and_the_run_goes_on() -> None:
+def test_who_does_not_answer_is_told_the_clock_again_and_waited_for_once_it_does() -> None:
     answers, log = Answers(avoider=3), Log()
     node = lockstep(answers, log, timeout_s=1.0, start_timeout_s=2.0)
+    began_s = answers.now_s
     for number in range(1, 121):
         answers.ask(step(number).now_ns)
         node.record(step(number))
     report = node.report()
     assert report["ros"]["lockstep"]["unanswered"] == {"mapper": 4}  # at the start, and at three standstills
-    assert answers.told >= 4 * 4
+    assert answers.told >= 9
+    assert answers.now_s - began_s < 0.1  # after the first time nobody waits for it
     assert len(log.said) == 1
     assert "mapper did not answer the /clock 0 s" in log.said[0]
     assert report["warnings"] == log.said
+    answers.answers_ns["mapper"] = step(120).now_ns  # it is back, and falls silent
+    answers.ask(step(160).now_ns)
+    node.record(step(160))
+    assert answers.now_s - began_s > 1.0
+    assert node.report()["ros"]["lockstep"]["unanswered"] == {"mapper": 5}
 
 
 def test_or_it_ends() -> None:
