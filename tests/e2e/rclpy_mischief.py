@@ -1,9 +1,10 @@
 """A node that does everything wrong, and then one thing right: `python rclpy_mischief.py`, by a Python with rclpy.
 
-Says what it does; ends the run by the service `finish`.
+Says what it does; once its input ends, it ends the run by the service `finish`.
 """
 
 import math
+import sys
 import time
 
 import rclpy
@@ -75,6 +76,7 @@ class Mischief:
         print(f"sent {sent} in {time.monotonic() - started:.2f} s", flush=True)
         answer = self.call(SetBool, "arm", data=False)
         print(f"disarm: {answer.success} {answer.message}", flush=True)
+        sys.stdin.read()
         print(f"finish: {self.call(Trigger, 'finish').success}", flush=True)
 
 

@@ -171,7 +171,7 @@ def test_a_machine_that_stood_still_and_a_cable_that_was_out_are_counted_and_tol
     assert_all_accounted(run)
     assert next(one for one in run["clocks"] if one["node"] == "LC")["steps"] >= 1
     assert sum(link["gaps"] for link in run["links"]) > 0
-    assert "the clock of LC stepped" in said
+    assert "the clock of LC stepped" in " ".join(said.split())  # the terminal breaks its lines
     told = subprocess.run(
         command("logs", "analyze", "run/run.mcap", "--json"),
         cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False,
