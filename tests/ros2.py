@@ -50,12 +50,12 @@ class Ros2:
         kept = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "ROS_DISTRO", "RMW_IMPLEMENTATION")
         return {name: variables[name] for name in kept} | {"ROS_DOMAIN_ID": str(self.domain)}
 
-    def node(self, script: Path | str, *arguments: str) -> Node:
+    def node(self, script: Path | str, *arguments: str) -> NodeProcess:
         """A script under way in this ROS's Python."""
-        return Node([self.python, str(script), *arguments], self.environment)
+        return NodeProcess([self.python, str(script), *arguments], self.environment)
 
 
-class Node:
+class NodeProcess:
     """A process that speaks in lines; `told` are those of both its streams."""
 
     def __init__(self, command: list[str], environment: Mapping[str, str], folder: Path | None = None) -> None:
@@ -101,7 +101,7 @@ class Node:
         self._reader.join(patience_s)
         return code
 
-    def __enter__(self) -> Node:
+    def __enter__(self) -> NodeProcess:
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -14,7 +14,7 @@ import pytest
 from conftest import PATIENCE_S, command, environment, summary
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from ros2 import Node, Ros2, ros2
+from ros2 import NodeProcess, Ros2, ros2
 from rosbags.highlevel import AnyReader
 
 from xitl_cli.profile import load_profile
@@ -51,10 +51,10 @@ def sim(folder: Path, ros: Ros2, *arguments: str, sourced: bool = False) -> subp
     )
 
 
-def started(folder: Path, ros: Ros2, *arguments: str, sourced: bool = False) -> Node:
+def started(folder: Path, ros: Ros2, *arguments: str, sourced: bool = False) -> NodeProcess:
     """The same under way."""
     variables = ros.sourced if sourced else {"ROS_DOMAIN_ID": str(ros.domain)}
-    return Node(command("sim", *arguments, "--ros", "--out", "run"), environment() | variables, folder)
+    return NodeProcess(command("sim", *arguments, "--ros", "--out", "run"), environment() | variables, folder)
 
 
 def true_places(run: Path) -> np.ndarray:

@@ -94,7 +94,7 @@ from xitl_cli.ros.outputs import (
     RosTopic,
 )
 from xitl_cli.ros.robot_description import make_robot_description
-from xitl_cli.ros.thrusters import Thruster, ThrusterState, state_of, thrusters_of
+from xitl_cli.ros.thrusters import ThrusterLink, ThrusterState, state_of, thrusters_of
 from xitl_cli.ros.user_topics import LINK_NAME, UserTopic, named_topics, user_topics
 
 STATE_NS = 100_000_000
@@ -202,7 +202,7 @@ class VesselConversion:
         self._state_ns = 0
         self._mode: str | None = None
         self._armed: bool | None = None
-        self._mission: MissionUpload = MissionUpload()
+        self._mission: UploadedMission = UploadedMission()
         places = {frame.name: clouds.CloudFrame(frame) for frame in sensor_frames(profile)}
         self._lidar, self._sonar = places.get(LIDAR_FRAME), places.get(SONAR_FRAME)
         handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]]] = {
@@ -307,7 +307,7 @@ class VesselConversion:
             transforms = [_transform(frame, stamp_ns) for frame in frames]
             yield self._message("/tf", TFMessage(transforms=transforms), stamp_ns)
 
-    def _joint_state(self, stamp_ns: int, of: Sequence[Thruster], states: Mapping[str, ThrusterState]) -> Any:
+    def _joint_state(self, stamp_ns: int, of: Sequence[ThrusterLink], states: Mapping[str, ThrusterState]) -> Any:
         found = [states[each.name] for each in of]
         return JointState(
             header=self._header(stamp_ns, ""),
@@ -394,11 +394,11 @@ class VesselConversion:
 
     def _sensor_frame(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         assert self._instruments is not None
-        message = read_frame(payload, self._instruments.kinds | MissionUpload.kinds)
+        message = read_frame(payload, self._instruments.kinds | UploadedMission.kinds)
         if message is None:
             return
         kind = message.get_msgId()
-        if kind in MissionUpload.kinds:
+        if kind in UploadedMission.kinds:
             places = self._mission.handle(message)
             if places is not None:
                 yield self._message("mission", self._path(stamp_ns, self._about_site(places)), stamp_ns)
@@ -506,8 +506,8 @@ class AttitudeCarry:
         self._turn, self._at_ns = quat_multiply(self._turn, step), stamp_ns
 
 
-class MissionUpload:
-    """The places of a mission as it goes to the autopilot."""
+class UploadedMission:
+    """The places of a mission, read from the frames by which it goes to the autopilot."""
 
     kinds = frozenset((dialect.MAVLINK_MSG_ID_MISSION_COUNT, dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT))
 

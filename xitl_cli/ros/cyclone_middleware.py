@@ -40,7 +40,15 @@ from rosbags.interfaces import Nodetype
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.definitions import ros2_types, serialize, type_hash
-from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, Losses, QosProfile, mismatch_text, others_text, type_text
+from xitl_cli.ros.middleware import (
+    LOOK_S,
+    NODE_NAME,
+    MiddlewareLosses,
+    QosProfile,
+    mismatch_text,
+    others_text,
+    type_text,
+)
 from xitl_cli.ros.rtps_services import RtpsServices, ServiceRequest
 
 CONFIGURATION = """<CycloneDDS><Domain>
@@ -165,9 +173,9 @@ class CycloneMiddleware:
                     if about.valid_data:
                         take(payload)
 
-    def losses(self) -> Losses:
+    def losses(self) -> MiddlewareLosses:
         """See Middleware."""
-        return Losses()
+        return MiddlewareLosses()
 
     def problems(self) -> list[str]:
         """See Middleware."""

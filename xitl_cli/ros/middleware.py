@@ -86,7 +86,7 @@ _OF_ALL = ("/clock", "/tf")
 
 
 @dataclass(frozen=True, slots=True)
-class Losses:
+class MiddlewareLosses:
     """By topic. dropped: messages that a reader, or we, did not take in time. refused: messages and peers that are not
     what they should be."""
 
@@ -115,7 +115,7 @@ class Middleware(Protocol):
     def problems(self) -> list[str]:
         """What has gone wrong since the last call, in sentences that say what to do."""
 
-    def losses(self) -> Losses:
+    def losses(self) -> MiddlewareLosses:
         """What the middleware itself has dropped and refused until now; nothing where DDS keeps its own counts."""
 
     def close(self) -> None:

@@ -17,7 +17,15 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
-from xitl_cli.ros.middleware import LOOK_S, NODE_NAME, Losses, QosProfile, mismatch_text, others_text, type_text
+from xitl_cli.ros.middleware import (
+    LOOK_S,
+    NODE_NAME,
+    MiddlewareLosses,
+    QosProfile,
+    mismatch_text,
+    others_text,
+    type_text,
+)
 
 
 class RclpyMiddleware:
@@ -79,9 +87,9 @@ class RclpyMiddleware:
         """See Middleware."""
         self._executor.spin_once(timeout_sec=timeout_s)
 
-    def losses(self) -> Losses:
+    def losses(self) -> MiddlewareLosses:
         """See Middleware."""
-        return Losses()
+        return MiddlewareLosses()
 
     def problems(self) -> list[str]:
         """See Middleware."""

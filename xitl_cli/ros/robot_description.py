@@ -15,7 +15,7 @@ from sim_core.vessel.spec import DemiHull, VesselSpec
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import VESSEL_FRAME
 from xitl_cli.ros.frames import FixedFrame, Quaternion, Vector, flu, frame_name, sensor_frames
-from xitl_cli.ros.thrusters import Thruster, thrusters_of
+from xitl_cli.ros.thrusters import ThrusterLink, thrusters_of
 
 _WHITE, _DARK, _SENSOR = "0.92 0.93 0.95 1", "0.2 0.22 0.25 1", "0.1 0.4 0.7 1"
 _SENSOR_M = 0.03
@@ -64,7 +64,7 @@ def _hull(link: Element, hull: DemiHull) -> None:
         _shape(link, "box", size, middle, (0.0, 0.0, 0.0), _WHITE)
 
 
-def _thruster(robot: Element, thruster: Thruster, vehicle: VesselSpec, vessel: str) -> None:
+def _thruster(robot: Element, thruster: ThrusterLink, vehicle: VesselSpec, vessel: str) -> None:
     link = SubElement(robot, "link", name=frame_name(thruster.frame.name, vessel))
     propeller = thruster.propeller
     if propeller is not None:

@@ -14,7 +14,7 @@ from rosbags.serde import SerdeError
 
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.definitions import deserialize, from_ros1, ros1_definition, service_md5, to_ros1
-from xitl_cli.ros.middleware import NODE_NAME, Losses, QosProfile
+from xitl_cli.ros.middleware import NODE_NAME, MiddlewareLosses, QosProfile
 from xitl_cli.ros.tcpros.master import SIM_TIME, Registrar, master_uri, own_host
 from xitl_cli.ros.tcpros.notes import NodeNotes
 from xitl_cli.ros.tcpros.publishing import ANY, TopicPublisher
@@ -99,9 +99,9 @@ class TcprosMiddleware:
         """Its name at the master."""
         return self._registrar.node
 
-    def losses(self) -> Losses:
+    def losses(self) -> MiddlewareLosses:
         """See Middleware."""
-        return Losses(dict(self._notes.dropped), dict(self._notes.refused))
+        return MiddlewareLosses(dict(self._notes.dropped), dict(self._notes.refused))
 
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
         """See Middleware. What is published on robot_description is a parameter of the same name as well."""

@@ -12,7 +12,7 @@ from xitl_cli.ros.frames import FixedFrame, flu, flu_turn, thruster_names
 
 
 @dataclass(frozen=True, slots=True)
-class Thruster:
+class ThrusterLink:
     """A propeller or a rudder. speed, angle: where its share of full is in the rotor's state, None where it has none.
 
     limit_rad: of the angle; 0 where it does not turn. frame: its link, as it is at angle zero.
@@ -47,12 +47,12 @@ class ThrusterState:
     thrust_n: float
 
 
-def thrusters_of(vehicle: VesselSpec) -> tuple[Thruster, ...]:
+def thrusters_of(vehicle: VesselSpec) -> tuple[ThrusterLink, ...]:
     """Propellers in their order, then rudders."""
     return (*_propellers(vehicle), *_rudders(vehicle))
 
 
-def state_of(thruster: Thruster, rotor: Sequence[float], water_density_kgpm3: float) -> ThrusterState:
+def state_of(thruster: ThrusterLink, rotor: Sequence[float], water_density_kgpm3: float) -> ThrusterState:
     """From the rotor's state: speed of each propeller, then angle of each gear and rudder, share of full."""
     angle_rad = 0.0 if thruster.angle is None else rotor[thruster.angle] * thruster.limit_rad
     if thruster.propeller is None or thruster.speed is None:
@@ -64,7 +64,7 @@ def state_of(thruster: Thruster, rotor: Sequence[float], water_density_kgpm3: fl
     return ThrusterState(angle_rad, speed_radps, share * abs(share) * (ahead_n if share > 0.0 else astern_n))
 
 
-def _propellers(vehicle: VesselSpec) -> Iterator[Thruster]:
+def _propellers(vehicle: VesselSpec) -> Iterator[ThrusterLink]:
     """A gear's angle turns the thrust to port for the bow to go to starboard, which is counter-clockwise."""
     angles = iter(range(len(vehicle.propellers), vehicle.commands))
     for number, (name, propeller) in enumerate(zip(thruster_names(vehicle), vehicle.propellers, strict=True)):
@@ -72,12 +72,12 @@ def _propellers(vehicle: VesselSpec) -> Iterator[Thruster]:
         frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(propeller.position_frd_m), turn)
         gear = propeller.steering
         limit_rad = 0.0 if gear is None else math.radians(gear.max_angle_deg)
-        yield Thruster(name, frame, propeller, number, None if gear is None else next(angles), limit_rad)
+        yield ThrusterLink(name, frame, propeller, number, None if gear is None else next(angles), limit_rad)
 
 
-def _rudders(vehicle: VesselSpec) -> Iterator[Thruster]:
+def _rudders(vehicle: VesselSpec) -> Iterator[ThrusterLink]:
     first = vehicle.commands - len(vehicle.rudders)
     for number, rudder in enumerate(vehicle.rudders):
         name = f"rudder_{number}"
         frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(rudder.position_frd_m))
-        yield Thruster(name, frame, None, None, first + number, math.radians(rudder.max_angle_deg))
+        yield ThrusterLink(name, frame, None, None, first + number, math.radians(rudder.max_angle_deg))
