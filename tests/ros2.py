@@ -129,4 +129,9 @@ def ros2(distribution: str) -> Ros2:
         pytest.skip(f"needs ROS 2 {distribution} in {root}: tools/ros_python.sh {distribution}")
     if not (folder / "ros" / "tf2_msgs").exists():
         pytest.skip(f"tf2_msgs could not be built ({folder}/tf2_msgs.log): it needs a C++ compiler and make")
-    return Ros2(distribution, folder, 1 + os.getpid() % HIGHEST_DOMAIN)
+    return Ros2(distribution, folder, own_domain())
+
+
+def own_domain() -> int:
+    """Of this process of the tests alone: nodes of others would answer too."""
+    return 1 + os.getpid() % HIGHEST_DOMAIN

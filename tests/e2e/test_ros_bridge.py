@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from conftest import PATIENCE_S, command, environment
+from ros2 import own_domain
 
 pytest.importorskip("cyclonedds")
 pytestmark = pytest.mark.slow
@@ -38,7 +39,7 @@ def test_a_bridge_that_hangs_and_is_killed_holds_nothing_up(tmp_path: Path) -> N
         run = subprocess.Popen(
             command("sim", "sitl", "--ros", *FAST, "--out", "run"),
             cwd=tmp_path,
-            env=environment() | {"ROS_DOMAIN_ID": "103"},
+            env=environment() | {"ROS_DOMAIN_ID": str(own_domain())},
             stdout=told,
             stderr=subprocess.STDOUT,
         )

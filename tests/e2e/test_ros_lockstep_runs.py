@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 from conftest import Xitl, payloads, summary
+from ros2 import own_domain
 
 pytest.importorskip("cyclonedds")
 pytestmark = pytest.mark.slow
-DOMAIN = {"ROS_DOMAIN_ID": str(110 + os.getpid() % 120)}  # nobody else is to answer
+DOMAIN = {"ROS_DOMAIN_ID": str(own_domain())}
 LOCKSTEP = ("--set", "ros.lockstep={nodes: [helm], step_s: 0.1, timeout_s: 60}", "--set", "ros.pace=null")
 RUN = ("sim", "ros-thrusters", "--clock", "lockstep", "--duration", "5", *LOCKSTEP)
 

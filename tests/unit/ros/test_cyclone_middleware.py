@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from ros2 import own_domain
 
 cyclonedds = pytest.importorskip("cyclonedds")
 
@@ -18,7 +19,7 @@ from xitl_cli.ros.middleware import COMMANDS, RELIABLE  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TWIST = "geometry_msgs/msg/Twist"
-DOMAIN = 101
+DOMAIN = own_domain()
 
 
 @pytest.fixture

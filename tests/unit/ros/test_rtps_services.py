@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from ros2 import own_domain
 
 cyclonedds = pytest.importorskip("cyclonedds")
 
@@ -23,7 +24,7 @@ from cyclonedds.topic import Topic  # noqa: E402
 
 from xitl_cli.ros.rtps_services import RtpsServices, ServiceRequest  # noqa: E402
 
-DOMAIN = 102
+DOMAIN = own_domain()
 BEFORE = struct.pack("<Qq", 0x1234, 7)
 """GUID of the client and number of the request, as rmw_cyclonedds puts them before it."""
 RELIABLE = Qos(
