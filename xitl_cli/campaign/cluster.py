@@ -26,6 +26,8 @@ from xitl_cli.extras import CAMPAIGN
 
 CONNECT_S = 10.0
 WORKERS_S = 30.0
+"""For those of somebody else's scheduler; OWN_WORKERS_S for those that this process starts."""
+OWN_WORKERS_S = 180.0
 _CAPACITY_EVERY_S = 2.0
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,  # attempts are counted here
@@ -176,7 +178,11 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
             Client(cluster, set_as_default=False) as client,
             _WorkerProcesses(cluster.scheduler_address, count),
         ):
-            _wait_for_workers(client, cluster.scheduler_address, count)
+            if not _workers_come(client, count, OWN_WORKERS_S):
+                raise UserError(
+                    f"not all of the campaign's {count} worker processes were up within {OWN_WORKERS_S:g} s; "
+                    "free memory and processors here, or start fewer with --workers"
+                )
             workers = DaskWorkers(client, campaign, cluster.scheduler_address)
             try:
                 yield workers
@@ -252,7 +258,10 @@ def workers_at(address: str, campaign: str, folder: Path | None) -> Iterator[Das
                 f"--on {address}: {what} ({said}); start one with `dask scheduler`, or leave --on out"
             ) from None
         try:
-            _wait_for_workers(client, address)
+            if not _workers_come(client, 1, WORKERS_S):
+                raise SchedulerAwayError(
+                    f"{address}: the scheduler has no workers; start some with `dask worker {address} --nthreads 1`"
+                )
             _check_versions(client, address)
             _check_folder(client, address, folder)
             workers = DaskWorkers(client, campaign, address)
@@ -265,13 +274,12 @@ def workers_at(address: str, campaign: str, folder: Path | None) -> Iterator[Das
                 client.close(timeout=5)
 
 
-def _wait_for_workers(client: Any, address: str, count: int = 1) -> None:
+def _workers_come(client: Any, count: int, timeout_s: float) -> bool:
     try:
-        client.wait_for_workers(count, timeout=WORKERS_S)
-    except Exception as error:
-        raise SchedulerAwayError(
-            f"{address}: the scheduler has no workers; start some with `dask worker {address} --nthreads 1`"
-        ) from error
+        client.wait_for_workers(count, timeout=timeout_s)
+    except OSError:  # too late, or the scheduler has gone
+        return False
+    return True
 
 
 def _own_versions() -> dict[str, str]:
