@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 from pathlib import Path
 from types import TracebackType
 
@@ -50,7 +49,7 @@ class Rover:
         self.mavlink = f"tcp://127.0.0.1:{self.port}"
         self._parameters = {**BOAT, **(parameters or {})}
         ports = {0: f"tcp:{self.port}", 1: "none:", 2: "none:", **(serial or {})}
-        own = ["-w", "--home", home, "--rc-in-port", str(free_port(socket.SOCK_DGRAM))]
+        own = ["-w", "--home", home, "--rc-in-port", str(free_port())]
         if world is None:
             own += ["--model", "motorboat"]
         else:

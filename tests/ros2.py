@@ -13,10 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.patience import PATIENCE_S
+
 ROOT_VARIABLE, DISTRIBUTION_MARK = "XITL_ROS_ROOT", ".made"
 HIGHEST_DOMAIN = 100
 """Above, the ports of a domain are among those that Linux gives to clients."""
-PATIENCE_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)

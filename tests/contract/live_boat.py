@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-READY_S = 40.0
+from tests.free_ports import free_port
+from tests.patience import PATIENCE_S, wait_until
+
 RUN_S = 600
 LAT_DEG, LON_DEG = -8.80, -63.95  # about where the shipped profiles start; the tests ask the boat itself
 
@@ -30,18 +30,11 @@ class Boat:
         return f"tcp:127.0.0.1:{self.tcp_port}"
 
 
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as sock:
-        sock.bind(("127.0.0.1", 0))
-        port: int = sock.getsockname()[1]
-        return port
-
-
 @contextmanager
 def boat(udp_ports: int = 1, host: bool = True, agent_options: tuple[str, ...] = ()) -> Iterator[Boat]:
     """Started, in calm water, disarmed in HOLD; it needs some ten seconds to be ready to arm. Ends with the block."""
-    link = f"udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
-    made = Boat(free_port(socket.SOCK_STREAM), tuple(free_port(socket.SOCK_DGRAM) for _ in range(udp_ports)))
+    link = f"udp://127.0.0.1:{free_port()}"
+    made = Boat(free_port(), tuple(free_port() for _ in range(udp_ports)))
     stations = [f"tcp://127.0.0.1:{made.tcp_port}", *(f"udp://127.0.0.1:{port}" for port in made.udp_ports)]
     urls = [word for url in stations for word in ("--gcs", url)]
     with ExitStack() as opened:
@@ -69,11 +62,12 @@ def boat(udp_ports: int = 1, host: bool = True, agent_options: tuple[str, ...] =
                 *("-m", "xitl_cli.main", "sim", "--profile", "hitl-loopback", "--clock", "realtime"),
                 *("--duration", str(RUN_S), "--out", str(folder / "run"), *overrides),
             )
-            until_s = time.monotonic() + READY_S
-            while "\nt " not in f"\n{said.read_text()}":  # its beginning resets the agent: mission and all
+
+            def is_under_way() -> bool:
                 assert host_process.poll() is None, said.read_text()
-                assert time.monotonic() < until_s, said.read_text()
-                time.sleep(0.05)
+                return "\nt " in f"\n{said.read_text()}"
+
+            wait_until(is_under_way, "the run does not begin")  # its beginning resets the agent: mission and all
         yield made
 
 
@@ -94,7 +88,7 @@ def _stop(process: subprocess.Popen[str]) -> None:
     if process.poll() is None:
         process.terminate()
         try:
-            process.wait(10.0)
+            process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

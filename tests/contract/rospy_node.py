@@ -27,7 +27,7 @@ TOPICS = {
     "/points": PointCloud2,
     "/mode": String,
 }
-LIMIT_S = 60.0
+LIMIT_S = 120.0
 
 
 def main():

@@ -6,13 +6,13 @@ import getpass
 import shutil
 import socket
 import subprocess
-import time
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
-_START_S = 10.0
+from tests.free_ports import free_port
+from tests.patience import PATIENCE_S, wait_until
 
 
 class SshServer:
@@ -24,7 +24,7 @@ class SshServer:
             pytest.skip("needs an ssh server and client (apt install openssh-server)")
         directory.mkdir()
         self.user = getpass.getuser()
-        self.port = _free_port()
+        self.port = free_port()
         self.config = directory / "ssh_config"
         for name in ("host_key", "user_key"):
             subprocess.run(
@@ -59,7 +59,7 @@ class SshServer:
 
     def close(self) -> None:
         self._process.terminate()
-        self._process.wait(10)
+        self._process.wait(PATIENCE_S)
         self._log.close()
 
     def _write_config(self, strict: str) -> None:
@@ -71,19 +71,14 @@ class SshServer:
         )
 
     def _wait(self) -> None:
-        end_s = time.monotonic() + _START_S
-        while time.monotonic() < end_s:
+        def listens() -> bool:
             if self._process.poll() is not None:
                 pytest.skip(f"this ssh server does not start: {Path(self._log.name).read_text().strip()}")
             with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", self.port)) == 0:
-                    return
-            time.sleep(0.02)
-        self.close()
-        raise AssertionError("the ssh server did not listen")
+                return probe.connect_ex(("127.0.0.1", self.port)) == 0
 
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+        try:
+            wait_until(listens, "the ssh server does not listen")
+        except AssertionError:
+            self.close()
+            raise

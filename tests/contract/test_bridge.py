@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -91,7 +90,7 @@ class Host:
 
 @pytest.fixture
 def host(tmp_path: Path) -> Iterator[Host]:
-    world = f"udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+    world = f"udp://127.0.0.1:{free_port()}"
     rover = Rover(tmp_path, world=world)
     with ExitStack() as opened:
         host = Host(world, rover.mavlink, opened)

@@ -7,7 +7,6 @@ import importlib.util
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -17,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_boat import free_port
 from pymavlink import mavutil
 
 from agent.fcu.parameters import TABLE
+from tests.free_ports import free_port
+from tests.patience import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.slow
-WAIT_S = 40.0
 FLEET = """
 extends: ground-station
 driver: {stay: true}
@@ -51,7 +50,7 @@ class Fleet:
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     folder = tmp_path_factory.mktemp("fleet")
-    found = Fleet(free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM), folder)
+    found = Fleet(free_port(31), free_port(), folder)
     (folder / "fleet.yaml").write_text(FLEET % (found.tcp, f"udp://127.0.0.1:{found.udp_port}"))
     words = ["sim", "--profile", str(folder / "fleet.yaml"), "--duration", "600", "--out", str(folder / "run")]
     with (folder / "said.txt").open("w") as said:
@@ -59,22 +58,23 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
             [sys.executable, "-m", "xitl_cli.main", *words], stdout=said, stderr=said, start_new_session=True
         )
         try:
-            until_s = time.monotonic() + WAIT_S
-            while "waits for a ground station" not in (folder / "said.txt").read_text():
+
+            def waits() -> bool:
                 assert process.poll() is None, (folder / "said.txt").read_text()
-                assert time.monotonic() < until_s
-                time.sleep(0.1)
+                return "waits for a ground station" in (folder / "said.txt").read_text()
+
+            wait_until(waits, "the run does not begin")
             yield found
         finally:
             process.send_signal(signal.SIGINT)
-            process.wait(WAIT_S)
+            process.wait(PATIENCE_S)
 
 
 def heard_at(url: str, count: int) -> tuple[Any, set[int]]:
     """A pymavlink connection, and the systems whose heartbeats came until there were so many."""
     client = mavutil.mavlink_connection(url, source_system=255, dialect="ardupilotmega")
     systems: set[int] = set()
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while len(systems) < count and time.monotonic() < until_s:
         beat = client.recv_match(type="HEARTBEAT", blocking=True, timeout=1.0)
         if beat is not None and beat.type != mavutil.mavlink.MAV_TYPE_GCS:
@@ -101,7 +101,7 @@ def test_parameters_and_mission_of_one_while_others_talk(fleet: Fleet) -> None:
     client.mav.param_request_list_send(7, 1)
     values: dict[int, Any] = {}
     others = 0
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while len(values) < len(TABLE) and time.monotonic() < until_s:
         message = client.recv_match(blocking=True, timeout=1.0)
         if message is not None and message.get_type() == "PARAM_VALUE":
@@ -114,12 +114,12 @@ def test_parameters_and_mission_of_one_while_others_talk(fleet: Fleet) -> None:
     assert others > 0
     for system_id, places in ((1, 4), (7, None)):
         client.mav.mission_request_list_send(system_id, 1)
-        count = client.recv_match(type="MISSION_COUNT", blocking=True, timeout=WAIT_S)
+        count = client.recv_match(type="MISSION_COUNT", blocking=True, timeout=PATIENCE_S)
         assert count.get_srcSystem() == system_id
         assert places is None or count.count == places
         for seq in range(count.count):
             client.mav.mission_request_int_send(system_id, 1, seq)
-            item = client.recv_match(type="MISSION_ITEM_INT", blocking=True, timeout=WAIT_S)
+            item = client.recv_match(type="MISSION_ITEM_INT", blocking=True, timeout=PATIENCE_S)
             assert (item.get_srcSystem(), item.seq) == (system_id, seq)
     client.close()
 
@@ -129,7 +129,7 @@ def test_a_broadcast_reaches_all_and_a_command_one(fleet: Fleet) -> None:
     modes: dict[int, int] = {}
 
     def see(wanted: dict[int, int]) -> None:
-        until_s = time.monotonic() + WAIT_S
+        until_s = time.monotonic() + PATIENCE_S
         while modes != wanted and time.monotonic() < until_s:
             beat = client.recv_match(type="HEARTBEAT", blocking=True, timeout=1.0)
             if beat is not None and beat.type != mavutil.mavlink.MAV_TYPE_GCS:
@@ -155,7 +155,7 @@ def test_mavsdk_finds_several_systems_on_one_connection(fleet: Fleet) -> None:
         async with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as sdk:
             await sdk.add_any_connection(f"udpin://127.0.0.1:{fleet.udp_port}")
             found: dict[int, Any] = {}
-            until_s = time.monotonic() + WAIT_S
+            until_s = time.monotonic() + PATIENCE_S
             while set(found) != SYSTEMS and time.monotonic() < until_s:
                 systems = await sdk.get_systems()
                 found = {await system.get_system_id(): system for system in systems}
@@ -238,7 +238,7 @@ def test_mavproxys_ais_has_the_other_vessels(fleet: Fleet, tmp_path: Path) -> No
         env={**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), *sys.path)), "PYTHONWARNINGS": "ignore"},
     ) as process:  # fmt: skip
         assert process.stdout is not None
-        until_s = time.monotonic() + 2 * WAIT_S
+        until_s = time.monotonic() + 2 * PATIENCE_S
         for line in process.stdout:
             assert "Traceback" not in line
             if line.startswith("SEEN"):

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.patience import PATIENCE_S
 from xitl_cli.profile import load_profile
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.session import run
 from xitl_cli.run.status_display import NoDisplay
 
 CLIENT = Path(__file__).parents[2] / "build/foxglove-client"
-WAIT_S = 60.0
 
 
 @pytest.mark.slow
@@ -34,10 +34,10 @@ def test_it_subscribes_calls_sets_and_publishes(tmp_path: Path) -> None:
 
     sailing = threading.Thread(target=sail)
     sailing.start()
-    address = told.get(timeout=WAIT_S).split()[1]
+    address = told.get(timeout=PATIENCE_S).split()[1]
     words = ["node", str(Path(__file__).with_name("foxglove_client.mjs")), address, str(CLIENT)]
     try:
-        seen = json.loads(subprocess.run(words, stdout=subprocess.PIPE, timeout=WAIT_S, check=True).stdout)
+        seen = json.loads(subprocess.run(words, stdout=subprocess.PIPE, timeout=PATIENCE_S, check=True).stdout)
     finally:
         sailing.join()
     assert seen["problems"] == []

@@ -17,6 +17,7 @@ import pytest
 from live_boat import Boat, boat
 
 from agent.fcu.parameters import TABLE
+from tests.patience import PATIENCE_S, wait_until
 
 PROGRAM = Path(sys.executable).with_name("mavproxy.py")
 
@@ -28,7 +29,6 @@ pytestmark = [
     ),
 ]
 
-WAIT_S = 40.0
 MISSION = """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t-8.8000000\t-63.9500000\t70\t1
 1\t0\t3\t16\t0\t0\t0\t0\t-8.7999000\t-63.9500000\t0\t1
@@ -67,13 +67,10 @@ class Prompt:
         self._process.stdin.flush()
 
     def wait(self, pattern: str) -> str:
-        until_s = time.monotonic() + WAIT_S
-        while time.monotonic() < until_s:
-            found = re.search(pattern, self._seen[self._mark :])
-            if found:
-                return found.group(0)
-            time.sleep(0.05)
-        raise AssertionError(f"{pattern!r} was not seen in:\n{self._seen[self._mark :]}")
+        try:
+            return wait_until(lambda: re.search(pattern, self._seen[self._mark :]))[0]
+        except AssertionError:
+            raise AssertionError(f"{pattern!r} was not seen in:\n{self._seen[self._mark :]}") from None
 
     def close(self) -> None:
         process = self._process
@@ -115,10 +112,8 @@ def test_parameters_mission_mode_and_arming(tmp_path: Path) -> None:
     (tmp_path / "mission.txt").write_text(MISSION)
     with boat() as found, mavproxy(found, tmp_path) as prompt:
         prompt.wait(rf"Received {len(TABLE)} parameters")
-        saved, until_s = tmp_path / "mav.parm", time.monotonic() + 10.0
-        while len(saved.read_text().splitlines()) < len(TABLE) and time.monotonic() < until_s:
-            time.sleep(0.1)  # it tells before it writes
-        assert len(saved.read_text().splitlines()) == len(TABLE)
+        saved = tmp_path / "mav.parm"  # it tells before it writes
+        wait_until(lambda: saved.exists() and len(saved.read_text().splitlines()) == len(TABLE))
         prompt.type("param set WP_SPEED 2")
         time.sleep(1.0)
         prompt.type("param fetch WP_SPEED")
@@ -141,7 +136,7 @@ def test_parameters_mission_mode_and_arming(tmp_path: Path) -> None:
         prompt.wait("waypoint 3")
         prompt.type("mode LOITER")
         prompt.wait("Mode LOITER")
-        until_s = time.monotonic() + WAIT_S
+        until_s = time.monotonic() + PATIENCE_S
         while True:  # it is not ready at once, and says why
             prompt.type("arm throttle")
             answer = prompt.wait(r"COMPONENT_ARM_DISARM: \w+")

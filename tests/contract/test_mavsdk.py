@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 from live_boat import Boat, boat
 
+from tests.patience import PATIENCE_S
+
 pytest.importorskip("mavsdk", reason="MAVSDK is not installed: pip install mavsdk")
 
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
@@ -19,11 +21,10 @@ from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
 pytestmark = pytest.mark.slow
-WAIT_S = 40.0
 DEG_PER_M = 1.0 / 110_600.0
 
 
-async def until(values: AsyncIterator[Any], wanted: Callable[[Any], bool], timeout_s: float = WAIT_S) -> Any:
+async def until(values: AsyncIterator[Any], wanted: Callable[[Any], bool], timeout_s: float = PATIENCE_S) -> Any:
     async def look() -> Any:
         async for value in values:
             if wanted(value):
@@ -38,7 +39,7 @@ def with_system(found: Boat, do: Callable[[Any], Awaitable[None]]) -> None:
         config = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
         async with Mavsdk(config) as sdk:
             await sdk.add_any_connection(f"udpin://127.0.0.1:{found.udp_ports[0]}")
-            system = await sdk.first_autopilot(timeout_s=WAIT_S)
+            system = await sdk.first_autopilot(timeout_s=PATIENCE_S)
             assert system is not None
             await do(system)
 
@@ -106,13 +107,13 @@ async def fly(system: Any) -> None:
     there = [(here[0] + round(north_m * DEG_PER_M * 1e7), here[1]) for north_m in (15.0, 30.0)]
     home = waypoint(0, *here)
     rich = [home, *(item(seq, *fields) for seq, fields in enumerate(items_of_a_survey(there[0]), start=1))]
-    await asyncio.wait_for(mission.upload_mission(rich), WAIT_S)
-    back = await asyncio.wait_for(mission.download_mission(), WAIT_S)
+    await asyncio.wait_for(mission.upload_mission(rich), PATIENCE_S)
+    back = await asyncio.wait_for(mission.download_mission(), PATIENCE_S)
     assert [fields_of(one) for one in back[1:]] == [fields_of(one) for one in rich[1:]]
 
     plan = [waypoint(seq, *place) for seq, place in enumerate([here, *there])]
-    await asyncio.wait_for(mission.upload_mission(plan), WAIT_S)
-    back = await asyncio.wait_for(mission.download_mission(), WAIT_S)
+    await asyncio.wait_for(mission.upload_mission(plan), PATIENCE_S)
+    back = await asyncio.wait_for(mission.download_mission(), PATIENCE_S)
     assert [(item.x, item.y) for item in back[1:]] == there
 
     await action.arm()

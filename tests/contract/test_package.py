@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from pythons import python
 
+from tests.patience import PATIENCE_S
+
 pytestmark = pytest.mark.slow
 
 VERSIONS = ("3.9", "3.10", "3.11", "3.12", "3.13")
@@ -26,7 +28,7 @@ def xitl(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +114,7 @@ def test_ready_is_told_to_the_service_manager(archive: Path, tmp_path: Path) -> 
     """What `Type=notify` in the unit waits for."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
-        manager.settimeout(10)
+        manager.settimeout(PATIENCE_S)
         agent = subprocess.Popen(
             [sys.executable, str(archive), "--link", "udp://127.0.0.1:0"],
             stdout=subprocess.PIPE,

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from served_sonar import WALL_M, served
 
+from tests.patience import PATIENCE_S
 from xitl_cli.errors import UserError
 from xitl_cli.run.sensors.ping360 import Ping360Port
 
@@ -19,7 +20,6 @@ brping = pytest.importorskip("brping")
 definitions = brping.definitions
 
 PERIOD_TICKS, SAMPLES = 1600, 300  # 40 us a sample: 3 cm, 9 m in all
-WAIT_S = 10.0  # only ever waited out by a failure
 
 
 @pytest.fixture(params=["udp", "serial"])
@@ -85,13 +85,13 @@ def test_it_scans_by_itself_until_the_motor_is_off(client: Any) -> None:
     client.control_auto_transmit(1, 1, 40, PERIOD_TICKS, 750, SAMPLES, 395, 5, 5, 0)
     angles = []
     for _ in range(6):
-        answer = client.wait_message([definitions.PING360_AUTO_DEVICE_DATA], WAIT_S)
+        answer = client.wait_message([definitions.PING360_AUTO_DEVICE_DATA], PATIENCE_S)
         assert (answer.start_angle, answer.stop_angle, answer.num_steps) == (395, 5, 5)
         assert len(answer.data) == SAMPLES
         angles.append(answer.angle)
     assert angles == [395, 0, 5, 0, 395, 0]
     client.control_motor_off()
-    assert client.wait_message([definitions.COMMON_ACK], WAIT_S).acked_id == definitions.PING360_MOTOR_OFF
+    assert client.wait_message([definitions.COMMON_ACK], PATIENCE_S).acked_id == definitions.PING360_MOTOR_OFF
     assert client.wait_message([definitions.PING360_AUTO_DEVICE_DATA], 0.3) is None
 
 

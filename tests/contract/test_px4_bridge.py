@@ -26,6 +26,7 @@ from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from sim_core.geodesy import LocalFrame
 from tests.doubles.capture import MAVLINK, OUTPUTS, SENSORS, read_capture
+from tests.patience import PATIENCE_S
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.drivers import why_not_armed
 
@@ -34,7 +35,6 @@ RECORDS = list(read_capture(DATA / "mission.xz"))
 TICK_US = 10_000
 FRAMES = 700  # it arms after 400
 ARMED = 128
-PATIENCE_S = 60.0  # for what is sure to come
 
 
 class Host:

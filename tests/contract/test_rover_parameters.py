@@ -19,11 +19,11 @@ from sim_core.sensors.gnss import GnssSample
 from sim_core.sensors.rangefinder import RangefinderSample
 from sim_core.sensors.spec import RangefinderSpec
 from tests.ardupilot import Rover
+from tests.patience import PATIENCE_S
 from xitl_cli.run.links.setup import parameter_file_values
 from xitl_cli.run.sensors import sensor_messages as standard_messages
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.slow]
-WAIT_S = 60.0
 COMBINATIONS = {
     "two propellers": ("rover-json", "rover-differential", "rover-asv-full", "rover-echo-sounder", "rover-wind-vane"),
     "a third of the size": ("rover-json", "rover-differential", "rover-asv-third"),
@@ -42,7 +42,7 @@ def connected(directory: Path, values: dict[str, float]) -> Iterator[Any]:
     with Rover(directory, values) as rover:
         link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{rover.port}", source_system=255, source_component=190)
         try:
-            assert link.wait_heartbeat(timeout=WAIT_S) is not None, rover.console
+            assert link.wait_heartbeat(timeout=PATIENCE_S) is not None, rover.console
             yield link
         finally:
             link.close()
@@ -82,7 +82,7 @@ def test_it_has_every_name_and_holds_every_value(tmp_path: Path, files: tuple[st
 def heard(link: Any, send: Callable[[int], list[Any]], name: str, fits: Callable[[Any], bool]) -> Any:
     """Send five times a second until a message of this name fits; None when none did."""
     ours = dialect.MAVLink(None, 255, 190)
-    ends_s = time.monotonic() + WAIT_S
+    ends_s = time.monotonic() + PATIENCE_S
     number = 0
     while time.monotonic() < ends_s:
         number += 1

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from transport_ends import PAIRS, WAIT_S, Ends, opened
+from transport_ends import PAIRS, Ends, opened
 
 from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.signing import MINUTE, Signing
+from tests.patience import PATIENCE_S
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(range(1, 33))
 NOW = 40_000_000_000_000  # in 2027, in units of 10 microseconds
@@ -37,7 +38,7 @@ def tick(number: int) -> Any:
 def heard(link: Link, until: Any, sender: Link) -> list[int]:
     """The ticks that arrive until `until()`; a slow line is served meanwhile."""
     ticks: list[int] = []
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while not until() and time.monotonic() < until_s:
         ticks += [message.tick for message in link.receive(0.01)]
         sender.receive()

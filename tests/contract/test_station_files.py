@@ -18,8 +18,8 @@ from pymavlink import mavutil
 from pymavlink.mavftp import MAVFTP
 
 from agent.fcu.parameters import TABLE
+from tests.patience import PATIENCE_S
 
-WAIT_S = 20.0
 LOG = random.Random(3).randbytes(20_000)
 
 
@@ -35,7 +35,7 @@ def idle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Boat]:
 def client(url: str) -> Iterator[Any]:
     link = mavutil.mavlink_connection(url, source_system=255, dialect="ardupilotmega")
     try:
-        assert link.wait_heartbeat(timeout=WAIT_S) is not None
+        assert link.wait_heartbeat(timeout=PATIENCE_S) is not None
         yield link
     finally:
         link.close()
@@ -64,11 +64,11 @@ def test_mavftp_brings_parameters_and_a_log(idle: Boat, tmp_path: Path, lose: fl
         files = MAVFTP(link, target_system=1, target_component=1)
         values, defaults = tmp_path / "values.parm", tmp_path / "defaults.parm"
         files.cmd_getparams([str(values), str(defaults)])
-        assert files.process_ftp_reply("OpenFileRO", timeout=WAIT_S).error_code == 0
+        assert files.process_ftp_reply("OpenFileRO", timeout=PATIENCE_S).error_code == 0
         for path in (values, defaults):
             assert {line.split(",")[0] for line in path.read_text().splitlines()} == {row.name for row in TABLE}
         files.cmd_ftp(["get", "/APM/LOGS/00000004.BIN", str(tmp_path / "log.bin")])
-        assert files.process_ftp_reply("OpenFileRO", timeout=2 * WAIT_S).error_code == 0
+        assert files.process_ftp_reply("OpenFileRO", timeout=2 * PATIENCE_S).error_code == 0
         assert (tmp_path / "log.bin").read_bytes() == LOG
 
 
@@ -85,7 +85,7 @@ def test_mavsdk_brings_files_and_logs(idle: Boat, tmp_path: Path) -> None:
         config = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
         async with Mavsdk(config) as sdk:
             await sdk.add_any_connection(f"udpin://127.0.0.1:{idle.udp_ports[0]}")
-            system = await sdk.first_autopilot(timeout_s=WAIT_S)
+            system = await sdk.first_autopilot(timeout_s=PATIENCE_S)
             files = FtpAsync(system)
             assert [entry.name for entry in (await files.list_directory("/")).entries] == ["@PARAM", "@SYS", "APM"]
             for use_burst in (False, True):
@@ -152,10 +152,10 @@ def test_a_client_of_mavlink_1_is_served_in_it(idle: Boat, tmp_path: Path) -> No
 def test_log_messages_bring_a_log(idle: Boat) -> None:
     with client(idle.tcp) as link:
         link.mav.log_request_list_send(1, 1, 0, 0xFFFF)
-        entry = link.recv_match(type="LOG_ENTRY", blocking=True, timeout=WAIT_S)
+        entry = link.recv_match(type="LOG_ENTRY", blocking=True, timeout=PATIENCE_S)
         assert (entry.id, entry.num_logs, entry.size) == (1, 1, len(LOG))
         link.mav.log_request_data_send(1, 1, 1, 0, 0xFFFFFFFF)
-        data, until_s = b"", time.monotonic() + WAIT_S
+        data, until_s = b"", time.monotonic() + PATIENCE_S
         while len(data) < len(LOG) and time.monotonic() < until_s:
             piece = link.recv_match(type="LOG_DATA", blocking=True, timeout=1.0)
             assert piece.ofs == len(data)

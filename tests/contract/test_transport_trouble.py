@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from transport_ends import CLASSIC, GROUP, PAIRS, WAIT_S, opened, send, slcan_buses, take, take_bytes
+from transport_ends import CLASSIC, GROUP, PAIRS, opened, send, slcan_buses, take, take_bytes
 
 from agent.wire import dialect
 from agent.wire.can_transfer import CanLine
 from agent.wire.link import Link
 from agent.wire.transport import Transport, open_transport
+from tests.patience import PATIENCE_S
 from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback
 
 
@@ -104,7 +105,7 @@ def tick(number: int) -> Any:
 
 def heard(link: Link) -> list[Any]:
     """The next messages; bytes without a whole frame end a wait, too."""
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     messages: list[Any] = []
     while not messages and time.monotonic() < until_s:
         messages = link.receive(0.05)
@@ -127,13 +128,13 @@ def test_garbage_harms_nothing(kind: str) -> None:
         with listening, calling:
             agent, host = Link(listening, 1, 1), Link(calling, 255, 190)
             host.send(tick(0))
-            assert agent.receive(WAIT_S)
+            assert agent.receive(PATIENCE_S)
             GARBLE.get(kind, garble_bytes)(listening, calling, random.Random(7))
             while agent.receive(0.02):
                 pass
             for number in range(1, 61):
                 host.send(tick(number))
-            until_s = time.monotonic() + WAIT_S
+            until_s = time.monotonic() + PATIENCE_S
             got: list[int] = []
             while len(got) < 30 and time.monotonic() < until_s:
                 got += [message.tick for message in agent.receive(0.01)]
@@ -144,7 +145,7 @@ def test_garbage_harms_nothing(kind: str) -> None:
 
 
 def found_again(transport: Transport) -> None:
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while transport.fileno() is None:
         assert time.monotonic() < until_s
         assert transport.receive(0.01) == []

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 import pytest
-from transport_ends import LISTENING, PAIRS, WAIT_S, Ends, largest, opened, send, take, take_bytes, tcp_pair, udp_pair
+from transport_ends import LISTENING, PAIRS, Ends, largest, opened, send, take, take_bytes, tcp_pair, udp_pair
 
 from agent.wire import dialect
 from agent.wire.impaired import ImpairedTransport
@@ -27,6 +27,7 @@ from agent.wire.transport import (
     UnknownHostError,
     open_transport,
 )
+from tests.patience import PATIENCE_S, wait_until
 
 
 @pytest.fixture(params=PAIRS)
@@ -76,8 +77,8 @@ def test_a_waiting_receive_is_woken_by_bytes(pair: Ends) -> None:
     timer = threading.Timer(0.05, calling.send, (b"l",))
     before_s = time.monotonic()
     timer.start()
-    assert listening.receive(WAIT_S) == [b"l"]
-    assert time.monotonic() - before_s < WAIT_S  # not by the timeout
+    assert listening.receive(PATIENCE_S) == [b"l"]
+    assert time.monotonic() - before_s < PATIENCE_S  # not by the timeout
     timer.join()
 
 
@@ -94,13 +95,13 @@ def test_queues_are_bounded_and_losses_do_not_raise(pair: Ends) -> None:
     payload = bytes(min(4000, largest(calling)))
     for _ in range(5000):
         calling.send(payload)
-    arrived = []
+    arrived = listening.receive(PATIENCE_S)
     while chunks := listening.receive(0.05):
         arrived += chunks
     assert 0 < len(arrived) < 5000
     assert calling.unsent > 0 or "udp" in calling.address
     data = b"".join(arrived)
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while not data.endswith(b"again"):  # who did not read has lost bytes of a line, and its frames with them
         assert time.monotonic() < until_s
         calling.send(b"again")
@@ -135,7 +136,7 @@ def test_the_descriptor_if_any_is_readable_with_bytes(pair: Ends) -> None:
         return
     assert select.select([descriptor], [], [], 0.0)[0] == []
     calling.send(b"x")
-    assert select.select([descriptor], [], [], WAIT_S)[0] == [descriptor]
+    assert select.select([descriptor], [], [], PATIENCE_S)[0] == [descriptor]
 
 
 @pytest.mark.parametrize("scheme", LISTENING)
@@ -162,7 +163,7 @@ def test_a_restarted_listener_is_reached_again(scheme: str) -> None:
                 pass
             assert take(again, 1)[-1] == b"here"
             assert again.send(b"welcome back")
-            assert calling.receive(WAIT_S) == [b"welcome back"]
+            assert calling.receive(PATIENCE_S) == [b"welcome back"]
 
 
 @pytest.mark.parametrize("scheme", LISTENING)
@@ -215,7 +216,7 @@ def strangers() -> Iterator[Strangers]:
 def test_udp_garbage_never_moves_the_peer(strangers: Strangers) -> None:
     strangers.now_s += 3600.0
     strangers.stranger.send(b"garbage")
-    assert strangers.listening.receive(WAIT_S) == [b"garbage"]  # a link credits no datagram without a good frame
+    assert strangers.listening.receive(PATIENCE_S) == [b"garbage"]  # a link credits no datagram without a good frame
     assert strangers.answered() == [True, False]
 
 
@@ -299,14 +300,17 @@ def test_tcp_a_link_that_waits_for_room_loses_nothing_to_a_reader_that_is_busy(p
     with listening, calling:
         sender, reader = Link(ImpairedTransport(calling), 1, 1), Link(listening, 2, 1)
         if patient:
-            sender.wait_for_room = lambda: sender.transport.wait_for_room(WAIT_S)
+            sender.wait_for_room = lambda: sender.transport.wait_for_room(PATIENCE_S)
         assert sender.send(status(b"hello"))
-        assert len(reader.receive(WAIT_S)) == 1
+        assert len(reader.receive(PATIENCE_S)) == 1
         sent = threading.Thread(target=lambda: [sender.send(status(b"x" * 50)) for _ in range(80_000)])
         sent.start()
-        sent.join(0.3)  # long enough to fill what the system keeps, which is less than these 6 MB
+        if patient:
+            sent.join(0.3)
+        else:  # what the system keeps is full: it is less than these 6 MB
+            wait_until(lambda: sender.counters.unsent)
         heard = 0
-        while heard < 80_000 and (messages := reader.receive(WAIT_S if patient else 0.5)):
+        while heard < 80_000 and ((messages := reader.receive(0.5)) or sent.is_alive()):
             heard += len(messages)
         sent.join()
         assert sender.counters.unsent == 80_000 - heard
@@ -325,7 +329,7 @@ def test_tcp_waiting_for_room_has_an_end_and_needs_a_peer() -> None:
         listening.close()
         while calling.wait_for_room(0.02) and calling.connected:
             calling.send(b"?")  # nobody is there any more, which sending finds out
-        assert calling.wait_for_room(WAIT_S)
+        assert calling.wait_for_room(PATIENCE_S)
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6 here")

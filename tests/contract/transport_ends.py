@@ -13,9 +13,9 @@ from agent.wire.impaired import ImpairedTransport
 from agent.wire.memory import memory_pair
 from agent.wire.socket_pair import SocketPairTransport, socket_pair
 from agent.wire.transport import SenderStatus, Transport, open_transport
+from tests.patience import PATIENCE_S
 from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback
 
-WAIT_S = 5.0  # only ever waited out by a failure
 GROUP = "239.74.163.2"
 Ends = tuple[Transport, Transport]
 opened = ExitStack()  # what the ends of a test stand on
@@ -101,7 +101,7 @@ def take(
 ) -> list[bytes]:
     """The next `count` chunks, as a link takes them: each credited to its sender, which is served meanwhile."""
     chunks: list[bytes] = []
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while len(chunks) < count and time.monotonic() < until_s:
         new = transport.receive(0.2 if sender is None else 0.001)
         for index in range(len(new)):
@@ -115,7 +115,7 @@ def take(
 def take_bytes(transport: Transport, size: int, sender: Transport | None = None) -> bytes:
     """So many bytes; a stream cuts and joins chunks as it likes."""
     data = b""
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while len(data) < size and time.monotonic() < until_s:
         data += b"".join(take(transport, 1, sender=sender))
     return data
@@ -123,7 +123,7 @@ def take_bytes(transport: Transport, size: int, sender: Transport | None = None)
 
 def send(transport: Transport, data: bytes) -> None:
     """As soon as there is room."""
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while not transport.send(data):
         assert time.monotonic() < until_s
         transport.receive(0.001)

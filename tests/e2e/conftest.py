@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import socket
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -16,6 +16,7 @@ import pytest
 from mcap.reader import make_reader
 
 from tests.forked_xitl import run_xitl
+from tests.free_ports import free_port as next_free_port
 
 Xitl = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -36,9 +37,6 @@ def xitl(tmp_path: Path) -> Xitl:
         return run_xitl(arguments, tmp_path, environment(), timeout_s)
 
     return run
-
-
-PATIENCE_S = 120.0  # for what is sure to come, on whatever machine
 
 
 @contextmanager
@@ -78,9 +76,12 @@ def logs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
 
 @pytest.fixture
 def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    return next_free_port()
+
+
+def newest_time_s(said: str) -> float:
+    """Simulation time of the newest line of progress in what a run said; 0 before the first."""
+    return float(["0", *re.findall(r"^t +([\d.]+) s", said, re.MULTILINE)][-1])
 
 
 def summary(directory: Path) -> dict[str, Any]:

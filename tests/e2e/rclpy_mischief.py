@@ -15,7 +15,7 @@ from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 FLOOD = 20_000
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 class Mischief:

@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pymavlink import DFReader
 
+from tests.patience import PATIENCE_S
 from tests.recorded_run import recorded_run
 
 SUITES = {"bullseye": "3.9", "bookworm": "3.11"}
@@ -86,7 +87,7 @@ def test_a_lockstep_run_on_armv7_is_the_run_on_this_machine(
     assert away.returncode == 0, away.stderr  # the duration was asked for
     memory_kib = resident_kib(agent.pid)
     agent.send_signal(signal.SIGTERM)
-    _, errors = agent.communicate(timeout=30)
+    _, errors = agent.communicate(timeout=PATIENCE_S)
     assert (agent.returncode, errors) == (0, "")
 
     told = summary(tmp_path / "there")
@@ -115,7 +116,7 @@ def test_a_lockstep_run_on_armv7_is_the_run_on_this_machine(
 @pytest.mark.slow
 def test_the_doctor_looks_at_an_armv7_board(arm: Run) -> None:
     doctor = arm("doctor")
-    said, errors = doctor.communicate(timeout=120)
+    said, errors = doctor.communicate(timeout=PATIENCE_S)
     assert errors == ""
     assert "32 bits" in said
     assert {line.split()[0] for line in said.splitlines() if line and line[0] != " "} <= {"ok", "warning", "problem"}
@@ -125,7 +126,7 @@ def test_the_doctor_looks_at_an_armv7_board(arm: Run) -> None:
 def test_serial_and_can_load_on_armv7(arm: Run, tmp_path: Path) -> None:
     """Everything that these links need is in the archive, without a compiled part."""
     agent = arm("--link", "serial:///dev/ttyNONE?baud=115200")
-    _, errors = agent.communicate(timeout=60)
+    _, errors = agent.communicate(timeout=PATIENCE_S)
     assert agent.returncode == 2
     assert errors.startswith("error: serial:///dev/ttyNONE")
     assert len(errors.splitlines()) == 1

@@ -10,12 +10,13 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import PATIENCE_S, Xitl, assert_one_line_error, payloads, running, summary
+from conftest import Xitl, assert_one_line_error, payloads, running, summary
 from mcap.exceptions import EndOfFile
 from mcap.records import Chunk, DataEnd, Message
 from mcap.stream_reader import StreamReader
 from pymavlink.dialects.v20 import common
 
+from tests.patience import PATIENCE_S
 from xitl_cli.run.core.pace import SLIP_NS
 
 

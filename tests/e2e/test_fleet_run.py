@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import PATIENCE_S, running, summary
+from conftest import running, summary
 from mcap.reader import make_reader
 
 import xitl as toolkit
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 

@@ -17,17 +17,11 @@ from conftest import Xitl, command, environment, payloads, summary
 from pymavlink.dialects.v20 import ardupilotmega as mav
 
 from sim_core.geodesy import LocalFrame
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.view.recording import open_scene
 
 FRAME = LocalFrame(-8.80, -63.95, 70.0)
 MANUAL, AUTO = 0, 10
-
-
-@pytest.fixture
-def tcp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Station:
@@ -45,8 +39,8 @@ class Station:
     def close(self) -> None:
         self._socket.close()
 
-    def wait(self, wanted: Callable[[Any], bool], within_s: float = 40.0) -> Any:
-        deadline_s = time.monotonic() + within_s
+    def wait(self, wanted: Callable[[Any], bool]) -> Any:
+        deadline_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline_s:
             if time.monotonic() - self._beat_s > 0.5:
                 self._beat_s = time.monotonic()
@@ -93,23 +87,22 @@ class Station:
 
 
 def _connect(port: int) -> socket.socket:
-    for _ in range(100):
+    def connected() -> socket.socket | None:
         try:
-            sock = socket.create_connection(("127.0.0.1", port), timeout=0.2)
+            return socket.create_connection(("127.0.0.1", port), timeout=0.2)
         except OSError:
-            time.sleep(0.1)
-        else:
-            return sock
-    raise AssertionError(f"nothing listens at TCP port {port}")
+            return None
+
+    return wait_until(connected, f"nothing listens at TCP port {port}")
 
 
 @pytest.fixture
-def held(tmp_path: Path, tcp_port: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def held(tmp_path: Path, free_port: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Starts a run that waits for a ground station; whatever is left of it is ended."""
     started = []
 
     def start(*arguments: str) -> subprocess.Popen[str]:
-        address = f"autopilot.ground_stations=[tcp://127.0.0.1:{tcp_port}]"
+        address = f"autopilot.ground_stations=[tcp://127.0.0.1:{free_port}]"
         profile = ("sim", "--profile", "ground-station", "--set", address, "--out", "run")
         process = subprocess.Popen(
             command(*profile, *arguments),
@@ -131,7 +124,7 @@ def held(tmp_path: Path, tcp_port: int) -> Iterator[Callable[..., subprocess.Pop
 
 @pytest.mark.slow
 def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
-    held: Callable[..., subprocess.Popen[str]], tmp_path: Path, tcp_port: int
+    held: Callable[..., subprocess.Popen[str]], tmp_path: Path, free_port: int
 ) -> None:
     """Two waypoints 12 m apart in still water; the profile's own mission of six is replaced by them."""
     (tmp_path / "calm.yaml").write_text("extends: [ground-station, environments/calm]\n")
@@ -139,14 +132,14 @@ def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
     assert process.stdout is not None
     first = process.stdout.readline()
     assert "waits for a ground station to arm the vessel" in first
-    assert f"listens at TCP 127.0.0.1:{tcp_port}" in first
-    station = Station(tcp_port)
+    assert f"listens at TCP 127.0.0.1:{free_port}" in first
+    station = Station(free_port)
     try:
         station.upload([(12.0, 9.0), (20.0, 15.0)])
         station.order(mav.MAV_CMD_DO_SET_MODE, 1, MANUAL)
         station.order(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         station.order(mav.MAV_CMD_DO_SET_MODE, 1, AUTO)
-        process.wait(timeout=60)
+        process.wait(PATIENCE_S)
     finally:
         station.close()
     assert process.returncode == 0, process.stderr and process.stderr.read()
@@ -171,14 +164,14 @@ def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
 
 @pytest.mark.slow
 def test_an_interrupt_ends_a_run_that_waits(
-    held: Callable[..., subprocess.Popen[str]], tmp_path: Path, tcp_port: int
+    held: Callable[..., subprocess.Popen[str]], tmp_path: Path, free_port: int
 ) -> None:
     process = held("--duration", "60")
     assert process.stdout is not None
     assert "waits for" in process.stdout.readline()
     time.sleep(1.0)
     process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=10)
+    _, stderr = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, stderr) == (130, "")
     told = summary(tmp_path / "run")
     assert told["driver"]["moored_s"] == pytest.approx(told["duration_s"], abs=1e-9)
@@ -191,7 +184,7 @@ def test_the_duration_counts_the_time_for_which_the_vessel_is_frozen(
     held: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     process = held("--duration", "1")
-    said, _ = process.communicate(timeout=20)
+    said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert "ended: duration reached, no mission, the vessel frozen all the time" in " ".join(said.split())
     told = summary(tmp_path / "run")
@@ -199,11 +192,9 @@ def test_the_duration_counts_the_time_for_which_the_vessel_is_frozen(
 
 
 @pytest.mark.slow
-def test_parameters_of_the_embedded_autopilot_are_pushed_and_pulled(
-    xitl: Xitl, tmp_path: Path, free_port: int, tcp_port: int
-) -> None:
+def test_parameters_of_the_embedded_autopilot_are_pushed_and_pulled(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     agent = subprocess.Popen(
-        command("agent", "--link", f"udp://127.0.0.1:{free_port}", "--gcs", f"tcp://127.0.0.1:{tcp_port}"),
+        command("agent", "--link", f"udp://127.0.0.1:{free_port}", "--gcs", f"tcp://127.0.0.1:{free_port}"),
         env=environment(),
         stdout=subprocess.PIPE,
         text=True,
@@ -211,7 +202,7 @@ def test_parameters_of_the_embedded_autopilot_are_pushed_and_pulled(
     try:
         assert agent.stdout is not None
         agent.stdout.readline()
-        url = f"tcp://127.0.0.1:{tcp_port}"
+        url = f"tcp://127.0.0.1:{free_port}"
         assert xitl("params", "diff", url, "defaults").returncode == 0
         (tmp_path / "boat.parm").write_text("WP_SPEED 2.5\nWP_RADIUS 2000\nLOS_LOOKAHEAD 7.3\n")
         result = xitl("params", "push", "boat.parm", url, "--json")
@@ -230,4 +221,4 @@ def test_parameters_of_the_embedded_autopilot_are_pushed_and_pulled(
         assert (shown[0]["value"], shown[0]["unit"]) == (2.5, "m/s")
     finally:
         agent.terminate()
-        agent.communicate(timeout=5)
+        agent.communicate(timeout=PATIENCE_S)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 import signal
 import socket
-import time
 from pathlib import Path
 
 import pytest
-from conftest import PATIENCE_S, payloads, running, summary
+from conftest import payloads, running, summary
 
 from agent.wire import dialect
 from agent.wire.codec import Packer
+from tests.free_ports import unread_bytes
+from tests.patience import PATIENCE_S, wait_until
 
 RUN = dialect.MAVLink_xitl_run_message
 SPOOFED = (
@@ -38,7 +39,7 @@ def test_a_run_is_not_taken_over_by_datagrams(tmp_path: Path, free_port: int) ->
             for data in (frames[number % len(frames)], noise, b"\xfd" * 1400, frames[0][:7], b"".join(frames)):
                 intruder.sendto(data, ("127.0.0.1", free_port))
             intruder.sendto(b"\xfd" * 60_000, ("127.0.0.1", free_port))
-            time.sleep(0.001)
+            wait_until(lambda: not unread_bytes(free_port))  # a full socket would drop what the host sends, too
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert errors == "", errors

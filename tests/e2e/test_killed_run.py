@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ from conftest import Xitl, command, environment, payloads
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
 
+from tests.patience import wait_until
 from xitl_cli.logs import open_log
 
 _SOME_BYTES = 200_000
@@ -27,11 +27,8 @@ def test_the_recording_of_a_killed_run_is_repaired(xitl: Xitl, tmp_path: Path) -
     )
     recording = tmp_path / "run" / "run.mcap"
     try:
-        until = time.monotonic() + 60
-        while not (recording.is_file() and recording.stat().st_size > _SOME_BYTES):
-            assert run.poll() is None, "it ended before it could be killed"
-            assert time.monotonic() < until
-            time.sleep(0.01)
+        wait_until(lambda: recording.is_file() and recording.stat().st_size > _SOME_BYTES, "nothing is recorded")
+        assert run.poll() is None, "it ended before it could be killed"
     finally:
         run.kill()
         run.wait()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -21,28 +20,19 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
+from tests.patience import PATIENCE_S, wait_until
+
 Start = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture
-def free_ports() -> list[int]:
-    probes = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
-    for probe in probes:
-        probe.bind(("127.0.0.1", 0))
-    ports = [probe.getsockname()[1] for probe in probes]
-    for probe in probes:
-        probe.close()
-    return ports
-
-
-@pytest.fixture
-def start(tmp_path: Path, free_ports: list[int]) -> Iterator[Start]:
+def start(tmp_path: Path, free_port: int) -> Iterator[Start]:
     """`xitl sim` in real time with an agent process, under way; whatever is left of it is killed at the end."""
     started: list[subprocess.Popen[str]] = []
 
     def begin(*arguments: str, yaml: str = "extends: hitl-loopback\n") -> subprocess.Popen[str]:
         (tmp_path / "boat.yaml").write_text(yaml)
-        link = f"autopilot.link=udp://127.0.0.1:{free_ports[0]}"
+        link = f"autopilot.link=udp://127.0.0.1:{free_port}"
         nobody = "autopilot.ground_stations=[]"
         process = subprocess.Popen(
             command("sim", "--profile", "boat.yaml", "--set", link, "--set", nobody, *arguments, "--out", "run"),
@@ -71,9 +61,9 @@ def children_of(process: subprocess.Popen[str]) -> list[int]:
     return [int(child) for child in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
 
 
-def ended(process: subprocess.Popen[str], code: int, timeout_s: float = 30.0) -> str:
+def ended(process: subprocess.Popen[str], code: int) -> str:
     """What the run said on stderr: nothing, or one sentence when it failed."""
-    _, stderr = process.communicate(timeout=timeout_s)
+    _, stderr = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == code, stderr
     assert len(stderr.strip().splitlines()) == (code == 2), stderr
     return stderr
@@ -116,13 +106,11 @@ def test_a_host_that_is_killed_leaves_no_agent_behind(start: Start) -> None:
     (agent,) = children_of(process)
     process.kill()
     process.communicate()
-    until_s = time.monotonic() + 10.0
-    while Path(f"/proc/{agent}/cmdline").exists() and Path(f"/proc/{agent}/cmdline").read_bytes():  # empty: a zombie
-        assert time.monotonic() < until_s
-        time.sleep(0.05)
+    line = Path(f"/proc/{agent}/cmdline")
+    wait_until(lambda: not line.exists() or not line.read_bytes(), "the agent is there yet")  # empty: a zombie
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_an_agent_that_is_silent_for_five_seconds_is_said_and_the_run_goes_on(start: Start, tmp_path: Path) -> None:
     process = start("--duration", "7.5")
     (agent,) = children_of(process)
@@ -158,7 +146,7 @@ def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(start: 
     process.send_signal(signal.SIGSTOP)
     time.sleep(3.0)
     process.send_signal(signal.SIGCONT)
-    printed, stderr = process.communicate(timeout=30.0)
+    printed, stderr = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, stderr) == (0, "")
     assert "ended: duration reached" in printed
     assert "not a real-time run: the host stalled" in " ".join(printed.split())
@@ -180,7 +168,7 @@ def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(start: 
     assert states == [number * 20_000_000 for number in range(1, 201)]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_link_that_is_cut_for_five_seconds(start: Start, tmp_path: Path) -> None:
     """Some 1500 frames to the agent and 500 from it are lost in a row, which no sequence number can tell."""
     cut = "extends: hitl-loopback\nfaults:\n  gap: {from_s: 1.0, until_s: 6.0, link: {cut: true}}\n"
@@ -239,7 +227,7 @@ def test_a_disk_that_fills_up_ends_the_run_and_leaves_summary_and_recording(tmp_
         env=environment(),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=3 * PATIENCE_S,
         check=False,
     )
     if "mount" in result.stderr:
@@ -264,13 +252,13 @@ def test_a_disk_that_fills_up_ends_the_run_and_leaves_summary_and_recording(tmp_
 STANDBY = """\
 extends: hitl-loopback
 mission: {speed_mps: 3.0}
-autopilot: {standby: {runs: process, link: "udp://127.0.0.1:%d", takeover_s: 0.2, max_step: 0.04}}
+autopilot: {standby: {runs: process, link: "udp://127.0.0.1:0", takeover_s: 0.2, max_step: 0.04}}
 """
 
 
 @pytest.mark.realtime
-def test_the_standby_takes_over_without_a_jump(start: Start, tmp_path: Path, free_ports: list[int]) -> None:
-    process = start("--duration", "16", yaml=STANDBY % free_ports[1])
+def test_the_standby_takes_over_without_a_jump(start: Start, tmp_path: Path) -> None:
+    process = start("--duration", "16", yaml=STANDBY)
     active, _ = children_of(process)
     time.sleep(12.5)  # armed and under way
     os.kill(active, signal.SIGKILL)
@@ -299,9 +287,9 @@ def test_the_standby_takes_over_without_a_jump(start: Start, tmp_path: Path, fre
 
 
 @pytest.mark.slow
-def test_an_agent_that_was_started_anew_ends_the_run(tmp_path: Path, start: Start, free_ports: list[int]) -> None:
+def test_an_agent_that_was_started_anew_ends_the_run(tmp_path: Path, start: Start, free_port: int) -> None:
     def agent() -> subprocess.Popen[bytes]:
-        link = f"udp://127.0.0.1:{free_ports[0]}"
+        link = f"udp://127.0.0.1:{free_port}"
         process = subprocess.Popen([sys.executable, "-m", "agent", "--link", link], stdout=subprocess.PIPE)
         assert process.stdout is not None
         process.stdout.readline()

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from conftest import payloads
 
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.operator.operation import Operation
@@ -21,7 +22,6 @@ from xitl_cli.run.session import Result, run
 from xitl_cli.run.status_display import NoDisplay
 
 PROTOCOL = "foxglove.sdk.v1"
-WAIT_S = 60.0
 MESSAGE, TIME, ANSWER = 1, 2, 3
 PUBLISH, CALL = 1, 2
 
@@ -42,7 +42,7 @@ class FoxgloveClient:
         self._calls = 0
 
     def until(self, true: Any) -> None:
-        until_s = time.monotonic() + WAIT_S
+        until_s = time.monotonic() + PATIENCE_S
         while not true():
             assert time.monotonic() < until_s, "it does not come"
             try:
@@ -111,7 +111,7 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
     profile = load_profile("sitl", ["clock.duration_s=15.0", "live.foxglove=true"])
     addresses: list[str] = []
     results: list[Result] = []
-    operation = Operation(pace=1.0)
+    operation = Operation(pace=0.1)  # it has not ended before it is paused, however slow the client
 
     def sail() -> None:
         results.append(run(profile, tmp_path / "run", False, NoDisplay, operation=operation, tell=addresses.append))
@@ -119,10 +119,7 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
     sailing = threading.Thread(target=sail)
     sailing.start()
     try:
-        until_s = time.monotonic() + WAIT_S
-        while not addresses:
-            assert time.monotonic() < until_s
-            time.sleep(0.05)
+        wait_until(lambda: addresses)
         address = addresses[0].split()[1]
         with client_at(address) as idle, client_at(address) as client:
             client.until(lambda: {"/truth/state", "/scene", "/log"} <= client.channels.keys())
@@ -154,7 +151,7 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
             shown = {topic: list(client.payloads[topic]) for topic in ("/truth/state", "/log")}
             definition = client.channels["/truth/state"]["schema"]
     finally:
-        sailing.join(WAIT_S)
+        sailing.join(3 * PATIENCE_S)
     assert not sailing.is_alive()
     summary = results[0].summary
     assert summary["live"] == {"address": address, "clients": 2, "dropped": None, "actions": 10, "refused": 3}

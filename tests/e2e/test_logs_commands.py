@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from conftest import Xitl, assert_one_line_error, command, environment
 
+from tests.patience import PATIENCE_S
 from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.record.mcap_file import McapFile
 from xitl_cli.record.recorder import TopicWriter
@@ -122,7 +123,7 @@ def test_dump_ends_quietly_when_its_reader_has_enough(tmp_path: Path) -> None:
         assert os.read(process.stdout.fileno(), 100)
         process.stdout.close()
         assert process.stderr.read() == b""
-    assert process.wait(30) == 0
+    assert process.wait(PATIENCE_S) == 0
 
 
 @pytest.mark.parametrize(

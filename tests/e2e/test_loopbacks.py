@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 from conftest import command, environment, summary
 
+from tests.patience import PATIENCE_S
+
 # A network that ends at this machine: multicast goes nowhere else, and no port here is in the way.
 ALONE = 'ip link set lo up multicast on && ip route add 239.0.0.0/8 dev lo && exec "$@"'
 SHORT = ("--set", "mission.waypoints_ned_m=[[8.0, 6.0], [24.0, 18.0]]")
@@ -39,7 +41,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     while names := list(islice(names_left, AT_ONCE)):
         started = {name: start(folder, name) for name in names}
         for name, process in started.items():
-            _, errors = process.communicate(timeout=180)
+            _, errors = process.communicate(timeout=3 * PATIENCE_S)
             assert process.returncode == 0, f"{name}: {errors}"
     return {name: folder / name for name in LOOPBACKS}
 

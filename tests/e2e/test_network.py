@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from conftest import command, environment, summary
 
+from tests.patience import PATIENCE_S
+
 HOST, BOARD, PORT = "192.168.7.1", "192.168.7.2", 14660
 ELSEWHERE_HOST, ELSEWHERE_BOARD = "192.168.50.1", "192.168.50.2"
 LINK = f"udp://{BOARD}:{PORT}"
@@ -134,7 +136,7 @@ def assert_all_accounted_for(told: dict[str, object]) -> None:
 @pytest.mark.slow
 def test_a_mission_over_the_cable(cable: Cable, agent: subprocess.Popen[str], tmp_path: Path) -> None:
     host = sim(cable, tmp_path, "--set", "mission.waypoints_ned_m=[[8.0, 6.0], [24.0, 18.0]]")
-    _, errors = host.communicate(timeout=180)
+    _, errors = host.communicate(timeout=3 * PATIENCE_S)
     assert host.returncode == 0, errors
     told = summary(tmp_path / "run")
     assert told["mission"]["completed"]
@@ -142,7 +144,7 @@ def test_a_mission_over_the_cable(cable: Cable, agent: subprocess.Popen[str], tm
     assert [link["lost"] for link in told["links"]] == [0, 0]
     assert_all_accounted_for(told)
     agent.send_signal(signal.SIGTERM)
-    agent.communicate(timeout=20)
+    agent.communicate(timeout=PATIENCE_S)
     assert agent.returncode == 0
     assert list((tmp_path / "logs").glob("*.BIN"))
 
@@ -155,7 +157,7 @@ def test_a_cable_that_is_out_for_five_seconds(cable: Cable, agent: subprocess.Po
     cable.cut(True)
     time.sleep(5.0)
     cable.cut(False)
-    _, errors = host.communicate(timeout=120)
+    _, errors = host.communicate(timeout=3 * PATIENCE_S)
     assert host.returncode == 0, errors  # the duration that was asked for is over
     assert agent.poll() is None
     told = summary(tmp_path / "run")
@@ -170,7 +172,7 @@ def test_a_cable_that_is_out_for_five_seconds(cable: Cable, agent: subprocess.Po
 def test_only_the_link_reaches_the_agent(cable: Cable, agent: subprocess.Popen[str], tmp_path: Path) -> None:
     def answers(url: str) -> bool:
         asked = cable.start(cable.host, sys.executable, "-c", ASKS, url, cwd=tmp_path)
-        said, errors = asked.communicate(timeout=60)
+        said, errors = asked.communicate(timeout=PATIENCE_S)
         assert errors == ""
         return "answered" in said
 

@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -17,9 +16,9 @@ import pytest
 from conftest import command, environment
 
 from tests.free_ports import free_port
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.logs import open_log
 
-LIMIT_S = 120.0
 NODE = Path(__file__).parents[1] / "contract/rospy_node.py"
 
 pytestmark = [
@@ -50,12 +49,12 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
 
 def ask(ros: dict[str, str], *arguments: str) -> str:
     """What a tool of ROS says."""
-    found = subprocess.run(arguments, env=ros, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    found = subprocess.run(arguments, env=ros, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     return found.stdout + found.stderr
 
 
 def test_nodes_of_ros_1_count_drive_record_and_end_a_run(tmp_path: Path, ros: dict[str, str]) -> None:
-    settings = ["--set", "driver.kind=ros", "--set", "ros.pace=4", "--duration", "600"]
+    settings = ["--set", "driver.kind=ros", "--set", "ros.pace=4", "--duration", "36000"]
     with subprocess.Popen(
         command("sim", "--profile", "sitl-perception", "--ros", "ros1://", *settings, "--out", "run"),
         cwd=tmp_path,
@@ -65,30 +64,37 @@ def test_nodes_of_ros_1_count_drive_record_and_end_a_run(tmp_path: Path, ros: di
         text=True,
     ) as run:
         try:
-            until_s = time.monotonic() + LIMIT_S
-            while "/imu/data" not in ask(ros, "rostopic", "list"):
-                assert time.monotonic() < until_s
+
+            def publishes() -> bool:
                 assert run.poll() is None, run.communicate()[0]
+                return "/imu/data" in ask(ros, "rostopic", "list")
+
+            wait_until(publishes)
             bag = tmp_path / "recorded.bag"
             topics = ["/imu/data", "/odometry", "/tf_static", "/points"]
             record = ["rosbag", "record", "--duration", "8", "-O", str(bag), *topics]
             with subprocess.Popen(record, env=ros, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as recorder:
                 rate = subprocess.Popen(
-                    ["timeout", "20", "rostopic", "hz", "-w", "400", "/imu/data"],
+                    ["timeout", "120", "rostopic", "hz", "-w", "400", "/imu/data"],
                     env=ros | {"PYTHONUNBUFFERED": "1"}, stdout=subprocess.PIPE, text=True,
                 )  # fmt: skip
                 assert rate.stdout is not None
                 said = list(islice((line for line in rate.stdout if "average" in line), 3))[-1]
                 rate.terminate()
                 rate.communicate()
-                assert recorder.wait(LIMIT_S) == 0
+                assert recorder.wait(PATIENCE_S) == 0
             assert 'frame_id: "odom"' in ask(ros, "rostopic", "echo", "-n", "1", "/odometry/header")
             assert "success: True" in ask(ros, "rosservice", "call", "/mode/hold")
             node = subprocess.run(
-                ["/usr/bin/python3", str(NODE)], env=ros, capture_output=True, text=True, timeout=LIMIT_S, check=False
+                ["/usr/bin/python3", str(NODE)],
+                env=ros,
+                capture_output=True,
+                text=True,
+                timeout=PATIENCE_S,
+                check=False,
             )
             assert node.returncode == 0, node.stdout + node.stderr
-            output = run.communicate(timeout=LIMIT_S)[0]
+            output = run.communicate(timeout=PATIENCE_S)[0]
         finally:
             run.kill()
     assert run.returncode == 0, output
@@ -132,7 +138,7 @@ def test_rosbag_reads_what_is_exported(tmp_path: Path, ros: dict[str, str]) -> N
         ("logs", "export", "run/run.mcap", "--format", "rosbag1", "--out", "boat.bag"),
     ):
         done = subprocess.run(
-            command(*arguments), cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=LIMIT_S,
+            command(*arguments), cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S,
             check=False,
         )  # fmt: skip
         assert done.returncode in (0, 1), done.stderr

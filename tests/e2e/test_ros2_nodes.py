@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import PATIENCE_S, command, environment, summary
+from conftest import command, environment, summary
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from ros2 import NodeProcess, Ros2, ros2
 from rosbags.highlevel import AnyReader
 
+from tests.patience import PATIENCE_S
 from xitl_cli.profile import load_profile
 from xitl_cli.ros.outputs import OUTPUTS
 
@@ -46,7 +47,7 @@ def sim(folder: Path, ros: Ros2, *arguments: str, sourced: bool = False) -> subp
         env=environment() | variables,
         capture_output=True,
         text=True,
-        timeout=PATIENCE_S,
+        timeout=3 * PATIENCE_S,
         check=False,
     )
 

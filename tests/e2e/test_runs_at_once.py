@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from conftest import command, environment, summary
 
+from tests.patience import PATIENCE_S
+
 TOGETHER = {
     "two of one": ("hitl-loopback", "hitl-loopback"),
     "three": ("hitl-loopback", "hitl-serial-loopback", "hitl-canfd-loopback"),
@@ -30,7 +32,7 @@ def test_runs_that_start_at_once(tmp_path: Path, profiles: tuple[str, ...]) -> N
     ]
     served = set()
     for number, process in enumerate(started):
-        out, errors = process.communicate(timeout=60)
+        out, errors = process.communicate(timeout=PATIENCE_S)
         assert errors == "", errors
         told = summary(tmp_path / str(number))
         assert (told["ended"], told["error"]) == ("duration reached", None)

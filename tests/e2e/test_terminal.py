@@ -11,7 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from conftest import PATIENCE_S, command, environment, summary
+from conftest import command, environment, summary
+
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 

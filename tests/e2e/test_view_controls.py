@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,13 @@ from typing import Any
 import pytest
 from conftest import payloads
 
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.profile import load_profile
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.operator.replay import read_events
 from xitl_cli.run.session import Result, run
 from xitl_cli.run.status_display import NoDisplay
 
-WAIT_S = 120.0
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 LAUNCHES = "launches debris"
 
@@ -32,17 +31,10 @@ def page_at(url: str) -> Iterator[Any]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(SOFTWARE))
         page = browser.new_page(viewport={"width": 900, "height": 600})
-        page.set_default_timeout(WAIT_S * 1000)
+        page.set_default_timeout(PATIENCE_S * 1000)
         page.goto(url)
         yield page
         browser.close()
-
-
-def until(true: Callable[[], object]) -> None:
-    until_s = time.monotonic() + WAIT_S
-    while not true():
-        assert time.monotonic() < until_s, "it does not come"
-        time.sleep(0.1)
 
 
 def time_shown_s(page: Any) -> tuple[float, bool]:
@@ -61,23 +53,23 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
     results: list[Result] = []
 
     def sail() -> None:
-        operation = Operation(pace=0.5)  # there is somebody before it is over, however slow the browser
+        operation = Operation(pace=0.25)  # there is somebody before it is over, however slow the browser
         results.append(run(profile, tmp_path / "run", False, NoDisplay, operation=operation, tell=told.append))
 
     sailing = threading.Thread(target=sail)
     sailing.start()
     try:
-        until(lambda: any(text.startswith("view: ") for text in told))
+        wait_until(lambda: any(text.startswith("view: ") for text in told))
         with page_at(told[-1].removeprefix("view: ")) as page:
 
             def click(name: str) -> None:
                 page.get_by_role("button", name=name, exact=True).click()
 
             click("Pause")
-            until(lambda: time_shown_s(page)[1])
+            wait_until(lambda: time_shown_s(page)[1])
             stood_s, _ = time_shown_s(page)
             click("Step 0.1 s")
-            until(lambda: time_shown_s(page)[0] >= round(stood_s + 0.1, 1))
+            wait_until(lambda: time_shown_s(page)[0] >= round(stood_s + 0.1, 1))
             assert time_shown_s(page) == (pytest.approx(stood_s + 0.1, abs=0.051), True)
 
             page.get_by_text("Debris and orders", exact=True).click()
@@ -85,7 +77,7 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
             page.get_by_role("option", name=LAUNCHES).click()
             click("Arm")
             click("Resume")
-            until(lambda: not time_shown_s(page)[1])
+            wait_until(lambda: not time_shown_s(page)[1])
             refused = page.get_by_text("that is not on the water")
 
             def click_on_the_sky() -> bool:
@@ -94,18 +86,18 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
                 page.wait_for_timeout(500)
                 return bool(refused.is_visible())
 
-            until(click_on_the_sky)
+            wait_until(click_on_the_sky)
             page.mouse.click(345, 190)  # beside what is told at the left, and ahead of the vessel
             page.get_by_text("trunk 0 of 4.0 m in the water").first.wait_for()
             before = page.screenshot()
             shown_s, _ = time_shown_s(page)
-            until(lambda: time_shown_s(page)[0] > shown_s + 1.0)
+            wait_until(lambda: time_shown_s(page)[0] > shown_s + 1.0)
             assert page.screenshot() != before
             page.get_by_label("Pace").click()
             page.get_by_role("option", name="as fast as it can").click()
-            until(lambda: not sailing.is_alive())
+            wait_until(lambda: not sailing.is_alive())
     finally:
-        sailing.join(WAIT_S)
+        sailing.join(3 * PATIENCE_S)
     result = results[0]
     summary = result.summary
     actions = summary["operator"]["actions"]

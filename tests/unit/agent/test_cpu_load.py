@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from agent.faults import CpuLoad
+from tests.patience import wait_until
 
 
 def is_alive(pid: int) -> bool:
@@ -27,11 +27,7 @@ def cpu_s(pid: int) -> float:
 
 
 def gone(pids: list[int]) -> bool:
-    for _ in range(500):
-        if not any(map(is_alive, pids)):
-            return True
-        time.sleep(0.01)
-    return False
+    return wait_until(lambda: not any(map(is_alive, pids)))
 
 
 def test_it_starts_one_process_a_processor_and_leaves_none() -> None:
@@ -52,11 +48,7 @@ def test_it_takes_time() -> None:
     try:
         load.set(0.5)
         pids = load.processes
-        for _ in range(300):
-            time.sleep(0.05)
-            if all(cpu_s(pid) > 0.3 for pid in pids):
-                break
-        assert all(cpu_s(pid) > 0.3 for pid in pids)
+        wait_until(lambda: all(cpu_s(pid) > 0.3 for pid in pids))
     finally:
         load.close()
 

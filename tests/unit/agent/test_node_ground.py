@@ -25,9 +25,9 @@ from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from agent.wire.transport import open_transport
+from tests.patience import PATIENCE_S
 
 TICK_US = 20_000
-PATIENCE_S = 60.0  # for what is sure to come
 
 
 class Bench:

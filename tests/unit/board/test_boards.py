@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.free_ports import free_port
 from xitl_cli.board import autopilot, emulator, image, life, packages, recipe, tools
 from xitl_cli.board.places import EmulatedBoard, board_folder, board_names, find_board, the_board, write_record
 from xitl_cli.errors import UserError
@@ -22,20 +23,6 @@ def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
     folder = tmp_path_factory.mktemp("cache")
     monkeypatch.setenv("XITL_CACHE", str(folder))
     return folder
-
-
-def free_ports() -> int:
-    """The first of ten that are free now."""
-    for port in range(23000, 30000, 10):
-        try:
-            for one in range(port, port + 10):
-                for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
-                    with socket.socket(socket.AF_INET, kind) as probe:
-                        probe.bind(("127.0.0.1", one))
-        except OSError:
-            continue
-        return port
-    raise AssertionError("no ten free ports")
 
 
 @pytest.fixture
@@ -139,7 +126,7 @@ def bootable(board: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> EmulatedB
     folder.mkdir(parents=True)
     facts = {"suite": "bookworm", "version": recipe.recipe_version(), "kernel_release": "6.1", "packages": 3}
     (folder / "image.json").write_text(json.dumps(facts))
-    moved = replace(board, port=free_ports())
+    moved = replace(board, port=free_port(10))
     write_record(moved)
     return moved
 

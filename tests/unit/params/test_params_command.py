@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ from vehicle_double import Px4Vehicle, VehicleDouble, over_tcp, over_udp
 from agent.fcu.parameters import TABLE
 from agent.mavlink import parameters as protocol
 from agent.mavlink.parameters import as_float32
+from tests.free_ports import free_port
 from xitl_cli.params import vehicle as live
 from xitl_cli.params.values import ParameterDifference, ParameterSet, differences, format_value, parm_text
 
@@ -143,10 +143,7 @@ def test_all_parameters_come_over_tcp_whatever_gets_lost(params: Params, lose: i
 
 
 def test_over_udp_the_vehicle_is_waited_for_as_a_ground_station_does(params: Params) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    with over_udp(VehicleDouble(ROVER), port) as url:
+    with over_udp(VehicleDouble(ROVER), free_port()) as url:
         told = params("show", url, "--filter", "wp_speed", "--json").told["parameters"]
     assert [(row["name"], row["value"]) for row in told] == [("WP_SPEED", 2.0)]
 

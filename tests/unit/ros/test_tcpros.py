@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 from tests.doubles.ros_master import FakeMaster
+from tests.free_ports import free_port
+from tests.patience import PATIENCE_S
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.definitions import deserialize, ros1_definition, ros2_types, serialize
 from xitl_cli.ros.middleware import LATCHED, RELIABLE, QosProfile
@@ -23,7 +25,6 @@ from xitl_cli.ros.tcpros import subscribing as subscribing_module
 from xitl_cli.ros.tcpros.wire import TcprosError, block, encode_header, parse_header, receive_block, receive_header
 from xitl_cli.ros.tcpros_middleware import TcprosMiddleware
 
-LIMIT_S = 30.0
 STRING = "std_msgs/msg/String"
 SET_BOOL = "std_srvs/srv/SetBool"
 FLOAT = "std_msgs/msg/Float64"
@@ -35,7 +36,7 @@ def cdr(type_name: str, **fields: Any) -> bytes:
 
 def wait(condition: Callable[[], object], *nodes: TcprosMiddleware) -> None:
     """Until the condition holds, with the nodes spinning."""
-    end_s = time.monotonic() + LIMIT_S
+    end_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end_s
         for node in nodes:
@@ -74,7 +75,7 @@ def connect(node: TcprosMiddleware, topic: str, **fields: str) -> socket.socket:
     """A subscriber by hand."""
     place = node.place_of(topic)
     assert place is not None
-    connection = socket.create_connection(place, LIMIT_S)
+    connection = socket.create_connection(place, PATIENCE_S)
     connection.sendall(encode_header({"callerid": "/by_hand", "topic": topic, **fields}))
     return connection
 
@@ -166,7 +167,7 @@ def test_a_service_answers(nodes: Callable[[str], TcprosMiddleware]) -> None:
     replies: list[bytes] = []
 
     def ask() -> None:
-        with socket.create_connection(place, LIMIT_S) as connection:
+        with socket.create_connection(place, PATIENCE_S) as connection:
             connection.sendall(encode_header({"callerid": "/c", "service": "/arm", "md5sum": "*", "persistent": "1"}))
             assert receive_header(connection)["type"] == "std_srvs/SetBool"
             for request in (b"\x01", b"\x00", b""):  # the last is too short
@@ -223,7 +224,7 @@ def test_another_type_is_refused_with_a_reason(
 )
 def test_a_hostile_peer_is_refused_and_counted(nodes: Callable[[str], TcprosMiddleware], sent: bytes) -> None:
     node = nodes("xitl")
-    with socket.create_connection(("127.0.0.1", node._port), LIMIT_S) as peer:
+    with socket.create_connection(("127.0.0.1", node._port), PATIENCE_S) as peer:
         peer.sendall(sent)
         with suppress(OSError):  # it may have hung up already
             peer.shutdown(socket.SHUT_WR)
@@ -293,8 +294,7 @@ def test_of_a_flood_the_latest_are_handled(nodes: Callable[[str], TcprosMiddlewa
 
 
 def test_a_master_that_is_away_is_said_once_and_found_when_it_comes_and_again() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
+    port = free_port()
     node = TcprosMiddleware(RosSpec(master=f"ros1://127.0.0.1:{port}"))
     node.advertise("/thrust", FLOAT, RELIABLE)
     told: list[str] = []

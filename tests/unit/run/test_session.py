@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 from pathlib import Path
 
 import pytest
@@ -61,7 +60,7 @@ def test_ctrl_c_is_heeded_while_an_autopilot_started_elsewhere_is_waited_for(
 ) -> None:
     monkeypatch.setattr(session.Interruption, "__call__", lambda self: True)
     urls = [f"autopilot.bridge.mavlink=tcp://127.0.0.1:{free_port()}"]
-    urls += [f"autopilot.bridge.world=udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"]
+    urls += [f"autopilot.bridge.world=udp://127.0.0.1:{free_port()}"]
     profile = load_profile("sitl-ardupilot", ["autopilot.firmware=external", *urls])
     result = session.run(profile, tmp_path / "run", False, NoDisplay)
     assert result.exit_code == session.INTERRUPTED

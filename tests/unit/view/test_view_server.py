@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.patience import PATIENCE_S
 from xitl_cli.errors import UserError
 from xitl_cli.view import server as view_server
 from xitl_cli.view.server import ViewAddress, is_loopback, listen, make_server
@@ -38,7 +39,7 @@ def own() -> Iterator[ViewAddress]:
 
 
 def get(address: ViewAddress, path: str, **headers: str) -> tuple[int, str]:
-    client = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)
+    client = http.client.HTTPConnection("127.0.0.1", address.port, timeout=PATIENCE_S)
     client.request("GET", path, headers=headers)
     answer = client.getresponse()
     body = answer.read()
@@ -50,7 +51,7 @@ def get(address: ViewAddress, path: str, **headers: str) -> tuple[int, str]:
 
 def join(address: ViewAddress, path: str, origin: str | None = None) -> None:
     with connect(f"ws://127.0.0.1:{address.port}{path}", subprotocols=[SUBPROTOCOL], origin=origin, proxy=None) as one:
-        assert one.recv(timeout=10)
+        assert one.recv(timeout=PATIENCE_S)
 
 
 def test_without_the_token_nothing_is_served(guarded: ViewAddress) -> None:

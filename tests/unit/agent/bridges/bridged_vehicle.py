@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from typing import Any
 
 from agent.wire import dialect as mav
@@ -47,12 +45,3 @@ class VehicleDouble:
 
     def close(self) -> None:
         self.transport.close()
-
-
-def until(done: Callable[[], Any], seconds: float = 3.0) -> Any:
-    """What `done` returns once that is something."""
-    until_s = time.monotonic() + seconds
-    while not (found := done()):
-        assert time.monotonic() < until_s
-        time.sleep(0.002)
-    return found

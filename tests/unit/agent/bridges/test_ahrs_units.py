@@ -6,7 +6,7 @@ import math
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from time import monotonic, sleep
+from time import monotonic
 
 import pytest
 
@@ -18,6 +18,7 @@ from agent.bridges.vectornav import VectorNav, sentence
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.transport import BadUrlError, SenderStatus, Transport, open_transport
+from tests.patience import wait_until
 
 
 class Slow(Transport):
@@ -136,13 +137,6 @@ def test_no_bundle_is_longer_than_a_datagram() -> None:
     assert [len(sent) for sent in transport.sent] == [1400, 600]
 
 
-def eventually(condition: Callable[[], bool]) -> None:
-    until_s = monotonic() + 5.0
-    while not condition():
-        assert monotonic() < until_s, "gave up after 5 s"
-        sleep(0.001)
-
-
 @pytest.fixture
 def opened() -> Iterator[ExitStack]:
     with ExitStack() as stack:
@@ -167,10 +161,10 @@ def test_both_ways_of_calling(scheme: str, calls: bool, opened: ExitStack) -> No
             got.extend(line.receive())
             return bool(got)
 
-        eventually(arrived)
+        wait_until(arrived)
         line.accept_sender(0)
         assert got[0].startswith(b"$hello")
-    eventually(lambda: line.receive() is not None and line.connected and (calls or bool(line.descriptors())))
+    wait_until(lambda: line.receive() is not None and line.connected and (calls or bool(line.descriptors())))
     received: list[bytes] = []
 
     def answered() -> bool:
@@ -179,7 +173,7 @@ def test_both_ways_of_calling(scheme: str, calls: bool, opened: ExitStack) -> No
         received.extend(other.receive(0.01))
         return bool(received)
 
-    eventually(answered)
+    wait_until(answered)
     assert received[0].startswith(b"frame")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import pytest
-from bridged_vehicle import ARMED, VehicleDouble, until
+from bridged_vehicle import ARMED, VehicleDouble
 
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.role import BridgeRole, MotorOutputs
@@ -16,6 +16,7 @@ from agent.timing.clock import Clock
 from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
+from tests.patience import wait_until
 
 LOCKSTEP, REALTIME = mav.XITL_CLOCK_MODE_LOCKSTEP, mav.XITL_CLOCK_MODE_REALTIME
 START, STOP = mav.XITL_RUN_COMMAND_START, mav.XITL_RUN_COMMAND_STOP
@@ -93,7 +94,7 @@ class Bench:
         before = self.double.link.counters.bytes_out
         self.double.say(*messages)
         self._told += self.double.link.counters.bytes_out - before
-        until(self._arrived)
+        wait_until(self._arrived)
 
     def _arrived(self) -> bool:
         self.vehicle._arrived += self.vehicle._link.receive()
@@ -156,7 +157,7 @@ def test_sensors_go_to_all_ways_and_orders_to_the_autopilot(make: Callable[..., 
         mav.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0),
     )
     assert one.taken == two.taken == ["XITL_IMU", "XITL_TRUTH", "DISTANCE_SENSOR", "COMMAND_LONG"]
-    until(lambda: bench.double.hear() and len(bench.double.heard) >= 3)
+    wait_until(lambda: bench.double.hear() and len(bench.double.heard) >= 3)
     heard = [(message.get_type(), message.get_srcComponent()) for message in bench.double.heard]
     own_heartbeat = ("HEARTBEAT", 190)
     assert heard == [own_heartbeat, ("DISTANCE_SENSOR", 190), ("COMMAND_LONG", 190)]
@@ -214,7 +215,7 @@ def test_real_time_outputs_are_sent_as_they_come_and_silence_stays_silence(make:
     assert list(first.command[:2]) == [1.0, -1.0]
     assert all(not of(bench.send(), "XITL_ACTUATORS") for _ in range(20))
     bench.tell(servo(1900, 0, 1100))
-    (second,) = until(lambda: of(bench.send(), "XITL_ACTUATORS"))
+    (second,) = wait_until(lambda: of(bench.send(), "XITL_ACTUATORS"))
     assert second.tick == first.tick + 1
     assert bench.role.traffic.efforts == 2
 
@@ -246,7 +247,7 @@ def test_the_end_is_neutral_disarmed_and_counted(make: Callable[..., Bench]) -> 
     status = of(came, "XITL_BRIDGE_STATUS")[-1]
     assert (status.imu_out, status.restarts, status.outputs_in, status.mavlink_in) == (7, 2, 1, 1)
     assert status.connected == 3
-    until(lambda: bench.double.hear() and of(bench.double.heard, "COMMAND_LONG"))
+    wait_until(lambda: bench.double.hear() and of(bench.double.heard, "COMMAND_LONG"))
     order = of(bench.double.heard, "COMMAND_LONG")[-1]
     assert (order.command, order.param1) == (mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 
@@ -259,7 +260,7 @@ def test_orders_to_an_autopilot_that_has_left_are_counted(make: Callable[..., Be
     bench.tell(beat())
     bench.send()
     bench.double.close()
-    until(lambda: bench.vehicle.receive(0) or not bench.vehicle.line_is_up)
+    wait_until(lambda: bench.vehicle.receive(0) or not bench.vehicle.line_is_up)
     bench.send(mav.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
     assert of(bench.stop(), "XITL_BRIDGE_STATUS")[-1].unsent == 3 + 1
 
@@ -295,7 +296,7 @@ def test_the_world_waits_for_the_connection_and_then_goes_on_without(
     bench.start(LOCKSTEP)
     assert of(bench.exchange(), "XITL_ACTUATORS")
     bench.double.close()
-    until(lambda: bench.vehicle.receive(0) or not bench.vehicle.line_is_up)
+    wait_until(lambda: bench.vehicle.receive(0) or not bench.vehicle.line_is_up)
     came = bench.exchange()
     assert of(came, "XITL_ACTUATORS") == []
     for _ in range(20):
@@ -312,7 +313,7 @@ def test_an_autopilot_that_rests_and_puts_out_nothing_is_not_silent(make: Callab
     assert of(bench.send(), "XITL_ACTUATORS") == []  # it has not been heard
     bench.tell(beat())
     told = of(bench.send(), "XITL_ACTUATORS")
-    until(lambda: told.extend(of(bench.send(), "XITL_ACTUATORS")) or len(told) >= 2)
+    wait_until(lambda: told.extend(of(bench.send(), "XITL_ACTUATORS")) or len(told) >= 2)
     assert {message.flags for message in told} == {0}
     assert {tuple(message.command[:2]) for message in told} == {(0.0, 0.0)}
     bench.tell(beat(ARMED))

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from bridged_vehicle import ARMED, BOAT, PLANE, VehicleDouble, until
+from bridged_vehicle import ARMED, BOAT, PLANE, VehicleDouble
 
 from agent.bridges.vehicle_link import VehicleLink
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Packer
 from agent.wire.transport import TransportError
+from tests.patience import wait_until
 
 S = 1_000_000_000
 
@@ -43,7 +44,7 @@ class Bench:
             new.extend(self.link.receive(now_ns))
             return len(self.tapped) - before >= count
 
-        until(come)
+        wait_until(come)
         self.passed += new
         return new
 
@@ -90,7 +91,7 @@ def test_one_of_another_number_is_heard_and_told_of_once(
         assert bench.link.heard == (second >= beats - 1 if fleet and vessel == 3 else second > 0)
         double.beat()
         arrived = bench.link.counters.received
-        until(lambda: bench.link.receive(second * S) or bench.link.counters.received > arrived)  # noqa: B023
+        wait_until(lambda: bench.link.receive(second * S) or bench.link.counters.received > arrived)  # noqa: B023
     bench.link.close()
     assert (bench.link.heard, bench.link.system_id) == (True, 7)
     assert [severity for severity, _ in bench.said] == [4] * said
@@ -119,7 +120,7 @@ def test_its_own_autopilot_that_comes_late_is_taken_for_another(double: VehicleD
     other = Packer(8, 3)
     for second in (0, 1, 2, 3):
         double.transport.send(other.pack(beat))
-        until(lambda: bench.link.counters.received > second or bench.link.receive(second * S))  # noqa: B023
+        wait_until(lambda: bench.link.counters.received > second or bench.link.receive(second * S))  # noqa: B023
     assert bench.link.system_id == 8
     double.beat()
     bench.serve(4 * S)
@@ -149,7 +150,7 @@ def test_others_on_the_same_line_are_not_heard(double: VehicleDouble, bench: Ben
 def test_a_heartbeat_once_a_second(double: VehicleDouble, bench: Bench) -> None:
     for now_ns in range(0, 3 * S, S // 10):
         bench.link.update(now_ns)
-    beats = until(lambda: double.hear() and double.heard)
+    beats = wait_until(lambda: double.hear() and double.heard)
     assert [beat.type for beat in beats] == [mav.MAV_TYPE_GCS] * 3
 
 
@@ -209,7 +210,7 @@ def test_nothing_ever_comes(double: VehicleDouble, bench: Bench) -> None:
 
 def test_what_comes_is_no_mavlink(double: VehicleDouble, bench: Bench) -> None:
     double.transport.send(b"\n\nInit ArduRover\n" * 3)
-    until(lambda: bench.link.receive(0) or bench.link.counters.bytes_in)
+    wait_until(lambda: bench.link.receive(0) or bench.link.counters.bytes_in)
     bench.link.update(6 * S)
     assert "no MAVLink 2; set SERIALn_PROTOCOL 2 there" in bench.said[0][1]
     assert bench.link.counters.dropped_noise == 1

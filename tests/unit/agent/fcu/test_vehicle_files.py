@@ -20,6 +20,7 @@ from agent.mavlink.ftp import FtpClient, FtpPacket, FtpRefusedError, checksum, r
 from agent.timing.tasks import TaskStats
 from agent.wire import dialect as mav
 from agent.wire.codec import Packer, decode
+from tests.patience import PATIENCE_S
 from xitl_cli.logs.model.system_files import parse_tasks
 
 LOG = random.Random(5).randbytes(3 * WINDOW_BYTES + 77)
@@ -38,7 +39,7 @@ def sent(message: Any) -> Any:
 
 def carried_out(channel: MavlinkChannel, steps: Any) -> Any:
     operation, now_ns = FtpClient((1, 1)).start(steps), 0
-    until_s = time.monotonic() + 10.0
+    until_s = time.monotonic() + PATIENCE_S
     while not operation.done:
         assert time.monotonic() < until_s
         now_ns += 1_000_000
@@ -108,7 +109,7 @@ def test_a_log_comes_by_the_log_messages_too(tmp_path: Path) -> None:
     channel = station(StoredLogs(tmp_path))
     channel.handle(sent(mav.MAVLink_log_request_data_message(1, 1, 1, 0, 0xFFFFFFFF)), 0)
     pieces: list[Any] = []
-    until_s = time.monotonic() + 5.0
+    until_s = time.monotonic() + PATIENCE_S
     while not pieces or pieces[-1].count == 90:
         assert time.monotonic() < until_s
         pieces += [m for m in channel.poll(0) if m.get_type() == "LOG_DATA"]

@@ -22,6 +22,7 @@ from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from agent.wire.transport import AddressInUseError, BadUrlError, Transport, open_transport
+from tests.patience import PATIENCE_S
 
 TICK = 20_000_000
 KEY = bytes(range(32))
@@ -236,7 +237,7 @@ def test_many_share_what_one_cycle_can_bear(world: World) -> None:
 def test_a_datagram_that_no_station_sends_is_dropped_unread_and_counted() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
-        sock.settimeout(5.0)
+        sock.settimeout(PATIENCE_S)
         made = World(f"udp://127.0.0.1:{sock.getsockname()[1]}")
         made.run()
         _, peer = sock.recvfrom(2000)
@@ -293,7 +294,7 @@ def test_an_unsigned_station_is_said_once_and_not_served() -> None:
 def test_udp_is_sent_to_and_nobody_there_is_no_matter() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
-        sock.settimeout(5.0)
+        sock.settimeout(PATIENCE_S)
         url = f"udp://127.0.0.1:{sock.getsockname()[1]}"
         made = World(url)
         made.run()
@@ -302,7 +303,7 @@ def test_udp_is_sent_to_and_nobody_there_is_no_matter() -> None:
         other = Link(open_transport("udp://127.0.0.1:0", listen=True), 255, 190)
         sock.sendto(other._packer.pack(mav.MAVLink_param_request_read_message(1, 1, b"WP_SPEED", -1)), peer)
         other.transport.close()
-        until_s = time.monotonic() + 5.0
+        until_s = time.monotonic() + PATIENCE_S
         while b"WP_SPEED" not in data and time.monotonic() < until_s:
             made.run()
             data = sock.recvfrom(2000)[0]

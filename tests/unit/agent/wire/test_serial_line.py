@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from time import monotonic, sleep
 
 import pytest
 
 from agent.wire.transport import open_transport
+from tests.patience import wait_until
 
 pytest.importorskip("serial")
 
@@ -25,9 +25,7 @@ def test_half_a_chunk_is_not_the_first_thing_a_line_that_is_back_carries(tmp_pat
         name.unlink()
         far, near = os.openpty()
         name.symlink_to(os.ttyname(near))
-        until_s = monotonic() + 5.0
-        while not transport.send(b"first\n") and monotonic() < until_s:
-            sleep(0.02)
+        wait_until(lambda: transport.send(b"first\n"))
         assert os.read(far, 4096).replace(b"\r\n", b"\n") == b"first\n"
     os.close(near)
     os.close(far)

@@ -24,12 +24,12 @@ from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.socket_pair import socket_pair
 from agent.wire.transport import Transport
+from tests.patience import PATIENCE_S
 from xitl_cli.errors import UserError
 from xitl_cli.run.links import agent_worker
 from xitl_cli.run.links.agent_workers import AgentWorkers, WorkerAgent
 from xitl_cli.run.links.peer import AgentOptions, InProcessAgent, Peer, own_options
 
-PATIENCE_S = 60.0
 TICKS = 100
 START = dialect.MAVLink_xitl_run_message(
     0, b"test", dialect.XITL_RUN_COMMAND_START, dialect.XITL_CLOCK_MODE_LOCKSTEP, 1

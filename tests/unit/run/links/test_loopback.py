@@ -9,16 +9,15 @@ import pytest
 
 from agent.wire.can_transfer import NORMAL, URGENT, CanFrame, CanLine, Segmenter
 from agent.wire.transport import Transport, open_transport
+from tests.patience import PATIENCE_S
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback, open_loopback
-
-WAIT_S = 5.0
 
 
 def arrivals(transport: Transport, size: int) -> list[tuple[float, int]]:
     """When how many bytes had arrived."""
     found, total = [], 0
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while total < size and time.monotonic() < until_s:
         total += sum(len(chunk) for chunk in transport.receive(0.01))
         found.append((time.monotonic(), total))
@@ -53,7 +52,7 @@ class Adapters:
 
     def read(self, end: int, lines: int) -> list[bytes]:
         data = b""
-        until_s = time.monotonic() + WAIT_S
+        until_s = time.monotonic() + PATIENCE_S
         while data.count(b"\r") < lines and time.monotonic() < until_s:
             try:
                 data += os.read(self.ends[end], 4096)
@@ -71,9 +70,9 @@ def test_the_bus_gives_way_to_the_lower_identifier_and_keeps_each_nodes_order() 
     adapters = Adapters(CanLine(50_000))  # 3.2 ms a frame: both ends have written before the first is through
     rest = [as_line(frame) for frame in Segmenter(1, 2, False).cut(bytes(range(100)), NORMAL)]
     urgent = [as_line(frame) for frame in Segmenter(2, 1, False).cut(bytes(range(40)), URGENT)]
+    before_s = time.monotonic()
     os.write(adapters.ends[0], b"C\rS8\rO\r" + b"".join(rest))
     os.write(adapters.ends[1], b"".join(urgent))
-    before_s = time.monotonic()
     assert adapters.read(0, len(urgent)) == urgent
     urgent_s = time.monotonic() - before_s
     assert adapters.read(1, len(rest)) == rest

@@ -16,10 +16,10 @@ from agent.wire.framing import Framer, as_received
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from agent.wire.transport import Transport, open_transport
+from tests.patience import PATIENCE_S
 from xitl_cli.run.links import router as routing
 from xitl_cli.run.links.router import Router
 
-WAIT_S = 10.0
 GCS = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
 BOAT = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_SURFACE_BOAT, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4, 3)
 
@@ -54,7 +54,7 @@ class Water:
         return link
 
     def until(self, done: Callable[[], object]) -> None:
-        until_s = time.monotonic() + WAIT_S
+        until_s = time.monotonic() + PATIENCE_S
         while not done() and time.monotonic() < until_s:
             self.router.poll(0.01)
         assert done()
@@ -62,7 +62,7 @@ class Water:
     def heard(self, link: Link, kind: str, count: int = 1) -> list[Any]:
         """So many of a kind, waited for, and those beyond that are close behind."""
         found: list[Any] = []
-        until_s = time.monotonic() + WAIT_S
+        until_s = time.monotonic() + PATIENCE_S
         rounds = 0
         while rounds < 3 and time.monotonic() < until_s:
             rounds += len(found) >= count
@@ -145,7 +145,7 @@ def test_a_station_that_reads_nothing_loses_frames_and_holds_nobody_up(water: Wa
     slow.sendall(Packer(251, 190).pack(GCS))
     water.until(lambda: water.router.counts.stations == 2)
     got = 0
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while not water.router.counts.dropped and time.monotonic() < until_s:
         one.send(*[text(b"%040d" % number) for number in range(20)])
         water.router.poll(0.0)
