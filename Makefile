@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # Many tests wait for processes that they started.
 WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 
-.PHONY: run package test checks test-fast test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
+.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -33,15 +33,21 @@ run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts
 package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
 	$(BIN)/xitl agent package
 
-test: $(VENV)/.dev  ## all tests; those that keep real time one at a time
-	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
-	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
-	$(BIN)/python -m pytest -m realtime
-
-checks: lint types check-dialect docs wheel  ## everything else that has to pass
+test:  ## all tests, one stage after the other
+	$(MAKE) test-fast
+	$(MAKE) test-slow
+	$(MAKE) test-realtime
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
 	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
+
+test-slow: $(VENV)/.dev  ## those that take seconds, beside each other
+	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
+
+test-realtime: $(VENV)/.dev  ## those that keep real time, one at a time
+	$(BIN)/python -m pytest -m realtime
+
+checks: lint types check-dialect docs wheel  ## everything else that has to pass
 
 $(AGENT_VENV)/.made: Makefile
 	$(AGENT_PYTHON) -m venv $(AGENT_VENV)
