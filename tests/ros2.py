@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import subprocess
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -133,6 +136,15 @@ def ros2(distribution: str) -> Ros2:
     return Ros2(distribution, folder, own_domain())
 
 
+@cache
 def own_domain() -> int:
-    """Of this process of the tests alone: nodes of others would answer too."""
-    return 1 + os.getpid() % HIGHEST_DOMAIN
+    """Of this process of the tests alone, as long as it lives: nodes of others would answer too."""
+    for domain in range(1, HIGHEST_DOMAIN + 1):
+        lock = os.open(Path(tempfile.gettempdir()) / f"xitl-test-domain-{domain}", os.O_RDWR | os.O_CREAT)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+        else:
+            return domain
+    raise AssertionError(f"all {HIGHEST_DOMAIN} domains are in use by other tests")

@@ -106,23 +106,23 @@ import sys
 from pymavlink import mavutil, mavwp
 link = mavutil.mavlink_connection(sys.argv[1], source_system=253)
 link.mav.heartbeat_send(6, 8, 0, 0, 0)
-heard = link.wait_heartbeat(timeout=10)
+heard = link.wait_heartbeat(timeout=120)
 link.target_system = link.target_component = 1
 plan = mavwp.MAVWPLoader(1, 1)
 plan.load(sys.argv[2])
 link.waypoint_count_send(plan.count())
 asked = []
 for _ in range(plan.count()):
-    request = link.recv_match(type=["MISSION_REQUEST", "MISSION_REQUEST_INT"], blocking=True, timeout=10)
+    request = link.recv_match(type=["MISSION_REQUEST", "MISSION_REQUEST_INT"], blocking=True, timeout=120)
     asked.append(request.get_type())
     link.mav.send(plan.wp(request.seq))
-taken = link.recv_match(type="MISSION_ACK", blocking=True, timeout=10)
+taken = link.recv_match(type="MISSION_ACK", blocking=True, timeout=120)
 link.waypoint_request_list_send()
-count = link.recv_match(type="MISSION_COUNT", blocking=True, timeout=10).count
+count = link.recv_match(type="MISSION_COUNT", blocking=True, timeout=120).count
 link.waypoint_request_send(2)
-item = link.recv_match(type="MISSION_ITEM", blocking=True, timeout=10)
+item = link.recv_match(type="MISSION_ITEM", blocking=True, timeout=120)
 link.mav.param_set_send(1, 1, b"FS_ACTION", 2.5, 9)
-value = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=10)
+value = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=120)
 print(mavutil.mavlink.WIRE_PROTOCOL_VERSION, *sorted({m.get_msgbuf()[0] for m in (heard, taken, item, value)}))
 print(*asked, taken.type, count, item.command, round(item.x, 3), value.param_value, value.param_type)
 """
@@ -141,7 +141,9 @@ def test_a_client_of_mavlink_1_is_served_in_it(idle: Boat, tmp_path: Path) -> No
     environment = {name: value for name, value in os.environ.items() if name != "MAVLINK20"}
     environment["PYTHONWARNINGS"] = "ignore"
     command = [sys.executable, "-c", MAVLINK_1, idle.tcp, str(plan)]
-    found = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment, check=False)
+    found = subprocess.run(
+        command, capture_output=True, text=True, timeout=3 * PATIENCE_S, env=environment, check=False
+    )
     assert found.returncode == 0, found.stderr
     versions, rest = found.stdout.splitlines()
     assert versions == "1.0 254"

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from conftest import environment
+from ros2 import own_domain
 
 from tests.documentation import (
     CODE,
@@ -58,6 +59,7 @@ class Reader:
             "PATH": path,
             "PYTHONPATH": str(ROOT),
             "XITL_CACHE": str(directory / "cache"),
+            "ROS_DOMAIN_ID": str(own_domain()),
         }
 
     def write(self, block: Block) -> None:

@@ -21,6 +21,7 @@ from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from agent.wire.signing import Signing, read_key
 from agent.wire.transport import open_transport
+from tests.patience import PATIENCE_S
 
 START, STOP, HELLO = mav.XITL_RUN_COMMAND_START, mav.XITL_RUN_COMMAND_STOP, mav.XITL_RUN_COMMAND_HELLO
 
@@ -190,7 +191,7 @@ def test_the_first_line_says_where_it_waits_and_a_host_can_call() -> None:
                     break
         assert heard[0].nodes == "HS,HC,HA"
         process.send_signal(signal.SIGTERM)
-        _, error = process.communicate(timeout=60.0)
+        _, error = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, error) == (0, "")
 
 
@@ -204,7 +205,7 @@ def test_a_refusal_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     (tmp_path / "agent.ini").write_text("[agent]\nlinc = udp://127.0.0.1:0\n")
     for words in (["--config", str(tmp_path / "agent.ini")], ["--realtime", "0"], ["--link", "bus://x"]):
         with started(*words) as process:
-            _, error = process.communicate(timeout=60.0)
+            _, error = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 2
         assert error.startswith("error: ")
         assert error.count("\n") == 1

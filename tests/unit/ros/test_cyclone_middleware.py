@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 import pytest
 from ros2 import own_domain
 
+from tests.patience import PATIENCE_S
+
 cyclonedds = pytest.importorskip("cyclonedds")
 
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
@@ -30,7 +32,7 @@ def node() -> Iterator[CycloneMiddleware]:
 
 
 def until(node: CycloneMiddleware, come: Callable[[], bool]) -> None:
-    limit_s = time.monotonic() + 30.0
+    limit_s = time.monotonic() + PATIENCE_S
     while not come():
         assert time.monotonic() < limit_s, "nothing came"
         node.spin(0.02)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import queue
 import struct
-import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 from ros2 import own_domain
+
+from tests.patience import PATIENCE_S, wait_until
 
 cyclonedds = pytest.importorskip("cyclonedds")
 
@@ -34,13 +34,6 @@ RELIABLE = Qos(
 )
 
 
-def until(done: Callable[[], bool], limit_s: float = 30.0) -> None:
-    end_s = time.monotonic() + limit_s
-    while not done():
-        assert time.monotonic() < end_s, "nothing came"
-        time.sleep(0.01)
-
-
 def topic(participant: DomainParticipant, name: str, kind: str) -> Topic[Any]:
     bytes_of = make_idl_struct(kind, f"std_srvs.srv.dds_.{kind}", {"data": types.uint8})
     return Topic(participant, name, bytes_of)
@@ -54,9 +47,9 @@ def test_a_request_has_its_response() -> None:
         client = DomainParticipant(DOMAIN)
         reader = DataReader(client, topic(client, "rr/armReply", "SetBool_Response_"), qos=RELIABLE)
         writer = DataWriter(client, topic(client, "rq/armRequest", "SetBool_Request_"), qos=RELIABLE)
-        until(lambda: bool(writer.get_matched_subscriptions() and reader.get_matched_publications()))
+        wait_until(lambda: bool(writer.get_matched_subscriptions() and reader.get_matched_publications()))
         ddspy_write(writer._ref, b"\0\1\0\0" + BEFORE + b"\1\0\0\0")
-        request = requests.get(timeout=30.0)
+        request = requests.get(timeout=PATIENCE_S)
         assert (request.service.name, request.cdr[:5], request.before) == ("/arm", b"\0\1\0\0\1", BEFORE)
         text = b"armed\0"
         body = struct.pack("<?xxxI", True, len(text)) + text
@@ -68,7 +61,7 @@ def test_a_request_has_its_response() -> None:
             taken.extend(payload for payload, about in found if about.valid_data)
             return bool(taken)
 
-        until(answered)
+        wait_until(answered)
         assert [payload[: 20 + len(body)] for payload in taken] == [b"\0\1\0\0" + BEFORE + body]
     finally:
         services.close()
