@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -53,6 +54,9 @@ FOR_ALL_TESTS_OF_A_FILE = 'scope="module"'
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell's background job has it ignored, and so has whatever it starts.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `xitl` does, for those that are forked with numpy loaded
     if FOLDER not in os.environ:  # of processes side by side the first
         os.environ[FOLDER] = tempfile.mkdtemp(prefix="xitl-runs-")

@@ -6,7 +6,6 @@ import asyncio
 import importlib.util
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -66,8 +65,11 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
             wait_until(waits, "the run does not begin")
             yield found
         finally:
-            process.send_signal(signal.SIGINT)
-            process.wait(PATIENCE_S)
+            process.terminate()
+            try:
+                process.wait(PATIENCE_S)
+            finally:
+                process.kill()
 
 
 def heard_at(url: str, count: int) -> tuple[Any, set[int]]:

@@ -50,14 +50,9 @@ def command(*arguments: str) -> list[str]:
 
 @contextmanager
 def begun(words: Sequence[str]) -> Iterator[Process]:
-    # A shell starts what goes on in the background with SIGINT ignored, and whoever is started by that inherits it.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        process = subprocess.Popen(
-            words, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-        )
-    finally:
-        signal.signal(signal.SIGINT, before)
+    process = subprocess.Popen(
+        words, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     try:
         yield process
     finally:

@@ -62,12 +62,13 @@ def files(package: str) -> list[Path]:
 
 
 @cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text())
+
+
+@cache
 def imports(package: str) -> list[Import]:
-    return [
-        found
-        for file in files(package)
-        for found in imports_of(ast.parse(file.read_text()), file.relative_to(ROOT).as_posix())
-    ]
+    return [found for file in files(package) for found in imports_of(parsed(file), file.relative_to(ROOT).as_posix())]
 
 
 def breaches(package: str, found: list[Import]) -> list[str]:
@@ -187,8 +188,9 @@ def folder_imports() -> dict[str, set[str]]:
     edges: dict[str, set[str]] = {}
     for path in paths:
         here = path.parent
-        for node in ast.walk(ast.parse((ROOT / path).read_text())):
-            for name in modules_named(node, list(here.parts)):
+        own = list(here.parts)
+        for node in ast.walk(parsed(ROOT / path)):
+            for name in modules_named(node, own):
                 there = folders.get(name)
                 if there is not None and there.parent != here and len(here.parts) > 1 and len(there.parent.parts) > 1:
                     edges.setdefault(here.as_posix(), set()).add(there.parent.as_posix())
