@@ -97,6 +97,12 @@ class Pipe:
             raise PipeClosedError
         return messages
 
+    def receive_first(self) -> list[Any]:
+        """What comes first, however long that takes. Raises PipeClosedError."""
+        while not (messages := self.receive(60.0)):
+            pass
+        return messages
+
     def close_sending(self) -> None:
         """The other end is told that nothing more comes."""
         try:

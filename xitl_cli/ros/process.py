@@ -7,13 +7,13 @@ published in a thread of its own, so that a command is handled as soon as it has
 from __future__ import annotations
 
 import itertools
-import signal
 import socket
 import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -203,14 +203,13 @@ class RosBridge:
             self._pipe.send({"counts": {name: dict(count) for name, count in counts.items()}})
 
 
-def main(arguments: list[str], opened: Callable[..., Middleware] = open_middleware) -> None:
+def main(arguments: list[str]) -> None:
     """See the module."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's, which then ends this
     pipe = Pipe.of_process(socket.socket(fileno=int(arguments[0])))
-    try:
-        start, *rest = _first(pipe)
+    with suppress(PipeClosedError):
+        start, *rest = pipe.receive_first()
         try:
-            middleware = opened(start.profiles[0].ros)
+            middleware = open_middleware(start.profiles[0].ros)
             bridge = RosBridge(pipe, start, middleware)
         except UserError as error:
             pipe.send({"failed": str(error)})
@@ -218,14 +217,6 @@ def main(arguments: list[str], opened: Callable[..., Middleware] = open_middlewa
         bridge.meet_others()
         pipe.send({"opened": middleware.name})
         bridge.run(rest)
-    except PipeClosedError:
-        pass
-
-
-def _first(pipe: Pipe) -> list[Any]:
-    while True:
-        if messages := pipe.receive(60.0):
-            return messages
 
 
 if __name__ == "__main__":

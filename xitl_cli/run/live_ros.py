@@ -5,11 +5,6 @@ The run waits for nothing: what the process does not take waits in a bounded que
 
 from __future__ import annotations
 
-import os
-import socket
-import subprocess
-import sys
-import tempfile
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
@@ -17,12 +12,12 @@ from functools import cached_property
 from typing import Any
 
 from xitl_cli.errors import UserError
-from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.ros.middleware import ros2_way
 from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosClockAgain, RosEnd, RosStart
 from xitl_cli.ros.user_topics import check_topics
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.core.side_process import SideProcess
 from xitl_cli.run.operator.node import OperatorNode
 
 SOURCE = "ros"
@@ -53,9 +48,7 @@ class LiveRosNode(RunNode):
         self._spec = profiles[0].ros
         self._tell = tell
         self._operator: OperatorNode | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self._pipe: Pipe | None = None
-        self._words: Any = None
+        self._bridge = SideProcess("xitl_cli.ros.process", self._on_loss, END_S)
         self._recorder: Any = None
         self._queue: deque[tuple[int, int, bytes]] = deque()
         self._queued_bytes = 0
@@ -89,38 +82,23 @@ class LiveRosNode(RunNode):
         check_topics(self._spec)
         if self._spec.master is None:
             ros2_way(self._spec)
-        ours, theirs = socket.socketpair()
-        with theirs:
-            self._words = tempfile.TemporaryFile()  # noqa: SIM115  # read when the process has ended
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "xitl_cli.ros.process", str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=self._words,
-                start_new_session=True,
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
-            )
-        self._pipe = Pipe.of_run(ours)
-        try:
-            self._pipe.send(RosStart(self._profiles, self._operator is not None))
-            self._await_opening()
-        except PipeClosedError:
-            raise UserError(f"ros: the bridge has ended at its start ({self._last_word()})") from None
+        self._bridge.start()
+        self._bridge.send(RosStart(self._profiles, self._operator is not None))
+        self._await_opening()
         self._tell(f"ros: {self._name}")
 
     def _await_opening(self) -> None:
-        assert self._pipe is not None
         until_s = time.monotonic() + OPENING_S
-        while time.monotonic() < until_s:
-            for message in self._pipe.receive(0.1):
+        while not self._name:
+            if time.monotonic() >= until_s:
+                raise UserError(f"ros: the bridge was not ready within {OPENING_S:g} s; try again")
+            for message in self._bridge.receive(0.1):
                 if "failed" in message:
                     raise UserError(str(message["failed"]))
                 if "opened" in message:
                     self._name = str(message["opened"])
-                    return
-                self._take_in(message)
-        raise UserError(f"ros: the bridge was not ready within {OPENING_S:g} s; try again")
+                else:
+                    self._take_in(message)
 
     def open_channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
@@ -130,7 +108,7 @@ class LiveRosNode(RunNode):
             return None
         number = len(self._topics)
         self._topics.append(topic)
-        self._send(RosChannel(number, topic))
+        self._bridge.send(RosChannel(number, topic))
         append = self._queue.append
 
         def queue(payload: bytes, stamp_ns: int) -> None:
@@ -162,43 +140,36 @@ class LiveRosNode(RunNode):
     def _hand_over(self) -> None:
         """Give the process what is queued, unless it has too much already; then drop what is too much."""
         self._next_s = time.monotonic() + HAND_OVER_S
-        pipe, queue = self._pipe, self._queue
-        if pipe is None:
-            queue.clear()
+        if not self._bridge.gone and self._bridge.waiting_bytes <= MOST_IN_PIPE_BYTES:
+            batch = RosBatch(self._now_ns, tuple(self._queue))
+            self._queue.clear()
             self._queued_bytes = 0
-            return
-        if pipe.waiting_bytes <= MOST_IN_PIPE_BYTES:
-            batch = RosBatch(self._now_ns, tuple(queue))
-            queue.clear()
-            self._queued_bytes = 0
-            self._send(batch)
-        while self._queued_bytes > self._limit_bytes:
-            number, _, payload = queue.popleft()
+            self._bridge.send(batch)
+        self._drop(0 if self._bridge.gone else self._limit_bytes)
+
+    def _drop(self, limit_bytes: int) -> None:
+        """The oldest of the queue, until it has `limit_bytes` at most."""
+        while self._queued_bytes > limit_bytes:
+            number, _, payload = self._queue.popleft()
             self._queued_bytes -= len(payload)
             self._dropped[number] += 1
 
     @property
     def lost(self) -> bool:
         """Whether there is nobody any more that could ask or answer."""
-        return self._pipe is None
+        return self._bridge.gone
 
     def tell_clock_again(self) -> None:
         """For a node that has missed it."""
-        self._send(RosClockAgain())
+        self._bridge.send(RosClockAgain())
 
     def poll(self, timeout_s: float = 0.0) -> None:
         """Take in what nodes ask for, after at most `timeout_s`."""
         if self._queue and time.monotonic() >= self._next_s:
             self._hand_over()
-        if self._pipe is None:
-            return
-        try:
-            for message in self._pipe.receive(timeout_s):
-                self._take_in(message)
-        except PipeClosedError:
-            self._lose()
-            return
-        self._watch(self._pipe)
+        for message in self._bridge.receive(timeout_s):
+            self._take_in(message)
+        self._watch()
 
     def _take_in(self, message: Mapping[str, Any]) -> None:
         if isinstance(action := message.get("action"), dict):
@@ -210,11 +181,11 @@ class LiveRosNode(RunNode):
                 self._refused += refused is not None and "request" not in message
             request = message.get("request")
             if request is not None:
-                self._send(RosAnswer(int(request), refusal or None))
+                self._bridge.send(RosAnswer(int(request), refusal or None))
             elif refusal and refusal not in self._refusals and len(self._refusals) < MOST_REFUSALS:
                 self._refusals.add(refusal)
                 self._warn(f"ros: {refusal}")
-                self._send(RosAnswer(None, refusal))
+                self._bridge.send(RosAnswer(None, refusal))
         elif isinstance(ready := message.get("ready"), dict):
             self.answers_ns[str(ready["node"])] = int(ready["stamp_ns"])
         elif isinstance(counts := message.get("counts"), dict):
@@ -222,11 +193,11 @@ class LiveRosNode(RunNode):
         elif "problem" in message:
             self._warn(str(message["problem"]))
 
-    def _watch(self, pipe: Pipe) -> None:
+    def _watch(self) -> None:
         """Whether the process still takes what it is given."""
-        now_s = time.monotonic()
-        if not pipe.waiting_bytes or pipe.taken_bytes != self._taken[0]:
-            self._taken, self._silent = (pipe.taken_bytes, now_s), False
+        now_s, taken_bytes = time.monotonic(), self._bridge.taken_bytes
+        if not self._bridge.waiting_bytes or taken_bytes != self._taken[0]:
+            self._taken, self._silent = (taken_bytes, now_s), False
         elif now_s - self._taken[1] > SILENT_S and not self._silent:
             self._silent = True
             self._warn(f"ros: the bridge takes nothing since {SILENT_S:g} s; the run goes on, what is old is dropped")
@@ -237,65 +208,22 @@ class LiveRosNode(RunNode):
         if self._recorder is not None:
             self._recorder.log(self._now_ns, WARNING, SOURCE, text)
 
-    def _send(self, message: Any) -> None:
-        if self._pipe is not None:
-            try:
-                self._pipe.send(message)
-            except PipeClosedError:
-                self._lose()
-
-    def _lose(self) -> None:
-        """It is gone: said once, and the run goes on."""
-        if self._pipe is None:
-            return
-        self._pipe.close()
-        self._pipe = None
-        reason = self._last_word()
-        self._warn("ros: the bridge has ended; the run goes on without it" + (f" ({reason})" if reason else ""))
-
-    def _last_word(self) -> str:
-        """Why the process has ended."""
-        code = None
-        if self._process is not None:
-            try:
-                code = self._process.wait(END_S)
-            except subprocess.TimeoutExpired:
-                return ""
-        if code is not None and code < 0:
-            return f"signal {-code}"
-        if self._words is None:
-            return ""
-        self._words.seek(0)
-        lines = self._words.read().decode(errors="replace").strip().splitlines()
-        return lines[-1].strip() if lines else ""
+    def _on_loss(self, why: str) -> None:
+        if not self._name:
+            raise UserError(f"ros: the bridge has ended at its start{why}")
+        self._warn(f"ros: the bridge has ended; the run goes on without it{why}")
 
     def end(self) -> None:
         """The process publishes what is left and tells its counts."""
         if self._queue:
             self._hand_over()
-        self._send(RosEnd())
-        until_s = time.monotonic() + END_S
-        while self._pipe is not None and time.monotonic() < until_s:
-            try:
-                for message in self._pipe.receive(0.05):
-                    self._take_in(message)
-            except PipeClosedError:
-                self._pipe.close()
-                self._pipe = None
+        self._bridge.send(RosEnd())
+        for message in self._bridge.receive_last():
+            self._take_in(message)
+        self._drop(0)
 
     def close(self) -> None:
-        pipe, process, self._pipe, self._process = self._pipe, self._process, None, None
-        if pipe is not None:
-            pipe.close()
-        if process is not None:
-            try:
-                process.wait(END_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        if self._words is not None:
-            self._words.close()
-            self._words = None
+        self._bridge.close()
 
     def report(self) -> dict[str, Any]:
         """ros: way in, messages by topic, actions asked for, and what was not done, be it here or in the bridge."""

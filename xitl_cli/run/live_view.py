@@ -7,11 +7,6 @@ looking that is a glance at the clock each exchange.
 from __future__ import annotations
 
 import math
-import os
-import socket
-import subprocess
-import sys
-import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -23,12 +18,12 @@ import numpy as np
 from sim_core import frames
 from sim_core.fleet import Fleet
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
-from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import SONAR_POINT
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.core.pace import OperatedLockstep
+from xitl_cli.run.core.side_process import SideProcess
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.status_display import RunStatus
@@ -262,9 +257,7 @@ class LiveViewNode(RunNode):
         self._led = self._unpaced = False
         self._rate: deque[tuple[float, int]] = deque(maxlen=20)
         self._address: ViewAddress | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self._pipe: Pipe | None = None
-        self._words: Any = None
+        self._page = SideProcess("xitl_cli.view.process", self._on_loss, END_S)
         self._opened = False
         self._ended = ""
         self._recorder: Any = None
@@ -279,20 +272,8 @@ class LiveViewNode(RunNode):
         """Listen, start the process and say where it is."""
         check_view_extra()
         listener, self._address = listen(self._spec.host, self._spec.port)
-        ours, theirs = socket.socketpair()
-        with listener, theirs:
-            self._words = tempfile.TemporaryFile()  # noqa: SIM115  # read when the process has ended
-            numbers = listener.fileno(), theirs.fileno()
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "xitl_cli.view.process", *map(str, numbers)],
-                pass_fds=numbers,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=self._words,
-                start_new_session=True,
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
-            )
-        self._pipe = Pipe.of_run(ours)
+        with listener:
+            self._page.start([listener])
         if self._address.moved is not None:
             self._tell(f"port {self._address.moved} is taken, so the view is at {self._address.port}")
         self._tell(f"view: {self._address.url}")
@@ -313,10 +294,10 @@ class LiveViewNode(RunNode):
         faults = () if operator is None else tuple(operator.faults.items())
         own = lead.name, self._address, self._spec.dark, tuple(updates), self._profiles
         pace = self._spec.pace if operator is None or operator.factor is None else operator.factor
-        self._send(ViewStart(*own, operated, lockstep, faults, pace))
+        self._page.send(ViewStart(*own, operated, lockstep, faults, pace))
         if self._opened and lockstep:
             until_s = self._now_s() + FIRST_BROWSER_S
-            while self._pipe is not None and not self._looking and self._now_s() < until_s and not self._interrupted():
+            while not self._page.gone and not self._looking and self._now_s() < until_s and not self._interrupted():
                 self.poll()
                 time.sleep(0.02)
 
@@ -326,25 +307,21 @@ class LiveViewNode(RunNode):
     def poll(self) -> None:
         """When that is due take in what the view asks for, and give it an instant if it wants one."""
         now_s = self._now_s()
-        if now_s < self._next_s or self._pipe is None:
+        if now_s < self._next_s or self._page.gone:
             return
         self._next_s = now_s + 1.0 / self._spec.rate_hz
-        try:
-            for message in self._pipe.receive():
-                self._take_in(message)
-        except PipeClosedError:
-            self._lose()
-            return
+        for message in self._page.receive():
+            self._take_in(message)
         self._lead(now_s)
         if not self._looking:
             return
-        if not self._asked or self._pipe.waiting_bytes > MOST_WAITING_BYTES:
+        if not self._asked or self._page.waiting_bytes > MOST_WAITING_BYTES:
             self._skipped += 1
             return
         self._asked = False
         self._shown += 1
         self._tell_bodies()
-        self._send(self._instant(now_s))
+        self._page.send(self._instant(now_s))
 
     def _take_in(self, message: Mapping[str, Any]) -> None:
         if "browsers" in message:
@@ -358,7 +335,7 @@ class LiveViewNode(RunNode):
             refusal = self._ask(action)
             if refusal is not None:
                 self._refused += 1
-                self._send(ViewRefusal(refusal))
+                self._page.send(ViewRefusal(refusal))
 
     def _ask(self, action: Mapping[str, Any]) -> str | None:
         return (
@@ -434,7 +411,7 @@ class LiveViewNode(RunNode):
         """New debris, to be drawn from now on."""
         bodies = self._plant.state.debris.bodies
         if len(bodies) > self._bodies_told:
-            self._send(ViewUpdate(make_debris_scene(bodies, self._bodies_told).encode()))
+            self._page.send(ViewUpdate(make_debris_scene(bodies, self._bodies_told).encode()))
             self._bodies_told = len(bodies)
 
     def _bodies(self) -> dict[int, BodyInstant]:
@@ -448,67 +425,19 @@ class LiveViewNode(RunNode):
         attitudes = frames.quat_ned_frd_to_enu_flu(frames.euler_to_quat(euler))
         return {number: BodyInstant(places[number], attitudes[number]) for number in range(len(debris.bodies))}
 
-    def _send(self, message: Any) -> None:
-        if self._pipe is not None:
-            try:
-                self._pipe.send(message)
-            except PipeClosedError:
-                self._lose()
-
-    def _lose(self) -> None:
-        """It is gone: said once, and the run goes on."""
-        if self._pipe is None:
-            return
-        self._pipe.close()
-        self._pipe = None
+    def _on_loss(self, why: str) -> None:
         self._looking = 0
-        self._ended = "the 3D view has ended; the run goes on without it"
-        if self._process is not None:
-            try:
-                code = self._process.wait(END_S)
-            except subprocess.TimeoutExpired:
-                code = None
-            reason = self._last_word()
-            if code is not None and code < 0:
-                reason = f"signal {-code}"
-            if reason:
-                self._ended += f" ({reason})"
+        self._ended = f"the 3D view has ended; the run goes on without it{why}"
         self._leave_alone()
         self._tell(f"warning: {self._ended}")
         if self._recorder is not None:
             self._recorder.log(self._plant.state.time_ns, WARNING, SOURCE, self._ended)
 
-    def _last_word(self) -> str:
-        self._words.seek(0)
-        lines = self._words.read().decode(errors="replace").strip().splitlines()
-        return lines[-1][:200] if lines else ""
-
     def end(self) -> None:
-        self._send(ViewEnd(f"after {self._plant.state.time_ns * 1e-9:.1f} s of simulation time"))
+        self._page.send(ViewEnd(f"after {self._plant.state.time_ns * 1e-9:.1f} s of simulation time"))
 
     def close(self) -> None:
-        pipe, process, self._pipe, self._process = self._pipe, self._process, None, None
-        if process is not None:
-            until_s = time.monotonic() + END_S
-            while process.poll() is None and time.monotonic() < until_s:
-                try:
-                    if pipe is not None:
-                        pipe.flush()
-                        if not pipe.waiting_bytes:
-                            pipe.close_sending()
-                        pipe.receive(0.02)
-                except PipeClosedError:
-                    break
-            try:
-                process.wait(max(until_s - time.monotonic(), 0.1))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        if pipe is not None:
-            pipe.close()
-        if self._words is not None:
-            self._words.close()
-            self._words = None
+        self._page.close()
 
     def report(self) -> dict[str, Any]:
         """view: where it was, instants shown and skipped, browsers that came, actions asked for and refused.

@@ -8,11 +8,11 @@ Up go JSON objects: {"ask": true}, {"browsers": 2, "joined": 5}, {"action": {...
 
 from __future__ import annotations
 
-import signal
 import socket
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -133,20 +133,11 @@ class ViewProcess:
 
 def main(arguments: list[str]) -> None:
     """See the module."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's, which then ends this
     listener, end = (socket.socket(fileno=int(number)) for number in arguments)
     pipe = Pipe.of_process(end)
-    try:
-        start, *rest = _first(pipe)
+    with suppress(PipeClosedError):
+        start, *rest = pipe.receive_first()
         ViewProcess(listener, pipe, start).run(rest)
-    except PipeClosedError:
-        pass
-
-
-def _first(pipe: Pipe) -> list[Any]:
-    while True:
-        if messages := pipe.receive(60.0):
-            return messages
 
 
 if __name__ == "__main__":

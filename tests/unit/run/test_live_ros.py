@@ -2,34 +2,48 @@
 
 from __future__ import annotations
 
-import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from side_process_double import SideProcessDouble
 
+from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.ros import RosSpec
-from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosEnd
+from xitl_cli.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosEnd, RosStart
 from xitl_cli.run import live_ros
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.live_ros import LiveRosNode
 
 
-class Beside:
-    """A node with its pipe, and the other end of that."""
+def open_bridge(pipe: Pipe) -> None:
+    pipe.send({"opened": "double"})
 
-    def __init__(self, queue_mb: float = 16.0) -> None:
-        profile = replace(load_profile("sitl").runnable(), ros=RosSpec(queue_mb=queue_mb))
+
+class Beside:
+    """A node, and the bridge's end of the pipe."""
+
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        at_start: Callable[[Pipe], object] = open_bridge,
+        *,
+        queue_mb: float = 16.0,
+        words: str = "",
+    ) -> None:
+        monkeypatch.setattr(live_ros, "HAND_OVER_S", 0.0)
+        self._double = SideProcessDouble(monkeypatch, at_start, words)
+        spec = RosSpec(queue_mb=queue_mb, master="ros1://")  # needs no middleware here
         self.told: list[str] = []
-        self.node = LiveRosNode([profile], self.told.append)
-        ours, theirs = socket.socketpair()
-        self.node._pipe = Pipe.of_run(ours)
-        self.node._holds = True  # whatever the clock on the wall says
-        self.bridge = Pipe.of_process(theirs)
+        self.node = LiveRosNode([replace(load_profile("sitl").runnable(), ros=spec)], self.told.append)
+
+    @property
+    def bridge(self) -> Pipe:
+        return self._double.pipe
 
     def exchange(self, now_ns: int = 0) -> None:
         step = cast(RunStep, SimpleNamespace(number=8, now_ns=now_ns))
@@ -39,13 +53,19 @@ class Beside:
     def report(self) -> dict[str, Any]:
         return self.node.report()
 
+    def close(self) -> None:
+        self._double.close()
+        self.node.close()
+
 
 @pytest.fixture
-def beside() -> Iterator[Beside]:
-    made = Beside()
+def beside(monkeypatch: pytest.MonkeyPatch) -> Iterator[Beside]:
+    made = Beside(monkeypatch)
+    made.node.prepare()
+    assert [type(one) for one in made.bridge.receive(5.0)] == [RosStart]
+    assert made.told.pop() == "ros: double"
     yield made
-    made.bridge.close()
-    made.node.close()
+    made.close()
 
 
 def channel(node: LiveRosNode, topic: str) -> Any:
@@ -67,7 +87,8 @@ def test_what_is_recorded_goes_down_at_each_exchange(beside: Beside) -> None:
 
 def test_what_a_bridge_does_not_take_is_dropped_oldest_first_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_ros, "MOST_IN_PIPE_BYTES", 0)
-    slow = Beside(queue_mb=0.05)
+    slow = Beside(monkeypatch, queue_mb=0.05)
+    slow.node.prepare()
     cloud, small = channel(slow.node, "/truth/odometry"), channel(slow.node, "/environment")
     cloud(bytes(4_000_000), 0)
     slow.exchange()  # more than a socket takes at once
@@ -78,23 +99,42 @@ def test_what_a_bridge_does_not_take_is_dropped_oldest_first_and_counted(monkeyp
     assert slow.report()["ros"]["dropped"] == {"/truth/odometry": 4, "/environment": 4}
     batches: list[RosBatch] = []
     while len(batches) < 2:
+        slow.exchange(9)
         batches += [one for one in slow.bridge.receive(5.0) if isinstance(one, RosBatch)]
-        slow.node._pipe.flush()  # type: ignore[union-attr]
-        if not slow.node._pipe.waiting_bytes and len(batches) < 2:  # type: ignore[union-attr]
-            slow.exchange(9)
     assert [stamp for number, stamp, _ in batches[1].messages if number == 0] == [4, 5, 6, 7]
-    slow.bridge.close()
-    slow.node.close()
+    slow.close()
 
 
-def test_a_bridge_that_is_gone_is_said_once_and_the_run_goes_on(beside: Beside) -> None:
+def test_a_bridge_that_is_gone_is_said_once_and_the_run_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    beside = Beside(monkeypatch, words="Traceback\nOSError: no domain\n")
+    beside.node.prepare()
     write = channel(beside.node, "/environment")
     beside.bridge.close()
     for number in range(3):
         write(b"word", number)
         beside.exchange(number)
-    assert beside.told == ["warning: ros: the bridge has ended; the run goes on without it"]
-    assert beside.report()["warnings"] == ["ros: the bridge has ended; the run goes on without it"]
+    said = "ros: the bridge has ended; the run goes on without it (OSError: no domain)"
+    assert beside.told[1:] == [f"warning: {said}"]
+    assert beside.report()["warnings"] == [said]
+    assert beside.report()["ros"]["dropped"] == {"/environment": 2}
+    beside.close()
+
+
+@pytest.mark.parametrize(
+    ("at_start", "error"),
+    [
+        (lambda pipe: pipe.send({"failed": "no such network"}), "no such network"),
+        (Pipe.close, "ros: the bridge has ended at its start (OSError: no domain)"),
+    ],
+)
+def test_a_bridge_that_cannot_be_is_an_error(
+    monkeypatch: pytest.MonkeyPatch, at_start: Callable[[Pipe], object], error: str
+) -> None:
+    beside = Beside(monkeypatch, at_start, words="OSError: no domain\n")
+    with pytest.raises(UserError) as raised:
+        beside.node.prepare()
+    assert str(raised.value) == error
+    beside.close()
 
 
 def test_a_bridge_that_takes_nothing_is_said_once(beside: Beside, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,17 +174,20 @@ def test_the_counts_of_the_bridge_are_the_summary_s(beside: Beside) -> None:
     assert (ros["published"], ros["received"]) == ({"/clock": 3}, {"/cmd_vel": 2})
 
 
+def test_what_is_still_queued_when_a_bridge_does_not_end_is_dropped(
+    beside: Beside, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_ros, "MOST_IN_PIPE_BYTES", 0)
+    write = channel(beside.node, "/truth/odometry")
+    write(bytes(4_000_000), 0)
+    beside.exchange()
+    write(b"word", 1)
+    beside.bridge.close()
+    beside.node.end()
+    assert beside.report()["ros"]["dropped"] == {"/truth/odometry": 1}
+
+
 def test_the_end_of_a_run_is_told(beside: Beside) -> None:
     beside.bridge.close_sending()
     beside.node.end()
     assert beside.bridge.receive(5.0) == [RosEnd()]
-
-
-def test_a_process_s_last_word_is_why_it_ended(tmp_path: Any) -> None:
-    beside = Beside()
-    node = beside.node
-    node._words = (tmp_path / "words").open("w+b")
-    node._words.write(b"Traceback\nOSError: no domain\n")
-    assert node._last_word() == "OSError: no domain"
-    beside.bridge.close()
-    node.close()

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import socket
-import subprocess
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from side_process_double import SideProcessDouble
 
-from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
@@ -34,28 +31,21 @@ from xitl_cli.view.model import ViewInstant
 STATUS = RunStatus(0.0, 60.0, "AUTO", True, 1, 6, 2.5, 90.0, -0.4, 0.2, 0.5, 4.0, (0.5, 0.4), lost=3, missed=2)
 
 
-class Page:
-    """The view's end of the pipe, in place of its process; its clock is the node's."""
+class Page(SideProcessDouble):
+    """The view's end of the pipe; its clock is the node's."""
 
-    def __init__(self) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        super().__init__(monkeypatch)
         self.now_s = 0.0
         self.said: list[str] = []
-        self.found: list[Any] = []
-        self.end: Pipe | None = None
 
     def say(self, **message: object) -> None:
-        assert self.end is not None
-        self.end.send(message)
+        self.pipe.send(message)
 
     def received(self) -> list[Any]:
-        assert self.end is not None
-        with suppress(PipeClosedError):
-            self.found += self.end.receive()
-        found, self.found = self.found, []
-        return found
+        return self.pipe.receive()
 
 
-REAL_POPEN = subprocess.Popen
 Parts = tuple[LiveViewNode, VesselWatch, Plant, Recorder]
 
 
@@ -66,18 +56,9 @@ def profile() -> RunProfile:
 
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
-    made = Page()
-
-    def popen(arguments: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
-        end = socket.socket(fileno=options["pass_fds"][1])
-        made.end = Pipe.of_process(end.dup())
-        end.detach()
-        return REAL_POPEN([sys.executable, "-S", "-c", ""])
-
-    monkeypatch.setattr(live_view.subprocess, "Popen", popen)
+    made = Page(monkeypatch)
     yield made
-    if made.end is not None:
-        made.end.close()
+    made.close()
 
 
 @pytest.fixture
@@ -132,8 +113,7 @@ def test_an_instant_is_given_when_it_is_asked_for_and_due(parts: Parts, page: Pa
 
 def test_a_view_that_is_gone_is_told_once(parts: Parts, page: Page) -> None:
     node, *_ = parts
-    assert page.end is not None
-    page.end.close()
+    page.close()
     for _ in range(3):
         page.now_s += 1.0
         node.poll()

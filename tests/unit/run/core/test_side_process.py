@@ -1,0 +1,127 @@
+"""A process beside a run: what goes between them, why it ended, and that it never outlives its patience."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from xitl_cli.run.core.side_process import SideProcess
+
+PATIENCE_S = 30.0
+HEAD = """import os, signal, socket, sys, time
+from xitl_cli.pipe import Pipe, PipeClosedError
+pipe = Pipe.of_process(socket.socket(fileno=int(sys.argv[-1])))
+"""
+
+
+class Beside:
+    """A SideProcess of a module that the test writes. why: it was lost, each time that was said."""
+
+    def __init__(self, module: str, patience_s: float) -> None:
+        self.why: list[str] = []
+        self.process = SideProcess(module, self.why.append, patience_s)
+
+    def next(self) -> object:
+        until_s = time.monotonic() + PATIENCE_S
+        while not (found := self.process.receive(0.1)):
+            assert time.monotonic() < until_s
+            assert not self.process.gone
+        return found[0]
+
+    def wait_for_loss(self) -> str:
+        until_s = time.monotonic() + PATIENCE_S
+        while not self.process.gone:
+            assert time.monotonic() < until_s
+            self.process.receive(0.1)
+        (why,) = self.why
+        return why
+
+
+@pytest.fixture
+def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Beside]]:
+    monkeypatch.syspath_prepend(tmp_path)
+    processes: list[Beside] = []
+
+    def make(code: str, patience_s: float = PATIENCE_S) -> Beside:
+        (tmp_path / "beside.py").write_text(HEAD + code)
+        processes.append(Beside("beside", patience_s))
+        return processes[-1]
+
+    yield make
+    for one in processes:
+        one.process.close()
+
+
+def test_it_has_the_sockets_and_is_in_a_session_of_its_own(made: Callable[..., Beside]) -> None:
+    beside = made(
+        "own = os.getsid(0) == os.getpid()\npipe.send([socket.socket(fileno=int(sys.argv[1])).getsockname()[1], own])\n"
+    )
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        beside.process.start([listener])
+        assert beside.next() == [listener.getsockname()[1], True]
+
+
+def test_the_last_line_of_one_that_fails_is_why_it_is_lost(made: Callable[..., Beside]) -> None:
+    beside = made("raise OSError('no domain')\n")
+    beside.process.start()
+    assert beside.wait_for_loss() == " (OSError: no domain)"
+    beside.process.send("to nobody")
+    assert beside.process.receive() == []
+    assert len(beside.why) == 1
+
+
+def test_the_signal_that_ended_it_is_why_it_is_lost(made: Callable[..., Beside]) -> None:
+    beside = made("print('last', file=sys.stderr, flush=True)\nos.kill(os.getpid(), signal.SIGKILL)\n")
+    beside.process.start()
+    assert beside.wait_for_loss() == " (signal 9)"
+
+
+def test_what_still_waits_is_given_at_the_end(made: Callable[..., Beside], tmp_path: Path) -> None:
+    code = """
+import pathlib
+taken = 0
+try:
+    while True:
+        taken += sum(map(len, pipe.receive(1.0)))
+        time.sleep(0.02)
+except PipeClosedError:
+    pathlib.Path("TAKEN").write_text(str(taken))
+""".replace("TAKEN", str(tmp_path / "taken"))
+    beside = made(code)
+    beside.process.start()
+    beside.process.send(bytes(8_000_000))
+    assert beside.process.waiting_bytes > 0
+    beside.process.close()
+    assert (tmp_path / "taken").read_text() == "8000000"
+    assert beside.why == []
+
+
+def test_its_last_words_are_taken_in_and_its_end_is_no_loss(made: Callable[..., Beside]) -> None:
+    beside = made("pipe.receive_first()\npipe.send('one')\npipe.send('two')\n")
+    beside.process.start()
+    beside.process.send("over")
+    assert list(beside.process.receive_last()) == ["one", "two"]
+    assert beside.process.gone
+    assert beside.why == []
+
+
+def test_one_that_does_not_end_is_killed(made: Callable[..., Beside]) -> None:
+    beside = made("pipe.send(os.getpid())\ntime.sleep(1000.0)\n", patience_s=0.2)
+    beside.process.start()
+    number = beside.next()
+    beside.process.close()
+    assert not Path(f"/proc/{number}").exists()
+    beside.process.close()
+
+
+def test_before_its_start_nothing_comes_and_nothing_is_lost() -> None:
+    beside = Beside("nowhere", 0.0)
+    beside.process.send("to nobody")
+    assert beside.process.receive() == []
+    assert beside.process.gone
+    beside.process.close()
+    assert beside.why == []

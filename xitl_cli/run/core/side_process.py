@@ -1,0 +1,143 @@
+"""A process beside a run, as its view or its bridge to ROS, and the pipe to it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from typing import IO, Any
+
+from xitl_cli.pipe import Pipe, PipeClosedError
+
+LONGEST_REASON = 200
+
+
+def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> subprocess.Popen[bytes]:
+    """`python -m module NUMBER…`, numbers of `sockets`, which it inherits. words: what it writes to its standard error.
+
+    It is in a session of its own, since Ctrl-C is the run's.
+    """
+    numbers = [one.fileno() for one in sockets]
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *map(str, numbers)],
+        pass_fds=numbers,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=words,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+    )
+
+
+class SideProcess:
+    """Before it is started and once it is gone, what is sent to it goes nowhere and nothing comes.
+
+    on_loss: called once when it is gone before its end, with " (why)", empty if that is not known. patience_s: for
+    which it may take to end.
+    """
+
+    def __init__(self, module: str, on_loss: Callable[[str], object], patience_s: float) -> None:
+        self._module = module
+        self._on_loss = on_loss
+        self._patience_s = patience_s
+        self._process: subprocess.Popen[bytes] | None = None
+        self._pipe: Pipe | None = None
+        self._words: IO[bytes] | None = None
+
+    def start(self, sockets: Sequence[socket.socket] = ()) -> None:
+        """It is given the numbers of `sockets` and, last, of its end of the pipe."""
+        ours, theirs = socket.socketpair()
+        self._words = tempfile.TemporaryFile()  # noqa: SIM115  # read when the process has ended
+        with theirs:
+            self._process = spawn(self._module, [*sockets, theirs], self._words)
+        self._pipe = Pipe.of_run(ours)
+
+    @property
+    def gone(self) -> bool:
+        """Whether nobody is there (any more)."""
+        return self._pipe is None
+
+    @property
+    def waiting_bytes(self) -> int:
+        """That its pipe has not taken yet."""
+        return 0 if self._pipe is None else self._pipe.waiting_bytes
+
+    @property
+    def taken_bytes(self) -> int:
+        """That its pipe has taken so far."""
+        return 0 if self._pipe is None else self._pipe.taken_bytes
+
+    def send(self, message: Any) -> None:
+        """Waits for nothing: see Pipe."""
+        if self._pipe is not None:
+            try:
+                self._pipe.send(message)
+            except PipeClosedError:
+                self._lose()
+
+    def receive(self, timeout_s: float = 0.0) -> list[Any]:
+        """All that has come, after at most `timeout_s`."""
+        if self._pipe is None:
+            return []
+        try:
+            return self._pipe.receive(timeout_s)
+        except PipeClosedError:
+            self._lose()
+            return []
+
+    def receive_last(self) -> Iterator[Any]:
+        """What it says while it ends as it was told to, until it is gone or its patience is over."""
+        until_s = time.monotonic() + self._patience_s
+        while self._pipe is not None and time.monotonic() < until_s:
+            try:
+                yield from self._pipe.receive(0.05)
+            except PipeClosedError:
+                self._disconnect()
+
+    def close(self) -> None:
+        """Give it what still waits, and its time to end; kill it when that is over. A second call does nothing."""
+        until_s = time.monotonic() + self._patience_s
+        process, pipe, self._process = self._process, self._pipe, None
+        if process is not None:
+            with suppress(PipeClosedError):
+                while pipe is not None and process.poll() is None and time.monotonic() < until_s:
+                    pipe.receive(0.02)
+                    if not pipe.waiting_bytes:
+                        pipe.close_sending()
+            self._disconnect()
+            try:
+                process.wait(max(until_s - time.monotonic(), 0.1))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        if self._words is not None:
+            self._words.close()
+
+    def _lose(self) -> None:
+        self._disconnect()
+        reason = self._why_ended()
+        self._on_loss(f" ({reason})" if reason else "")
+
+    def _disconnect(self) -> None:
+        if self._pipe is not None:
+            self._pipe.close()
+            self._pipe = None
+
+    def _why_ended(self) -> str:
+        """The signal that ended it, else the last line that it wrote; empty for neither, and while it goes on."""
+        assert self._process is not None
+        assert self._words is not None
+        try:
+            code = self._process.wait(self._patience_s)
+        except subprocess.TimeoutExpired:
+            return ""
+        if code < 0:
+            return f"signal {-code}"
+        self._words.seek(0)
+        lines = self._words.read().decode(errors="replace").strip().splitlines()
+        return lines[-1].strip()[:LONGEST_REASON] if lines else ""
