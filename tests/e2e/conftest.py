@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 
 from tests.forked_xitl import run_xitl
 from tests.free_ports import free_port as next_free_port
+from tests.patience import PATIENCE_S
 
 Xitl = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -56,6 +57,15 @@ def running(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
             yield process
         finally:
             process.kill()
+
+
+def patient(page: Any) -> Any:
+    """A page of playwright's that waits, as do expectations of it, as long as drawing in software may take."""
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=PATIENCE_S * 1e3)
+    page.set_default_timeout(PATIENCE_S * 1e3)
+    return page
 
 
 @pytest.fixture

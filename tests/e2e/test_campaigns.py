@@ -288,7 +288,8 @@ def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]
 )
 def test_a_scheduler_in_another_network_namespace(undisturbed: list[dict[str, Any]]) -> None:
     name, link = f"xitl-{os.getpid()}", f"xv{os.getpid()}"
-    here, there = "10.213.7.1", "10.213.7.2"
+    network = f"10.213.{os.getpid() % 256}"  # of other tests on this machine there may be others
+    here, there = f"{network}.1", f"{network}.2"
     made = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True, check=False)
     if made.returncode:
         pytest.skip(f"no network namespace can be made here: {made.stderr.strip()}")

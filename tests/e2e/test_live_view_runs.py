@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import newest_time_s
+from conftest import newest_time_s, patient
 
 from tests.patience import PATIENCE_S, wait_until
 
@@ -141,12 +141,13 @@ def seconds(page: Any) -> float:
 
 
 def test_a_browser_sees_the_vessel_move_by_day_and_by_night(started: Callable[..., Viewed], browser: Any) -> None:
-    run = started("sitl", "--view", "--set", "view.rate_hz=5")
-    page = browser.new_page(viewport={"width": 960, "height": 540})
+    far = "mission.waypoints_ned_m=[[3000.0, 0.0]]"  # it is still on its way, however slow the browser
+    run = started("sitl", "--view", "--set", "view.rate_hz=5", "--set", far)
+    page = patient(browser.new_page(viewport={"width": 960, "height": 540}))
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto(run.address)
-    page.locator("td", has_text="waypoint").wait_for(timeout=PATIENCE_S * 1e3)
+    page.locator("td", has_text="waypoint").wait_for()
     assert page.title() == "sitl"
     wait_until(lambda: told(page, "mode") == "AUTO · armed")
     page.get_by_role("combobox", name="Camera").click()

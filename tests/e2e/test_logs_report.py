@@ -14,6 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 sys.path.append(str(Path(__file__).parents[1] / "unit" / "logs"))
+from conftest import patient
 from expression_cases import made_signals
 from report_samples import SECONDS, sample_report
 
@@ -89,7 +90,7 @@ def report_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def page(browser: Any, report_file: Path) -> Iterator[Opened]:
     context = browser.new_context(offline=True, viewport=SCREEN, color_scheme="light")
-    shown = Opened(context.new_page())
+    shown = Opened(patient(context.new_page()))
     shown.page.on("console", lambda message: shown.said.append(message.text))
     shown.page.on("pageerror", lambda error: shown.said.append(str(error)))
     shown.page.on("request", lambda request: shown.asked.append(request.url))
@@ -202,7 +203,7 @@ def test_the_filter_leaves_what_it_names(opened: Opened) -> None:
 
 
 def test_paper_gets_every_plot_in_light_colours(browser: Any, report_file: Path, tmp_path: Path) -> None:
-    page = browser.new_page(viewport={"width": 1000, "height": 300}, color_scheme="dark")
+    page = patient(browser.new_page(viewport={"width": 1000, "height": 300}, color_scheme="dark"))
     page.goto(report_file.as_uri())
     paper = tmp_path / "report.pdf"
     page.pdf(path=str(paper), format="A4")
@@ -224,7 +225,7 @@ def test_the_picker_draws_what_the_log_says(browser: Any, tmp_path: Path) -> Non
     """Typed expressions against `Log.signal` on the same rows; what is wrong is said, what is chosen can go again."""
     log, path = made_signals(), tmp_path / "picker.html"
     html.write(replace(sample_report(), signals=(held_log(log, TimeLine(), ""),)), path)
-    page = browser.new_page(viewport=SCREEN, color_scheme="dark")
+    page = patient(browser.new_page(viewport=SCREEN, color_scheme="dark"))
     complaints: list[str] = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda message: complaints.append(message.text))
@@ -268,7 +269,7 @@ def test_the_replay_plays_in_a_frame_and_keeps_step_with_the_page(browser: Any, 
     """Its scripts, and those that they make, run under the page's policy; hostile text of a log still does not."""
     path = tmp_path / "replay.html"
     html.write(sample_report(), path, Replay(FOREIGN, late_s=1.5))
-    page = browser.new_page(viewport=SCREEN)
+    page = patient(browser.new_page(viewport=SCREEN))
     complaints: list[str] = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda message: complaints.append(message.text))
@@ -296,14 +297,14 @@ def test_a_log_is_replayed_in_its_report(driver: Any, tmp_path: Path) -> None:
     assert told.exit_code == 0, told.output
     software = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     started = driver.chromium.launch(executable_path=str(CHROMIUM), args=software)
-    page = started.new_context(offline=True, viewport={"width": 640, "height": 480}).new_page()
+    page = patient(started.new_context(offline=True, viewport={"width": 640, "height": 480}).new_page())
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.goto(path.as_uri())
     page.locator("#play").click()
     frame = page.frame_locator("#replay iframe")
-    playwright.expect(frame.locator(".replay-now")).to_have_text(re.compile(r"\d+:\d\d\.\d"), timeout=60_000)
-    frame.locator("canvas").first.wait_for(timeout=60_000)
-    page.wait_for_function("() => document.querySelector('#now').textContent !== ''", timeout=60_000)
+    playwright.expect(frame.locator(".replay-now")).to_have_text(re.compile(r"\d+:\d\d\.\d"))
+    frame.locator("canvas").first.wait_for()
+    page.wait_for_function("() => document.querySelector('#now').textContent !== ''")
     assert errors == []
     started.close()

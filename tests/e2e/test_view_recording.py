@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import patient
 
 from tests.recorded_run import recorded_run
 from xitl_cli.view.pictures import picture
@@ -22,7 +23,6 @@ from xitl_cli.view.replay_page import replay_html
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE_MS = 120_000
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser; pip install playwright")
 pytest.importorskip("viser")
@@ -48,8 +48,7 @@ def browser() -> Iterator[Any]:
 
 def opened(browser: Any, url: str, offline: bool) -> tuple[Any, list[str]]:
     """The page, and what it asked for elsewhere or complained about."""
-    page = browser.new_context(viewport={"width": 800, "height": 500}, offline=offline).new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page = patient(browser.new_context(viewport={"width": 800, "height": 500}, offline=offline).new_page())
     wrong: list[str] = []
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.on("request", lambda request: wrong.append(request.url) if elsewhere(request.url, url) else None)
