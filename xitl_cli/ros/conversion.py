@@ -52,6 +52,12 @@ from rosbags.typesys.stores.ros2_jazzy import (
     sensor_msgs__msg__JointState as JointState,
 )
 from rosbags.typesys.stores.ros2_jazzy import (
+    sensor_msgs__msg__NavSatFix as NavSatFix,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    sensor_msgs__msg__NavSatStatus as NavSatStatus,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
     std_msgs__msg__Bool as Bool,
 )
 from rosbags.typesys.stores.ros2_jazzy import (
@@ -89,6 +95,7 @@ from xitl_cli.ros.outputs import (
     OUTPUTS,
     SENSORS_LINK,
     TICKS,
+    TRUE_FIX,
     TRUE_STATE,
     TRUTH,
     RosTopic,
@@ -207,6 +214,7 @@ class VesselConversion:
         self._lidar, self._sonar = places.get(LIDAR_FRAME), places.get(SONAR_FRAME)
         handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]]] = {
             TRUTH: self._truth,
+            TRUE_FIX: self._true_fix,
             ESTIMATE: self._estimate,
             "/environment": self._environment,
             ANSWERS_LINK: self._answer,
@@ -230,7 +238,15 @@ class VesselConversion:
 
     def topics(self) -> Iterator[RosTopic]:
         """What there will be of it."""
-        names = ["mission", "robot_description", "ground_truth/odom", "wind", "current", "diagnostics"]
+        names = [
+            "mission",
+            "robot_description",
+            "ground_truth/odom",
+            "ground_truth/fix",
+            "wind",
+            "current",
+            "diagnostics",
+        ]
         if self._first:
             names += ["/clock", "/tf"]
         if self._estimated:
@@ -322,6 +338,19 @@ class VesselConversion:
         if self._moved_by == "truth":
             odometry = deserialize(payload, OUTPUTS["odometry"].type)
             yield self._moved(stamp_ns, odometry.pose.pose)
+
+    def _true_fix(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        place = foxglove_type("LocationFix").FromString(payload)
+        fix = NavSatFix(
+            header=self._header(stamp_ns, self._framed(VESSEL_FRAME)),
+            status=NavSatStatus(status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS),  # type: ignore[arg-type]  # as in Dashing
+            latitude=place.latitude,
+            longitude=place.longitude,
+            altitude=place.altitude,
+            position_covariance=np.zeros(9),
+            position_covariance_type=NavSatFix.COVARIANCE_TYPE_KNOWN,
+        )
+        yield self._message("ground_truth/fix", fix, stamp_ns)
 
     def _estimate(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         """The recorder's estimate is in the map and says nothing of what the autopilot does not."""

@@ -51,7 +51,7 @@ def ros_name(*parts: str) -> str:
 
 
 SENSORS_LINK, ANSWERS_LINK = "/link/agent/tx", "/link/agent/rx"
-TRUTH, TRUE_STATE, ESTIMATE = "/truth/odometry", "/truth/state", "/estimate/odometry"
+TRUTH, TRUE_STATE, TRUE_FIX, ESTIMATE = "/truth/odometry", "/truth/state", "/truth/fix", "/estimate/odometry"
 TICKS = "/actuators"
 DIAGNOSED = ("/tasks", "/pace", "/links", "/clocks", "/nodes")
 
@@ -76,6 +76,9 @@ _TABLE = (
              "the autopilot's estimate; twist in `base_link`", (ESTIMATE,)),
     RosTopic("ground_truth/odom", "nav_msgs/msg/Odometry", "`recording.truth_rate_hz`", "map → base_link",
              "the true motion; twist in `base_link`, covariances zero", (TRUTH,)),
+    RosTopic("ground_truth/fix", "sensor_msgs/msg/NavSatFix", "10 Hz", "base_link",
+             "the true place on the Earth, altitude above the ellipsoid, covariances zero: with `ground_truth/odom` it "
+             "tells where on the Earth `map` lies", (TRUE_FIX,)),
     RosTopic("magnetic_field", "sensor_msgs/msg/MagneticField", "`sensors.magnetometer.rate_hz`", "base_link",
              "in tesla", (SENSORS_LINK,)),
     RosTopic("fluid_pressure", "sensor_msgs/msg/FluidPressure", "`sensors.barometer.rate_hz`", "base_link",

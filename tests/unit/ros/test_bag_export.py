@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import sqlite3
 import struct
 from collections import Counter
 from pathlib import Path
@@ -17,15 +18,20 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 from scipy.spatial.transform import Rotation
 
+import xitl_cli.logs.signals as signals
 from agent.wire import dialect
 from agent.wire.codec import Packer
+from sim_core.geodesy import LocalFrame
+from sim_core.kinematics import Kinematics
 from xitl_cli.commands.logs import export
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
+from xitl_cli.logs.signals.receivers import gnss_receivers
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.resolved import resolved_yaml
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotionEstimate
+from xitl_cli.run.world.world import local_frame
 
 DATA = Path(__file__).parents[2] / "data"
 FORMATS = ("rosbag2-mcap", "rosbag2-sqlite3", "rosbag1")
@@ -54,6 +60,33 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recorder.perception.lidar_points(100_000_000, points, offsets, np.full(CLOUD_POINTS, 7, dtype=np.uint8))
     recorder.close()
     return path
+
+
+@pytest.fixture(scope="module")
+def sailed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """2 s of a vessel on its way, 0.3 m off in its estimate, as a recorder writes it."""
+    path = tmp_path_factory.mktemp("sailed") / "run.mcap"
+    recorder, profile = Recorder(path, "lz4"), load_profile("sitl")
+    recorder.metadata("xitl", {"profile": "sitl"})
+    recorder.attach("profile.yaml", "application/yaml", resolved_yaml(profile).encode())
+    sail(recorder, local_frame(profile.runnable().site), 0.0)
+    recorder.close()
+    return path
+
+
+def sail(recorder: Recorder, frame: LocalFrame, east_m: float) -> None:
+    """2 s to the north, `east_m` beside the site, the fixes between two positions of the truth."""
+    zero, level = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
+    speed, further = np.array([[5.0, 0.0, 0.0]]), np.array([[0.05, 0.0, 0.0]])
+    for number in range(100):
+        place = np.array([[0.1 * number, east_m, 0.0]])
+        motion = Kinematics(place, speed, zero, level, np.eye(3)[None], zero, zero)
+        recorder.truth(number * 20_000_000, motion, np.zeros((1, 2)))
+        if number % 5 == 0:
+            off = place[0] + [0.0, 0.3, 0.0]
+            recorder.estimate(number * 20_000_000, MotionEstimate(off, speed[0], level[0], zero[0]))
+            there = frame.geodetic(place + further)
+            recorder.fix(number * 20_000_000 + 10_000_000, *(float(each[0]) for each in there))
 
 
 def written(recording: Path, out: Path, bag_format: str, names: list[str] | None = None, **options: Any) -> Path:
@@ -120,6 +153,30 @@ def test_our_own_reader_takes_the_bag_for_a_log(recording: Path, tmp_path: Path)
     with open_log(written(recording, tmp_path / "made.bag", "rosbag1")) as log:
         assert len(log.tables["/imu/data"]) == IMU_COUNT
         assert log.tables["/odometry"].values("pose.pose.position.y").tolist() == [0.0, 10.0, 20.0, 30.0]
+
+
+@pytest.mark.parametrize("bag_format", FORMATS)
+def test_a_bag_of_a_run_is_compared_about_the_same_place_on_the_earth(
+    sailed: Path, tmp_path: Path, bag_format: str
+) -> None:
+    """By the topics that a run has live; fixes that came late say when they were made."""
+    bag = written(
+        sailed, place(tmp_path, bag_format), bag_format, ["odometry", "ground_truth/odom", "ground_truth/fix"]
+    )
+    if bag_format == "rosbag2-sqlite3":
+        with sqlite3.connect(bag / "made.db3") as database:
+            of_fix = "(SELECT id FROM topics WHERE name = '/ground_truth/fix')"
+            late = database.execute(f"UPDATE messages SET timestamp = timestamp + 30000000 WHERE topic_id = {of_fix}")
+            assert late.rowcount == 20
+    with open_log(sailed) as run, open_log(bag) as read:
+        there = signals.position_ned(run)
+        assert there is not None
+        assert there.origin is not None
+        again = signals.position_ned(read, origin=there.origin)
+        assert again is not None
+        assert again.path.source == "/odometry.pose.pose.position"
+        assert again.path.values == pytest.approx(there.path.values, abs=1e-6)
+        assert gnss_receivers(read) == []  # the truth is none
 
 
 def test_names_and_times_choose(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

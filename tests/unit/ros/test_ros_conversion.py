@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from foxglove.messages import LocationFix
 from scipy.spatial.transform import Rotation
 
 from agent.wire import dialect
@@ -141,6 +142,16 @@ def test_truth_goes_out_as_it_was_recorded(conversion: RosConversion) -> None:
     payload = odometry(1_000_000_000, [1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0])
     (message,) = conversion.convert("/truth/odometry", payload, 1_000_000_000)
     assert (message.topic.name, message.cdr) == ("ground_truth/odom", payload)
+
+
+def test_the_true_place_on_the_earth_is_exact(conversion: RosConversion) -> None:
+    place = LocationFix(frame_id="base_link", latitude=-8.7994686123, longitude=-63.9495531456, altitude=70.8225)
+    found = list(conversion.convert("/truth/fix", place.encode(), 1_500_000_000))
+    fix = read(found, "/ground_truth/fix")
+    assert (fix.latitude, fix.longitude, fix.altitude) == (-8.7994686123, -63.9495531456, 70.8225)
+    assert (fix.header.frame_id, fix.header.stamp.sec, fix.header.stamp.nanosec) == ("base_link", 1, 500_000_000)
+    assert fix.status.status == 0
+    assert (fix.position_covariance_type, fix.position_covariance.any()) == (3, False)
 
 
 def test_without_an_autopilot_the_truth_moves_base_link() -> None:

@@ -114,6 +114,7 @@ def follows_simulator(told: Series, simulated: Series) -> bool:
     return float(np.median(np.hypot(apart[:, 0], apart[:, 1]))) < _NEAR_SHARE * extent_m
 
 
+_GEODETIC = ("latitude", "longitude", "altitude")
 _LINEAR = tuple(f"twist.twist.linear.{axis}" for axis in "xyz")
 _ANGLES = {"roll": 0, "pitch": 1, "yaw": 2}
 _DEG = 180.0 / np.pi
@@ -244,13 +245,14 @@ class PoseTopic:
     place: str
     turn: str
 
-    def places(self) -> Series | None:
-        """North, east, down (m) about the origin of its frame."""
+    def places(self, stamp_ns: Stamps | None = None) -> Series | None:
+        """North, east, down (m) about the origin of its frame. stamp_ns: (N,) of its rows, instead of the table's."""
         enu = stacked_columns(self.table, tuple(f"{self.place}.{axis}" for axis in "xyz"))
         if enu is None:
             return None
         ned = np.stack([enu[:, 1], enu[:, 0], -enu[:, 2]], axis=1)
-        return make_series(self.table.stamp_ns, ned, "m", f"{self.table.name}.{self.place}")
+        stamps = self.table.stamp_ns if stamp_ns is None else stamp_ns
+        return make_series(stamps, ned, "m", f"{self.table.name}.{self.place}")
 
     def angle(self, name: str) -> Series | None:
         """Roll, pitch or yaw (deg)."""
@@ -285,11 +287,11 @@ def foreign_poses(log: Log, of: SignalSource = "estimate") -> Iterator[PoseTopic
         return
     for fields in _POSES:
         for name, table in log.tables.items():
-            if _tells(name) == of and (found := _pose_topic(table, *fields)) is not None:
+            if topic_source(name) == of and (found := _pose_topic(table, *fields)) is not None:
                 yield found
 
 
-def _tells(topic: str) -> SignalSource:
+def topic_source(topic: str) -> SignalSource:
     """Simulators call it ground_truth or truth, nobody else does."""
     return "truth" if "truth" in topic.lower() else "estimate"
 
@@ -410,7 +412,7 @@ def position_geodetic(log: Log, of: SignalSource = "estimate") -> Series | None:
     if of == "truth":
         ways = (
             lambda log: unless_stray(log, geodetic_series(log, "SIM", ("Lat", "Lng", "Alt"))),
-            partial(geodetic_series, table="/truth/fix", names=("latitude", "longitude", "altitude")),
+            partial(geodetic_series, table="/truth/fix", names=_GEODETIC),
             partial(_any_fix, of="truth"),
         )
     else:
@@ -489,13 +491,12 @@ def _telemetry_geodetic(log: Log, message: str) -> Series | None:
 def _any_fix(log: Log, of: SignalSource = "estimate") -> Series | None:
     if not log.of_topics:
         return None
-    names = ("latitude", "longitude", "altitude")
     topics = [
         name
         for name, table in log.tables.items()
-        if _tells(name) == of and all(field in table.columns for field in names)
+        if topic_source(name) == of and all(field in table.columns for field in _GEODETIC)
     ]
-    return next((found for topic in topics if (found := geodetic_series(log, topic, names)) is not None), None)
+    return next((found for topic in topics if (found := geodetic_series(log, topic, _GEODETIC)) is not None), None)
 
 
 def _estimated_geodetic(log: Log) -> Series | None:
@@ -507,11 +508,17 @@ def _estimated_geodetic(log: Log) -> Series | None:
 
 
 def _run_origin(log: Log) -> tuple[float, float, float] | None:
-    """The local origin of a recording of ours: back from a true fix by the true position of that instant."""
+    """The local origin of a run of ours: back from a true fix by the true position of that instant."""
     if not log.of_topics:
         return None
-    fix = geodetic_series(log, "/truth/fix", ("latitude", "longitude", "altitude"))
-    truth = _local_odometry(log, "/truth/odometry")
+    if log.base == "simulation":
+        fixes, poses = log.tables.get("/truth/fix"), log.tables.get("/truth/odometry")
+    else:
+        fixes, poses = _topic_ending(log, "/ground_truth/fix"), _topic_ending(log, "/ground_truth/odom")
+    if fixes is None or poses is None or (geodetic := stacked_columns(fixes, _GEODETIC)) is None:
+        return None
+    fix = fixed_on_earth(_made_ns(fixes), geodetic, fixes.name)
+    truth = PoseTopic(poses, *_ODOMETRY).places(_made_ns(poses))
     if fix is None or truth is None:
         return None
     known = np.isfinite(at := truth.interpolated(fix.stamp_ns)).all(axis=1)
@@ -521,6 +528,18 @@ def _run_origin(log: Log) -> tuple[float, float, float] | None:
     here = LocalFrame(*map(float, fix.values[nearest]))
     latitude, longitude, altitude = here.geodetic(-at[nearest : nearest + 1])
     return float(latitude[0]), float(longitude[0]), float(altitude[0])
+
+
+def _topic_ending(log: Log, ending: str) -> Table | None:
+    return next((table for name, table in log.tables.items() if name.endswith(ending)), None)
+
+
+def _made_ns(table: Table) -> Stamps:
+    """When the messages of a topic were made, where they say it, else when they were recorded."""
+    if "header.stamp" not in table.columns:
+        return table.stamp_ns
+    made: Stamps = np.asarray(table.values("header.stamp")).astype(np.int64)
+    return made
 
 
 def _estimator_origin(log: Log) -> tuple[float, float, float] | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, first_of
+from xitl_cli.logs.signals.motion import topic_source
 from xitl_cli.logs.signals.sensors import sample_times
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, tables_of
 
@@ -84,8 +85,12 @@ def gnss_receivers(log: Log) -> list[GnssReceiver]:
 
 
 def _ros(log: Log) -> list[Table]:
-    """sensor_msgs/NavSatFix topics."""
-    return [table for table in log.tables.values() if "status.status" in table.columns and "latitude" in table.columns]
+    """sensor_msgs/NavSatFix topics of receivers, and not of a simulator's truth."""
+    return [
+        table
+        for name, table in log.tables.items()
+        if topic_source(name) == "estimate" and {"status.status", "latitude"} <= set(table.columns)
+    ]
 
 
 def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | None:
