@@ -115,7 +115,8 @@ def run(
     lead = profiles[0]
     for each in profiles:
         check_extras(each)
-    directory.check_writable(out)
+    vessels = [each.vessel for each in profiles if each.vessel]
+    directory.check_free(out, overwrite, vessels)  # before anything is started or joined
     seeds = Seeds(lead.clock.seed)
     scenery = Scenery(lead)
     for text in warnings:
@@ -133,7 +134,7 @@ def run(
         for name, node in nodes.named():
             with _of(name):
                 node.prepare()
-        directory.create(out, overwrite, [each.vessel for each in profiles if each.vessel])
+        directory.create(out, overwrite, vessels)
         with directory.reserve(out), interruption.noticed():
             directory.write_profile(out, resolved_yaml(profile))
             recorders = open_recorders(out / directory.RECORDING, profiles, nodes.mirrors)

@@ -14,6 +14,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
+from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
 from xitl_cli.run.nodes.drivers import NoDriver
@@ -53,6 +54,16 @@ def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(
     told = json.loads((tmp_path / "run/summary.json").read_text())
     assert "No space left on device" in told["error"]
     assert [clock["node"] for clock in told["clocks"]] == ["LC", "PS1"]
+
+
+def test_a_folder_that_is_taken_is_refused_before_ros_is_entered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LiveRosNode, "prepare", lambda node: pytest.fail("ROS was entered"))
+    (tmp_path / "run.mcap").touch()
+    profile = load_profile("sitl", ["ros.enabled=true"])
+    with pytest.raises(UserError, match=r"already holds a run \(run.mcap\)"):
+        session.run(profile, tmp_path, False, NoDisplay)
 
 
 def test_ctrl_c_is_heeded_while_an_autopilot_started_elsewhere_is_waited_for(

@@ -53,8 +53,11 @@ def _shown(path: Path) -> str:
     return text if len(text) <= 120 else f"{text[:80]}… ({len(text)} characters)"
 
 
-def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
-    """Make `path` and see that it holds no earlier run, or clear that run away. vessels: a folder of each is made."""
+def check_free(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> list[str]:
+    """What of an earlier run is in `path`, which may be cleared away; makes nothing.
+
+    Raises UserError when a run cannot be kept there, as where an earlier one is and `overwrite` is not.
+    """
     check_writable(path)
     for name in vessels:
         if _exists(path / name) and not _is_of_a_vessel(path / name):
@@ -63,6 +66,12 @@ def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
     present += sorted(name for name in {*vessels, *_vessels_in(path)} if _exists(path / name))
     if present and not overwrite:
         raise UserError(f"{path}: already holds a run ({', '.join(present)}); choose another --out or add --overwrite")
+    return present
+
+
+def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
+    """Make `path` and see that it holds no earlier run, or clear that run away. vessels: a folder of each is made."""
+    present = check_free(path, overwrite, vessels)
     try:
         path.mkdir(parents=True, exist_ok=True)
         for name in present:
