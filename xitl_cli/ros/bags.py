@@ -104,13 +104,16 @@ def _offered(qos: QosKind) -> Any:
 
 
 def bag_path(source: Path, bag_format: BagFormat, out: Path | None) -> Path:
-    """Where the bag of a log goes: `run-rosbag2-mcap/` or `run.bag`, in the current directory or in `out`."""
+    """Where the bag of a log goes: `run-rosbag2-mcap/` or `run.bag`, in the current directory or in `out`.
+
+    One of ROS 1 ends in .bag, by which its readers know it.
+    """
     name = f"{source.stem}{ROS1_SUFFIX}" if bag_format == "rosbag1" else f"{source.stem}-{bag_format}"
     if out is None:
         return Path(name)
     if out.is_dir() and not is_rosbag2(out) and not (bag_format != "rosbag1" and not any(out.iterdir())):
         return out / name
-    return out
+    return out.with_name(out.name + ROS1_SUFFIX) if bag_format == "rosbag1" and out.suffix != ROS1_SUFFIX else out
 
 
 def is_rosbag2(path: Path) -> bool:

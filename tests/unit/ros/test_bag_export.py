@@ -201,6 +201,14 @@ def test_a_bag_that_is_there_stays_without_overwrite(recording: Path, tmp_path: 
     assert [entry.name for entry in tmp_path.iterdir()] == ["made"]  # nothing half made is left
 
 
+def test_a_bag_of_ros_1_ends_so_that_its_readers_know_it(recording: Path, tmp_path: Path) -> None:
+    written(recording, tmp_path / "made", "rosbag1", ["wind"])
+    with AnyReader([tmp_path / "made.bag"]) as reader:
+        assert list(reader.topics) == ["/wind"]
+    with pytest.raises(UserError, match=r"made\.bag: is there already"):
+        written(recording, tmp_path / "made", "rosbag1", ["wind"])
+
+
 def test_a_directory_that_is_no_bag_is_not_replaced(recording: Path, tmp_path: Path) -> None:
     (tmp_path / "made").mkdir()
     (tmp_path / "made" / "letter.txt").write_text("dear")
