@@ -204,10 +204,12 @@ class AgentNode:
     def _on_tick(self, message: Message) -> None:
         if not (self._running and self._lockstep):
             return
-        if message.tick != self._last_tick:
-            self._last_tick = message.tick
-            self._ticks.advance_to(min(message.time_usec * 1000, LATEST_NS))
-            self.executor.run_urgent(self._clock.now_ns())
+        if message.tick == self._last_tick:  # the answer alone: what waits goes with the next, as if that had arrived
+            self._link.send(*self.role.end_tick(message.tick, self._clock.now_ns()))
+            return
+        self._last_tick = message.tick
+        self._ticks.advance_to(min(message.time_usec * 1000, LATEST_NS))
+        self.executor.run_urgent(self._clock.now_ns())
         now_ns = self._clock.now_ns()
         self._link.send_prepared([*self._deferred, *map(prepare, self.role.end_tick(message.tick, now_ns))])
         self._deferred.clear()

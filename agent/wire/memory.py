@@ -23,6 +23,7 @@ class MemoryTransport(Transport):
     """One end of a pair made by `memory_pair`. The two ends may live in different threads."""
 
     name = "memory"
+    lossless = True
 
     def __init__(self, address: str, peer: str, outgoing: _Queue, incoming: _Queue) -> None:
         super().__init__(address)

@@ -25,6 +25,7 @@ class SocketPairTransport(Transport):
     """
 
     name = "pair"
+    lossless = True
 
     def __init__(self, sock: socket.socket, name: str, gather: int = 0) -> None:
         super().__init__(f"pair://{name}")

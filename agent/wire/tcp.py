@@ -103,18 +103,18 @@ class _Connection:
 class TcpTransport(Transport):
     """A stream to one peer; `connection` is None while there is none. Subclasses say where a peer comes from.
 
-    losses: how often a connection ended that the other side ended or the network broke. chunks, chunk_bytes: the most
-    that one `receive` takes; the rest waits in the system's buffer.
+    losses: of connections that the other side ended or the network broke. chunks, chunk_bytes: the most that one
+    `receive` takes; the rest waits in the system's buffer.
     """
 
     name = "tcp"
     stream = True
+    lossless = True
     chunks = CHUNKS
     chunk_bytes = CHUNK_BYTES
 
     def __init__(self, address: str) -> None:
         super().__init__(address)
-        self.losses = 0
         self._connection: _Connection | None = None
         self._closed = False
 

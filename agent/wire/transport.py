@@ -158,7 +158,8 @@ class Transport(ABC):
     to leave; for both `accept_sender` matters. strangers: datagrams and calls that were refused unheard because they
     came from another than the peer; stranger: who sent the latest. datagram_bytes: the most that one `send` should
     carry, when there is a choice; a single frame may be longer. capacity_bps: bytes of payload per second that the line
-    carries, None when the line is not what limits a link.
+    carries, None when the line is not what limits a link. lossless: True when what `send` took arrives, as long as the
+    connection lasts; losses: how often one has ended.
     """
 
     name: str = ""
@@ -169,6 +170,8 @@ class Transport(ABC):
     capacity_bps: float | None = None
     strangers: int = 0
     stranger: str = ""
+    lossless: bool = False
+    losses: int = 0
 
     def __init__(self, address: str) -> None:
         self.address = address

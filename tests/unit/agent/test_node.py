@@ -216,3 +216,13 @@ def test_a_tick_that_is_repeated_is_answered_again_and_runs_nothing() -> None:
     again = host.send(mav.MAVLink_xitl_tick_message(host.tick * 20_000, host.tick))
     assert kinds(again) == ["XITL_ACTUATORS"]
     assert again[0].get_msgbuf()[10:-2] == first[-1].get_msgbuf()[10:-2]
+
+
+def test_what_waits_for_the_next_answer_does_not_go_with_one_that_is_repeated() -> None:
+    host, asked_again = Host(), Host()
+    for one in (host, asked_again):
+        one.run(START, LOCKSTEP)
+    for _ in range(60):
+        told = host.step()
+        assert kinds(asked_again.step()) == kinds(told)
+        asked_again.send(mav.MAVLink_xitl_tick_message(asked_again.tick * 20_000, asked_again.tick))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from random import randrange
 from typing import Any
 
@@ -175,7 +176,7 @@ class Silence:
 
 
 HELLO_INTERVAL_S = 0.5
-START_TRIES = 6
+START_WAIT_S = 3.0
 STOP_INTERVAL_S = 0.2
 STOP_WAIT_S = 2.0
 DRAIN_S = 1.0
@@ -240,6 +241,7 @@ class AgentConnection:
         self._probed_ns = 0
         self._peer: Peer | None = None
         self._now_ns: Callable[[], int] = lambda: 0
+        self._refused_before = 0
 
     # Before the run
 
@@ -250,14 +252,11 @@ class AgentConnection:
         if self._profile.faults:
             transport = self._impaired = self._impairable(transport)
         self.link = Link(transport, HOST_SYSTEM_ID, HOST_COMPONENT_ID, signing=self._signing)
-        started_s = time.monotonic()
         timeout_s = self._terms.connect_timeout_s
-        while self.inbox.view.status is None:
-            if time.monotonic() - started_s > timeout_s:
-                raise self._not_understood() or peer.unreachable(timeout_s)
-            peer.check()
-            self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
-            self._receive_until(lambda: self.inbox.view.status is not None, HELLO_INTERVAL_S)
+        say_hello = partial(self._send_run, dialect.XITL_RUN_COMMAND_HELLO)
+        self._say_until(lambda: self.inbox.view.status is not None, say_hello, HELLO_INTERVAL_S, timeout_s, peer.check)
+        if self.inbox.view.status is None:
+            raise self._not_understood() or peer.unreachable(timeout_s)
         protocol = self.inbox.view.status.protocol
         if protocol != PROTOCOL:
             raise UserError(
@@ -289,9 +288,10 @@ class AgentConnection:
         self.inbox.begin(context)
         self.link.tap = self.inbox.tap
         self._start()
-        set_parameters(self.target, parameters, self.link.send, self.receive, self._terms.key)
+        lossless = self.link.transport.lossless
+        set_parameters(self.target, parameters, self.link.send, self.receive, self._terms.key, lossless)
         if mission:
-            upload_mission(self.target, mission, self.link.send, self.receive)
+            upload_mission(self.target, mission, self.link.send, self.receive, lossless)
         if not self._lockstep:
             for _ in range(SYNC_BURST):
                 self.request_time()
@@ -302,16 +302,17 @@ class AgentConnection:
         """Start, and wait for the answer: both ends count their frames from behind the start message."""
         view = self.inbox.view
         view.status = None
-        for number in range(START_TRIES):
+
+        def start() -> None:
             self._send_run(dialect.XITL_RUN_COMMAND_START)
             self.link.reset_counters()
-            if self._receive_until(self._has_our_run, HELLO_INTERVAL_S):
-                if number:  # a start that is slow to arrive starts it once more
-                    self._receive_until(lambda: False, HELLO_INTERVAL_S)
-                self.inbox.accounts.started(self.link.counters)
-                return
-            self.peer.check()
-        raise self.peer.unreachable(START_TRIES * HELLO_INTERVAL_S)
+
+        said = self._say_until(self._has_our_run, start, HELLO_INTERVAL_S, START_WAIT_S, self.peer.check)
+        if not self._has_our_run():
+            raise self.peer.unreachable(START_WAIT_S)
+        if said > 1:  # a start that is slow to arrive starts it once more
+            self._receive_until(lambda: False, HELLO_INTERVAL_S)
+        self.inbox.accounts.started(self.link.counters)
 
     def _has_our_run(self) -> bool:
         """As far as its latest status tells: an agent of an earlier release tells of no token."""
@@ -349,6 +350,7 @@ class AgentConnection:
 
     def send_tick(self, sim_ns: int, tick: int) -> None:
         """Lockstep: all that was sampled up to now has been sent."""
+        self._refused_before = self._refused
         self.link.send(dialect.MAVLink_xitl_tick_message(sim_ns // 1000, tick))
         self.peer.hand_over()
 
@@ -360,7 +362,7 @@ class AgentConnection:
         """
         inbox = self.inbox
         self.receive(0.0)
-        started_s = sent_s = time.monotonic()
+        started_s = sent_s = looked_s = time.monotonic()
         while inbox.answered_tick != tick:
             self.receive(TICK_REPEAT_S)
             if inbox.answered_tick == tick:
@@ -368,11 +370,46 @@ class AgentConnection:
             now_s = time.monotonic()
             if now_s - started_s > silent_s:
                 raise self.silent(now_s - started_s)
-            if now_s - sent_s > TICK_REPEAT_S:
+            if now_s - looked_s > TICK_REPEAT_S:
+                looked_s = now_s
                 self.peer.check()
                 check()
-                self.send_tick(sim_ns, tick)
-                sent_s = now_s
+                if now_s - sent_s > self.again_s(TICK_REPEAT_S, silent_s):
+                    self.send_tick(sim_ns, tick)
+                    sent_s = now_s
+
+    def again_s(self, interval_s: float, patience_s: float) -> float:
+        """After how long to say again what was said last and is not answered: after `interval_s` if it may be lost.
+
+        On a lossless transport an answer is late, as on a machine that is busy, and to ask twice would make the run
+        another one: there it is asked again when half of the patience is over, as it would fail after the other half.
+        """
+        sure = self.link.transport.lossless and self._refused == self._refused_before
+        return 0.5 * patience_s if sure else interval_s
+
+    @property
+    def _refused(self) -> int:
+        """Changes when the transport has not taken something, or its connection has ended."""
+        return self.link.transport.unsent + self.link.transport.losses
+
+    def _say_until(
+        self,
+        heard: Callable[[], bool],
+        say: Callable[[], object],
+        interval_s: float,
+        patience_s: float,
+        check: Callable[[], object] = lambda: None,
+    ) -> int:
+        """Say it, as often as needed, until it is `heard` or the patience is over. Returns how often it was said."""
+        began_s = said_s = time.monotonic()
+        said = 0
+        while not heard() and (now_s := time.monotonic()) - began_s < patience_s:
+            check()
+            if not said or now_s - said_s >= self.again_s(interval_s, patience_s):
+                say()
+                said, said_s = said + 1, now_s
+            self._receive_until(heard, interval_s)
+        return said
 
     def request_time(self) -> None:
         """Ask for its time stamps."""
@@ -475,14 +512,17 @@ class AgentConnection:
         inbox = self.inbox
         inbox.no_run = None
         began_s = time.monotonic()
-        tries = sent = 0
-        while inbox.no_run is None and time.monotonic() - began_s < STOP_WAIT_S:
+        sent = 0
+
+        def end() -> None:
+            nonlocal sent
             self._send_run(dialect.XITL_RUN_COMMAND_STOP)
-            tries, sent = tries + 1, self.link.counters.sent
-            self._receive_until(lambda: inbox.no_run is not None, STOP_INTERVAL_S)
+            sent = self.link.counters.sent
+
+        said = self._say_until(lambda: inbox.no_run is not None, end, STOP_INTERVAL_S, STOP_WAIT_S)
         if inbox.no_run is None:
             return
-        if not self._lockstep or tries > 1:
+        if not self._lockstep or said > 1:
             late = self._faults.from_agent
             took_s = time.monotonic() - began_s
             self._receive_until(lambda: False, max(QUIET_S, 1.2 * took_s, late.delay_s + late.jitter_s))
@@ -549,6 +589,7 @@ class AgentConnection:
         mode = dialect.XITL_CLOCK_MODE_LOCKSTEP if self._lockstep else dialect.XITL_CLOCK_MODE_REALTIME
         name = self._profile.name.encode()[:32]
         message = dialect.MAVLink_xitl_run_message(self._now_ns() // 1000, name, command, mode, PROTOCOL, self._token)
+        self._refused_before = self._refused
         self.link.send(message)
 
 

@@ -129,10 +129,19 @@ def mission_places(profile: RunProfile, frame: LocalFrame) -> list[Place]:
 
 
 def set_parameters(
-    target: Target, values: dict[str, float], send: Send, receive: Receive, key: str = "autopilot"
+    target: Target,
+    values: dict[str, float],
+    send: Send,
+    receive: Receive,
+    key: str = "autopilot",
+    lossless: bool = False,
 ) -> None:
-    """Set each and see that it took; `key` is the group of the profile that has them. Raises UserError."""
-    client = ParameterClient(target, tries=TRIES, answer_s=ANSWER_S)
+    """Set each and see that it took; `key` is the group of the profile that has them. Raises UserError.
+
+    lossless: so that nothing need be asked twice.
+    """
+    tries = 1 if lossless else TRIES
+    client = ParameterClient(target, tries=tries, answer_s=TRIES * ANSWER_S / tries)
     joined = StatusTextReceiver()
     for name, value in values.items():
         texts: list[str] = []
@@ -149,7 +158,9 @@ def set_parameters(
         complete(request, send, receive_texts)
         if request.answer is None:
             reason = (
-                f"did not take it: {texts[-1]}; check the name" if texts else f"did not answer {TRIES} times; {LOSSY}"
+                f"did not take it: {texts[-1]}; check the name"
+                if texts
+                else f"did not answer in {TRIES * ANSWER_S:g} s; {LOSSY}"
             )
             raise UserError(f"{key}.parameters.{name}: the agent {reason}")
         kept = client.value(request.answer)
@@ -158,9 +169,13 @@ def set_parameters(
             raise UserError(f"{key}.parameters.{name} = {value:g}: the agent keeps {kept:g}{reason}")
 
 
-def upload_mission(target: Target, places: Sequence[Place], send: Send, receive: Receive) -> None:
+def upload_mission(
+    target: Target, places: Sequence[Place], send: Send, receive: Receive, lossless: bool = False
+) -> None:
     """Upload the mission as waypoints. Raises UserError when the agent refuses it or goes silent."""
-    upload = MissionUpload(target, waypoint_items(places), repeat_s=MISSION_S, give_up_s=TRIES * MISSION_S)
+    give_up_s = TRIES * MISSION_S
+    repeat_s = give_up_s if lossless else MISSION_S
+    upload = MissionUpload(target, waypoint_items(places), repeat_s=repeat_s, give_up_s=give_up_s)
     complete(upload, send, receive)
     if upload.result is None:
         raise UserError(f"mission: the agent did not finish taking it; {LOSSY}")

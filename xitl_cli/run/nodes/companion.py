@@ -291,12 +291,13 @@ class CompanionNode(RunNode):
 
     def _wait_for(self, tick: int) -> None:
         """Raises StoppedWaitingError when somebody ends the run meanwhile; one that stays silent is given up."""
-        started_s = sent_s = time.monotonic()
+        started_s = sent_s = looked_s = time.monotonic()
         while self.inbox.answered_tick < tick:
             self.agent.receive(REPEAT_S)
             now_s = time.monotonic()
-            if self.inbox.answered_tick >= tick or now_s - sent_s < REPEAT_S:
+            if self.inbox.answered_tick >= tick or now_s - looked_s < REPEAT_S:
                 continue
+            looked_s = now_s
             if self._interrupted():
                 raise StoppedWaitingError
             try:
@@ -307,9 +308,9 @@ class CompanionNode(RunNode):
             if now_s - started_s > self._companion.silent_s:
                 self._give_up(self.agent.silent(now_s - started_s))
                 return
-            if self._sent is not None:
+            if self._sent is not None and now_s - sent_s >= self.agent.again_s(REPEAT_S, self._companion.silent_s):
                 self.agent.send_tick(*self._sent)
-            sent_s = now_s
+                sent_s = now_s
 
     def _give_up(self, why: UserError) -> None:
         self.agent.gone = why

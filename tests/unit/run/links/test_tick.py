@@ -23,6 +23,9 @@ class Agent:
     def send_tick(self, sim_ns: int, number: int) -> None:
         self.ticks.append((sim_ns, number))
 
+    def again_s(self, interval_s: float, patience_s: float) -> float:
+        return interval_s
+
     def receive(self, seconds: float) -> None:
         if len(self.ticks) >= self._after:
             self.answered_tick = self.ticks[-1][1]
