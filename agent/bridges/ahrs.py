@@ -11,7 +11,8 @@ real time there would be turns of the main loop without an inertial sample, whic
 times real time attitude and heading went wrong by degrees. So a run with such a unit is held to `LOCKSTEP_FACTOR`.
 
 Start-up: an ArduPilot without another barometer needs pressure within 0.5 s of its calibration, else it stays in
-"Config Error: Baro: unable to calibrate" for good. So the run has to be on, with sensors flowing, before it boots.
+"Config Error: Baro: unable to calibrate" for good. So sensors have to flow before it boots: one that is started with
+`:wait` at its port waits to be called, and a line is called when there is a first sample for it, never between runs.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def open_line(url: str) -> SensorLine:
     client, serial:///dev/ttyUSB0?baud=921600 is the same for both.
     """
     listen = url.endswith(LISTEN)
-    return SensorLine(open_transport(url[: -len(LISTEN)] if listen else url, listen))
+    return SensorLine(open_transport(url[: -len(LISTEN)] if listen else url, listen), calls=not listen)
 
 
 class SensorLine:
@@ -52,14 +53,17 @@ class SensorLine:
 
     Frames that the line does not take wait, a few of them; when too many do, the oldest is dropped and counted.
     unsent: frames dropped so, or sent while nobody was there. sent: those that the line took, by kind.
+    calls: the other end has to be called, which is done at the next `receive` after each `call`.
     """
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Transport, calls: bool = False) -> None:
         self.unsent = 0
         self.sent: Counter[str] = Counter()
         self._transport = transport
         self._waiting: deque[tuple[bytes, str]] = deque()
         self._sent_ns: int | None = None
+        self._calls = calls
+        self._wanted = False
 
     @property
     def connected(self) -> bool:
@@ -70,6 +74,10 @@ class SensorLine:
     def address(self) -> str:
         """Where it is, for people."""
         return self._transport.address
+
+    def call(self) -> None:
+        """There is something for the other end."""
+        self._wanted = True
 
     def send(self, frame: bytes, kind: str = "") -> None:
         """Give a frame to the line; `flush` sends it on."""
@@ -108,6 +116,9 @@ class SensorLine:
 
     def receive(self) -> list[bytes]:
         """What has come in. Looks for the other end too, where one has to be found."""
+        if self._calls and not self._wanted and not self.connected:
+            return []
+        self._wanted = False
         return self._transport.receive(0.0)
 
     def accept_sender(self, index: int) -> bool:
@@ -308,6 +319,7 @@ class Ahrs(Injector):
                 self._send_frame(self.solution_frame(navigation), _SOLUTION)
 
     def _send_inertial(self, imu: ImuMeasurement) -> None:
+        self._line.call()
         asked_hz = self.requested_hz()
         if asked_hz != self._paced_hz:
             self._inertial_pace, self._paced_hz = SampleDecimator(round(1e9 / asked_hz) if asked_hz else 0), asked_hz

@@ -322,7 +322,7 @@ class TcpPeerOfListener(TcpTransport):
 
 
 class TcpCaller(TcpTransport):
-    """Goes to an address, and goes there again `RETRY_S` after it was not there or has left."""
+    """Goes to an address when something is sent or received, and again `RETRY_S` after it was not there or has left."""
 
     def __init__(self, url: SplitResult) -> None:
         super().__init__(url.geturl())
@@ -330,7 +330,6 @@ class TcpCaller(TcpTransport):
         self._target: Address = target
         self._calling: socket.socket | None = None
         self._next_try_s = 0.0
-        self._find_peer()
 
     def _find_peer(self) -> None:
         if self._calling is None:

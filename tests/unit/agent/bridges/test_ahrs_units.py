@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import socket
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from time import monotonic
 
 import pytest
@@ -17,6 +18,7 @@ from agent.bridges.microstrain import MicroStrain7
 from agent.bridges.vectornav import VectorNav, sentence
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
+from agent.wire.tcp import RETRY_S
 from agent.wire.transport import BadUrlError, SenderStatus, Transport, open_transport
 from tests.patience import wait_until
 
@@ -164,7 +166,13 @@ def test_both_ways_of_calling(scheme: str, calls: bool, opened: ExitStack) -> No
         wait_until(arrived)
         line.accept_sender(0)
         assert got[0].startswith(b"$hello")
-    wait_until(lambda: line.receive() is not None and line.connected and (calls or bool(line.descriptors())))
+
+    def connected() -> bool:
+        line.call()
+        line.receive()
+        return line.connected and (calls or bool(line.descriptors()))
+
+    wait_until(connected)
     received: list[bytes] = []
 
     def answered() -> bool:
@@ -383,6 +391,38 @@ def test_nobody_there_is_said_once(make: Callable[[SensorLine], Ahrs], name: str
     assert len(bench.said) == 1
     assert bench.said[0].startswith(f"nothing asks for a {name} at wire://here; check EAHRS_TYPE")
     assert not bench.unit.counts.taken
+
+
+@pytest.mark.parametrize("make", [VectorNav, MicroStrain7])
+def test_a_line_is_called_when_there_is_a_sample_for_it(make: Callable[[SensorLine], Ahrs], opened: ExitStack) -> None:
+    """An ArduPilot that waits to be called boots then, and stays in an error for good where no pressure follows."""
+    server = opened.enter_context(socket.create_server(("127.0.0.1", 0)))
+    server.setblocking(False)
+    unit = make(open_line(f"tcp://127.0.0.1:{server.getsockname()[1]}"))
+    opened.callback(unit.close)
+    bench = Bench(lambda line: unit)
+
+    def called() -> bool:
+        with suppress(BlockingIOError):
+            server.accept()[0].close()
+            return True
+        return False
+
+    def serve() -> None:
+        for _ in range(3):  # finds that it was left, calls, is connected
+            unit.serve(bench.now_ns)
+
+    serve()
+    bench.run(1.0, without=("field",))
+    assert not called()
+    bench.run(0.1)
+    wait_until(called)
+    until_s = monotonic() + RETRY_S
+    while monotonic() < until_s:
+        serve()
+    assert not called(), "between runs"
+    bench.run(0.1)
+    wait_until(called)
 
 
 def test_a_restart_of_the_autopilot() -> None:

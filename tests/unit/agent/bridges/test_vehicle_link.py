@@ -35,6 +35,7 @@ class Bench:
         self.passed: list[Any] = []
         self.link.add_tap(self.tapped.append)
         self.link.reset(TickClock(), lambda severity, text: self.said.append((severity, text)))
+        self.link.receive(0)  # calls
 
     def serve(self, now_ns: int, count: int = 1) -> list[Any]:
         """Until so many messages have come."""
