@@ -21,6 +21,7 @@ from xitl_cli.run.links.setup import Place, Send
 from xitl_cli.run.nodes.drivers import VehicleDriver
 
 SHORTEST_HEARTBEAT_S = 20.0
+START_S = 120.0
 ANSWER_S = 1.0
 TRIES = 5
 MISSION_S = 20.0
@@ -189,8 +190,8 @@ class Preparation(VehicleDriver):
     """A driver that goes before another one: all on simulation time, repeated where something was lost.
 
     With `held` the vessel's state is frozen until the autopilot has armed for the first time. `where` is its address,
-    for people; it is given up when nothing of it was heard for `heartbeat_s` from the start. `complained` ends the
-    sentence then and when the other driver gives up.
+    for people; it is given up when nothing of it was heard for `heartbeat_s` from the start, or when it is still
+    starting itself after `START_S`. `complained` ends the sentence, as it does when a step or the other driver gives up.
     """
 
     def __init__(
@@ -214,6 +215,7 @@ class Preparation(VehicleDriver):
         self._where = where
         self._complained = complained
         self._heartbeat_s = max(heartbeat_s, SHORTEST_HEARTBEAT_S)
+        self._started = False
 
     def begin(self, context: RunContext) -> None:
         self._driver.begin(context)
@@ -229,26 +231,36 @@ class Preparation(VehicleDriver):
         return self._driver.report()
 
     def update(self, sim_ns: int) -> None:
-        view = self._view
-        if self._held and view.armed:
+        if self._held and self._view.armed:
             self._held = False
+        try:
+            self._update_step(sim_ns)
+        except UserError as error:
+            raise UserError(f"{error}{self._complained()}") from error
+
+    def _update_step(self, sim_ns: int) -> None:
+        view = self._view
         if not view.heard:
             if sim_ns > self._heartbeat_s * 1e9:
                 raise UserError(
                     f"{self._where}: no heartbeat of the autopilot came in {self._heartbeat_s:.0f} s; check that it "
-                    f"runs, that this is its MAVLink port, and autopilot.bridge.mavlink{self._complained()}"
+                    "runs, that this is its MAVLink port, and autopilot.bridge.mavlink"
                 )
-        elif not self._parameters.done:
-            self._parameters.update(sim_ns)
-        elif not self._mission.done:
-            self._mission.update(sim_ns)
-        elif not self._calibration.done:
-            self._calibration.update(sim_ns)
-        else:
-            try:
-                self._driver.update(sim_ns)
-            except UserError as error:
-                raise UserError(f"{error}{self._complained()}") from error
+            return
+        if view.starting and not self._started:
+            if sim_ns > START_S * 1e9:
+                said = "; ".join(dict.fromkeys(list(view.texts)[-2:])) or "nothing"
+                raise UserError(
+                    f"{self._where}: the autopilot is still starting after {START_S:.0f} s and said: {said}; mend that "
+                    "and start it anew"
+                )
+            return
+        self._started = True
+        for step in (self._parameters, self._mission, self._calibration):
+            if not step.done:
+                step.update(sim_ns)
+                return
+        self._driver.update(sim_ns)
 
     def handle(self, message: Any) -> None:
         self._parameters.handle(message)
@@ -270,6 +282,8 @@ class Preparation(VehicleDriver):
     def _waits_for(self) -> str:
         if not self._view.heard:
             return "the autopilot to be heard"
+        if not self._started:
+            return "the autopilot to start"
         if not self._parameters.done:
             return "the autopilot to take its parameters"
         if not self._mission.done:

@@ -19,6 +19,7 @@ from xitl_cli.run.nodes.bridge import Milestones
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.preparation import (
     SHORTEST_HEARTBEAT_S,
+    START_S,
     CalibrationStep,
     MissionStep,
     ParameterStep,
@@ -74,9 +75,9 @@ class Case:
         self.view.handle(message)
         self.preparation.handle(message)
 
-    def beat(self, armed: bool = False, mode: int = 0, autopilot: int = 3) -> None:
+    def beat(self, armed: bool = False, mode: int = 0, autopilot: int = 3, state: int = 4) -> None:
         base = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
-        self.hear(dialect.MAVLink_heartbeat_message(11, autopilot, base, mode, 4, 3))
+        self.hear(dialect.MAVLink_heartbeat_message(11, autopilot, base, mode, state, 3))
 
     def waits_for(self) -> str:
         return self.preparation.progress().waits_for
@@ -101,6 +102,34 @@ def test_heartbeat_parameters_mission_and_then_the_orders() -> None:
     case.driver.problem = "gave up after 60 s"
     with pytest.raises(UserError, match=r"^gave up after 60 s; the bridge said: the script says nothing$"):
         case.preparation.update(5 * SECOND)
+
+
+def test_an_autopilot_that_is_starting_is_asked_for_nothing() -> None:
+    """A Rover has no room for a mission until it has started, and its board may be slow."""
+    case = Case()
+    case.beat(state=dialect.MAV_STATE_CALIBRATING)
+    case.preparation.update(SECOND)
+    assert case.waits_for() == "the autopilot to start"
+    assert case.sent == []
+    case.beat(state=dialect.MAV_STATE_STANDBY)
+    case.preparation.update(2 * SECOND)
+    assert case.sent != []
+    case.beat(state=dialect.MAV_STATE_CALIBRATING)
+    case.preparation.update(3 * SECOND)
+    assert case.waits_for() == "the autopilot to take its parameters"
+
+
+def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_said() -> None:
+    case = Case()
+    case.beat(state=dialect.MAV_STATE_CALIBRATING)
+    for text in (b"Baro: unable to calibrate", b"fix problem then reboot"):
+        case.hear(dialect.MAVLink_statustext_message(2, b"Config Error: " + text))
+    case.preparation.update(round(START_S * SECOND))
+    with pytest.raises(
+        UserError,
+        match=r"still starting after 120 s and said: Config Error: Baro: unable to calibrate; Config Error: fix",
+    ):
+        case.preparation.update(round((START_S + 0.1) * SECOND))
 
 
 def test_the_vessel_is_let_go_when_it_arms_and_not_held_again() -> None:
