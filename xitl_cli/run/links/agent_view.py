@@ -40,8 +40,8 @@ class AgentView:
 
     `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
     are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
-    heard: the autopilot's heartbeat has been; px4: it is a PX4; starting: it says that it has yet to boot. has_origin: its estimator has an origin.
-    unhealthy: what of it is on and not well. pair_ms: how
+    heard: the autopilot's heartbeat has been; px4: it is a PX4; starting: it says that it has yet to boot. has_origin:
+    its estimator has an origin. unhealthy: what of it is on and not well. pair_ms: how
     far apart a position and an attitude may be to make an estimate. sphere_metres: its local position is in ArduPilot's
     metres, about an origin on the real Earth.
     """

@@ -191,7 +191,7 @@ class Preparation(VehicleDriver):
 
     With `held` the vessel's state is frozen until the autopilot has armed for the first time. `where` is its address,
     for people; it is given up when nothing of it was heard for `heartbeat_s` from the start, or when it is still
-    starting itself after `START_S`. `complained` ends the sentence, as it does when a step or the other driver gives up.
+    starting after `START_S`. `complained` ends the sentence, as it does when a step or the other driver gives up.
     """
 
     def __init__(
