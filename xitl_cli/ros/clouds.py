@@ -82,11 +82,11 @@ def echo_points(angle_rad: float, ranges_m: Array) -> Array:
     return np.column_stack([ranges_m * math.cos(angle_rad), -ranges_m * math.sin(angle_rad), np.zeros(len(ranges_m))])
 
 
-def leveled(base_m: Array, attitude_wxyz: Array | None) -> Array:
-    """(n, 3) of `base_link` by the heading's level axes; attitude (4,) FLU to ENU, None where it is not known."""
+def leveled(base_m: Array, attitude_wxyz: tuple[float, float, float, float] | None) -> Array:
+    """(n, 3) of `base_link` by the heading's level axes; attitude FLU to ENU, None where it is not known."""
     if attitude_wxyz is None:
         return base_m
-    roll_rad, pitch_rad, _ = quat_to_euler(attitude_wxyz)
+    roll_rad, pitch_rad, _ = quat_to_euler(np.array(attitude_wxyz))
     turned: Array = base_m @ quat_to_matrix(euler_to_quat(np.array([roll_rad, pitch_rad, 0.0]))).T
     return turned
 

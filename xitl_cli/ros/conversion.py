@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys.stores.ros2_jazzy import (
     builtin_interfaces__msg__Time as Time,
 )
@@ -79,7 +78,7 @@ from rosbags.typesys.stores.ros2_jazzy import (
 from agent.mavlink.modes import mode_name
 from agent.wire import codec, dialect
 from agent.wire.framing import MAGIC
-from sim_core.frames import ned_to_enu, quat_multiply
+from sim_core.frames import ned_to_enu
 from sim_core.geodesy import LocalFrame
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
@@ -368,7 +367,7 @@ class VesselConversion:
             twist[axis, axis], twist[axis + 3, axis + 3] = VELOCITY_DEVIATION_MPS**2, RATE_DEVIATION_RADPS**2
         odometry.pose.covariance, odometry.twist.covariance = pose.reshape(36), twist.reshape(36)
         if math.isfinite(place.x) and math.isfinite(turn.w):
-            self._attitude.estimated(stamp_ns, np.array([turn.w, turn.x, turn.y, turn.z]))
+            self._attitude.estimated(stamp_ns, (turn.w, turn.x, turn.y, turn.z))
         yield self._message("odometry", odometry, stamp_ns)
         if self._moved_by == "estimate":
             yield self._moved(stamp_ns, odometry.pose.pose)
@@ -500,39 +499,51 @@ class VesselConversion:
 class AttitudeCarry:
     """The attitude at the instant of a sample of the IMU: the newest estimate, carried on by the gyroscope since.
 
-    An estimate comes later than what it is of, so that the samples since are kept.
+    An estimate comes later than what it is of, so that the samples since are kept. In plain floats: numpy takes twenty
+    times as long for four numbers, several hundred times a second.
     """
 
     def __init__(self) -> None:
-        self._turn: NDArray[np.float64] | None = None  # w x y z, FLU to ENU
+        self._turn: tuple[float, float, float, float] | None = None  # w x y z, FLU to ENU
         self._at_ns = 0
         self._estimated_ns = 0
-        self._gyro: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=KEPT_GYRO)
+        self._gyro: deque[tuple[int, Sequence[float]]] = deque(maxlen=KEPT_GYRO)
 
-    def estimated(self, stamp_ns: int, turn_wxyz: NDArray[np.float64]) -> None:
-        """An estimate (4,), of an instant up to now."""
+    def estimated(self, stamp_ns: int, turn_wxyz: tuple[float, float, float, float]) -> None:
+        """An estimate, of an instant up to now and later than the one before it."""
         self._turn, self._at_ns, self._estimated_ns = turn_wxyz, stamp_ns, stamp_ns
-        for sample_ns, gyro_flu in self._gyro:
-            self._carry(sample_ns, gyro_flu)
+        while self._gyro and self._gyro[0][0] <= stamp_ns:
+            self._gyro.popleft()
+        for sample_ns, gyro_frd_radps in self._gyro:
+            self._carry(sample_ns, gyro_frd_radps)
 
     def turned(self, stamp_ns: int, gyro_frd_radps: Sequence[float]) -> None:
         """A sample (3,) of the gyroscope, of the time up to its instant."""
-        forward, right, down = gyro_frd_radps
-        gyro_flu = np.array([forward, -right, -down])
-        self._gyro.append((stamp_ns, gyro_flu))
-        self._carry(stamp_ns, gyro_flu)
+        self._gyro.append((stamp_ns, gyro_frd_radps))
+        self._carry(stamp_ns, gyro_frd_radps)
 
-    def at_sample(self) -> NDArray[np.float64] | None:
-        """(4,) w x y z at the newest sample, from FLU to ENU; None where no estimate is young enough."""
+    def at_sample(self) -> tuple[float, float, float, float] | None:
+        """w x y z at the newest sample, from FLU to ENU; None where no estimate is young enough."""
         return None if self._at_ns - self._estimated_ns > STALE_ESTIMATE_NS else self._turn
 
-    def _carry(self, stamp_ns: int, gyro_flu: NDArray[np.float64]) -> None:
+    def _carry(self, stamp_ns: int, gyro_frd_radps: Sequence[float]) -> None:
         if self._turn is None or stamp_ns <= self._at_ns:
             return
-        half = 0.5e-9 * (stamp_ns - self._at_ns) * gyro_flu
-        angle = float(np.linalg.norm(half))
-        step = np.concatenate([[math.cos(angle)], half * np.sinc(angle / math.pi)])
-        self._turn, self._at_ns = quat_multiply(self._turn, step), stamp_ns
+        half_s = 0.5e-9 * (stamp_ns - self._at_ns)
+        forward, right, down = gyro_frd_radps
+        w, x, y, z = self._turn
+        angle = half_s * math.hypot(forward, right, down)
+        cosine, sine = math.cos(angle), half_s * (math.sin(angle) / angle if angle else 1.0)
+        roll, pitch, yaw = sine * forward, -sine * right, -sine * down
+        self._turn, self._at_ns = (
+            (
+                w * cosine - x * roll - y * pitch - z * yaw,
+                w * roll + x * cosine + y * yaw - z * pitch,
+                w * pitch - x * yaw + y * cosine + z * roll,
+                w * yaw + x * pitch - y * roll + z * cosine,
+            ),
+            stamp_ns,
+        )
 
 
 class UploadedMission:

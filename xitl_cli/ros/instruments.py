@@ -70,8 +70,8 @@ Measured = tuple[str, str, Any, int]
 class Attitude(Protocol):
     """Where the vessel's attitude is known from."""
 
-    def at_sample(self) -> NDArray[np.float64] | None:
-        """(4,) w x y z at the newest sample of the IMU, from FLU to ENU; None where it is not known."""
+    def at_sample(self) -> tuple[float, float, float, float] | None:
+        """w x y z at the newest sample of the IMU, from FLU to ENU; None where it is not known."""
 
 
 class Instruments:
@@ -113,7 +113,7 @@ class Instruments:
     def _imu(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
         stamp_ns = message.time_usec * 1000
         turn = attitude.at_sample()
-        w, x, y, z = (1.0, 0.0, 0.0, 0.0) if turn is None else turn.tolist()
+        w, x, y, z = (1.0, 0.0, 0.0, 0.0) if turn is None else turn
         imu = RosImu(
             header=self._header(stamp_ns, IMU_FRAME),
             orientation=Quaternion(x, y, z, w),
