@@ -32,6 +32,7 @@ class Pipe:
         self._out = bytearray()
         self._sending = threading.Lock()  # threads of the process send too
         self._in = bytearray()
+        self._chunk = memoryview(bytearray(_CHUNK))  # one for all reads: a new one each would cost more than the read
         self.taken_bytes = 0
 
     @classmethod
@@ -77,15 +78,15 @@ class Pipe:
         closed = False
         while True:
             try:
-                chunk = self._end.recv(_CHUNK)
+                size = self._end.recv_into(self._chunk)
             except BlockingIOError:
                 break
             except OSError:
-                chunk = b""
-            if not chunk:
+                size = 0
+            if not size:
                 closed = True
                 break
-            self._in += chunk
+            self._in += self._chunk[:size]
         messages = []
         while len(self._in) >= _LENGTH.size:
             (length,) = _LENGTH.unpack_from(self._in)

@@ -78,6 +78,7 @@ class AgentView:
         self._on_text = on_text
         self._on_estimate = on_estimate
         self._origin: GeodeticPoint | None = None
+        self._origin_ned_m: Array = np.zeros((1, 3))
         self._deviation_ned_m: Array | None = None
         self._attitude: Any = None
         self._unpaired: Any = None  # a position whose nearest attitude is still to come
@@ -143,6 +144,7 @@ class AgentView:
 
     def _global_origin(self, message: Any) -> None:
         self._origin = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        self._origin_ned_m = self._frame.ned(*np.array([self._origin]).T)
         self.has_origin = True
 
     def _attitude_quaternion(self, message: Any) -> None:
@@ -179,7 +181,7 @@ class AgentView:
     def _ned(self, origin: GeodeticPoint, about_origin_m: Array) -> Array:
         if self.sphere_metres:
             return self._frame.ned(*ardupilot_geodetic(origin, about_origin_m).T)
-        return self._frame.ned(*np.array([origin]).T) + about_origin_m
+        return self._origin_ned_m + about_origin_m
 
     def _node_status(self, message: Any) -> None:
         self.status = message
