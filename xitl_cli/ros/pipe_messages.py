@@ -7,7 +7,6 @@ Up go JSON objects: {"opened": NAME}, {"failed": SENTENCE}, {"action": {...}, "r
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from xitl_cli.profile.schema import RunProfile
 
@@ -28,11 +27,11 @@ class RosChannel:
     topic: str
 
 
-class RosBatch(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class RosBatch:
     """What was recorded since the last one. messages: number of the channel, instant and payload."""
 
-    now_ns: int
-    messages: tuple[tuple[int, int, bytes], ...] = ()
+    messages: tuple[tuple[int, int, bytes], ...]
 
 
 @dataclass(frozen=True, slots=True)

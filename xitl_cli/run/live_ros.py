@@ -132,16 +132,14 @@ class LiveRosNode(RunNode):
             self.poll()
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every == 0 and self._queue:
-            self._now_ns = step.now_ns
-            if self._holds or time.monotonic() >= self._next_s:
-                self._hand_over()
+        if step.number % self._every == 0 and self._queue and (self._holds or time.monotonic() >= self._next_s):
+            self._hand_over()
 
     def _hand_over(self) -> None:
         """Give the process what is queued, unless it has too much already; then drop what is too much."""
         self._next_s = time.monotonic() + HAND_OVER_S
         if not self._bridge.gone and self._bridge.waiting_bytes <= MOST_IN_PIPE_BYTES:
-            batch = RosBatch(self._now_ns, tuple(self._queue))
+            batch = RosBatch(tuple(self._queue))
             self._queue.clear()
             self._queued_bytes = 0
             self._bridge.send(batch)

@@ -80,7 +80,7 @@ def test_what_is_recorded_goes_down_at_each_exchange(beside: Beside) -> None:
     beside.exchange(40)
     assert beside.bridge.receive(5.0) == [
         RosChannel(0, "/truth/odometry"),
-        RosBatch(20, ((0, 5, b"one"), (0, 7, b"two"))),
+        RosBatch(((0, 5, b"one"), (0, 7, b"two"))),
     ]
     assert channel(beside.node, "/sizes") is None
 
