@@ -38,15 +38,20 @@ LONGEST_FIRST = (
     "test_mavsdk.py",
     "test_ground_station.py",
     "test_validation.py",
+    "test_public_api.py",
     "test_own_boat.py",
     "test_live_foxglove.py",
     "test_perception.py",
     "test_sim.py",
     "test_vehicles.py",
     "test_shipped_encounters.py",
+    "test_fleet_avoidance.py",
     "test_steered_vessels.py",
     "test_arm.py",
     "test_replay.py",
+    "test_mean_drift.py",
+    "test_compare_real_logs.py",
+    "test_fleet_mix.py",
 )
 RANKS = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
 KINDS = ("slow", "realtime")

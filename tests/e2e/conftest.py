@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from tests.free_ports import free_port as next_free_port
 from tests.patience import PATIENCE_S
 
 Xitl = Callable[..., subprocess.CompletedProcess[str]]
+Payloads = dict[str, list[tuple[int, bytes]]]
 
 
 def command(*arguments: str) -> list[str]:
@@ -63,8 +65,8 @@ def patient(page: Any) -> Any:
     """A page of playwright's that waits, as do expectations of it, as long as drawing in software may take."""
     from playwright.sync_api import expect
 
-    expect.set_options(timeout=PATIENCE_S * 1e3)
-    page.set_default_timeout(PATIENCE_S * 1e3)
+    expect.set_options(timeout=3e3 * PATIENCE_S)
+    page.set_default_timeout(3e3 * PATIENCE_S)
     return page
 
 
@@ -98,13 +100,22 @@ def summary(directory: Path) -> dict[str, Any]:
     return json.loads((directory / "summary.json").read_text())
 
 
-def payloads(recording: Path) -> dict[str, list[tuple[int, bytes]]]:
+def payloads(recording: Path) -> Payloads:
     """(stamp, payload) of every message by topic."""
-    topics: dict[str, list[tuple[int, bytes]]] = {}
+    topics: Payloads = {}
     with recording.open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages():
             topics.setdefault(channel.topic, []).append((message.log_time, message.data))
     return topics
+
+
+def differences(one: Payloads, other: Payloads) -> dict[str, tuple[object, object]]:
+    """Of topics of one recording that are not the same in another: the first message that is not, in both."""
+    return {
+        topic: next(pair for pair in zip_longest(one[topic], other.get(topic, ())) if pair[0] != pair[1])
+        for topic in one
+        if one[topic] != other.get(topic)
+    }
 
 
 def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str) -> None:

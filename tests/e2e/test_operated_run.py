@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import payloads
+from conftest import differences, payloads
 
 from xitl_cli.logs import open_log
 from xitl_cli.profile import load_profile
@@ -83,7 +83,7 @@ def test_a_run_that_was_played_with_repeats_byte_for_byte(tmp_path: Path) -> Non
     again = run(profile, tmp_path / "again", False, NoDisplay, operation=Operation(events=events))
     one, other = payloads(played.recording), payloads(again.recording)
     assert one.keys() == other.keys()
-    assert [topic for topic in one if one[topic] != other[topic]] == []
+    assert differences(one, other) == {}
 
     counts = played.summary["operator"]
     assert counts["refused"] == 2

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import Xitl, payloads, summary
+from conftest import Xitl, differences, payloads, summary
 from ros2 import own_domain
 
 pytest.importorskip("cyclonedds")
@@ -49,6 +49,6 @@ def test_a_run_that_waits_for_a_node_repeats(xitl: Xitl, tmp_path: Path, monkeyp
     for each in (one, other, replayed):
         each.pop("/log", None)  # what the bridge says of other nodes hangs on the network
     assert one.keys() == other.keys()
-    assert [topic for topic in one if one[topic] != other[topic]] == []
+    assert differences(one, other) == {}
     assert set(one) - set(replayed) <= {"/link/agent/tx"}  # sensors that nobody but nodes of ROS hears
-    assert [topic for topic in replayed if one[topic] != replayed[topic]] == []
+    assert differences(replayed, one) == {}

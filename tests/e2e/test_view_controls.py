@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import patient, payloads
+from conftest import differences, patient, payloads
 
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.profile import load_profile
@@ -112,4 +112,4 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
     unseen = load_profile("sitl", ["clock.duration_s=40.0"])
     again = run(unseen, tmp_path / "again", False, NoDisplay, operation=operation)
     repeated = payloads(again.recording)
-    assert [topic for topic in recorded if recorded[topic] != repeated[topic]] == []
+    assert differences(recorded, repeated) == {}
