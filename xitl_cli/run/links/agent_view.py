@@ -35,15 +35,19 @@ SUBSYSTEMS = {
 """What an autopilot needs at sea, by its bit of SYS_STATUS (MAV_SYS_STATUS_SENSOR)."""
 
 
+STARTING = (dialect.MAV_STATE_BOOT, dialect.MAV_STATE_CALIBRATING)
+"""Not MAV_STATE_UNINIT: "state is unknown", which simple vehicles say for good."""
+
+
 class AgentView:
     """Takes every message; keeps the latest of what matters.
 
     `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
     are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
-    heard: the autopilot's heartbeat has been; px4: it is a PX4; starting: it says that it has yet to boot. has_origin:
-    its estimator has an origin. unhealthy: what of it is on and not well. pair_ms: how
-    far apart a position and an attitude may be to make an estimate. sphere_metres: its local position is in ArduPilot's
-    metres, about an origin on the real Earth.
+    heard: the autopilot's heartbeat has been; px4: it is a PX4; starting: it says that it boots or calibrates.
+    has_origin: its estimator has an origin. unhealthy: what of it is on and not well. pair_ms: how far apart a position
+    and an attitude may be to make an estimate. sphere_metres: its local position is in ArduPilot's metres, about an
+    origin on the real Earth.
     """
 
     def __init__(
@@ -116,7 +120,7 @@ class AgentView:
         self.heard = True
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self.px4 = message.autopilot == dialect.MAV_AUTOPILOT_PX4
-        self.starting = message.system_status <= dialect.MAV_STATE_CALIBRATING
+        self.starting = message.system_status in STARTING
         self.mode = mode_name(message.custom_mode, self.px4)
 
     def _sys_status(self, message: Any) -> None:

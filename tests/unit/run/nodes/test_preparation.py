@@ -119,6 +119,13 @@ def test_an_autopilot_that_is_starting_is_asked_for_nothing() -> None:
     assert case.waits_for() == "the autopilot to take its parameters"
 
 
+def test_an_autopilot_that_never_says_its_state_is_not_waited_for() -> None:
+    case = Case()
+    case.beat(state=dialect.MAV_STATE_UNINIT)
+    case.preparation.update(SECOND)
+    assert case.waits_for() == "the autopilot to take its parameters"
+
+
 def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_said() -> None:
     case = Case()
     case.beat(state=dialect.MAV_STATE_CALIBRATING)
