@@ -209,6 +209,30 @@ def boards() -> Drawing:
     return d
 
 
+def virtual_board() -> Drawing:
+    art = Drawing(960, 430, "A host, an emulator with ports of this machine on one side, and the board within it")
+    art.frame(16, 16, 280, 398, "This machine", "blue")
+    art.frame(356, 16, 588, 398, "Emulator of an ARMv7 machine", "amber")
+    art.frame(622, 56, 306, 342, "Board: Debian, own kernel and clock", "green")
+    art.text(447, 82, "ports of 127.0.0.1", soft=True)
+    ways = [
+        ("xitl board ssh, agent deploy", "tcp 14700", "sshd, systemd", "22"),
+        ("xitl sim: the autopilot's link", "udp, tcp 14701", "agent: autopilot or bridge", "usb0 14660"),
+        ("xitl sim: the companion's link", "udp, tcp 14702", "agent: companion", "usb0 14661"),
+        ("ground station, xitl params", "tcp 14703", "ArduPilot", "5762"),
+        ("xitl sim, a link of serial://", "pseudo-terminal", "agent: a link of serial://", "/dev/ttyS0"),
+    ]
+    for row, (host, outside, guest, inside) in enumerate(ways):
+        y = 98 + 58 * row
+        near = art.box(30, y, 252, 44, host, tone="blue")
+        port = art.box(372, y, 150, 44, tone="grey")
+        art.text(447, y + 27, outside, mono=True)
+        far = art.box(638, y, 274, 44, guest, inside, tone="green")
+        art.arrow(near.right, port.left, both=True, tone="blue")
+        art.arrow(port.right, far.left, both=True, tone="green")
+    return art
+
+
 def links() -> Drawing:
     d = Drawing(900, 330, "One URL opens any transport; urgent messages go first")
     d.box(24, 60, 170, 200, "Host", "XITL_IMU, XITL_GNSS", "XITL_TICK", tone="blue")

@@ -39,6 +39,7 @@ PICTURES: dict[str, Maker] = {
     "ardupilot.svg": drawn(drawings.ardupilot),
     "px4.svg": drawn(drawings.px4),
     "boards.svg": drawn(drawings.boards),
+    "virtual-board.svg": drawn(drawings.virtual_board),
     "links.svg": drawn(drawings.links),
     "ground-stations.svg": drawn(drawings.ground_stations),
     "ros.svg": drawn(drawings.ros),
