@@ -17,7 +17,6 @@ from typing import Any
 import pytest
 from conftest import command, environment, summary
 
-from xitl_cli.board.autopilot import put_autopilot
 from xitl_cli.board.emulator import cut_power, running, stopped, unplugged
 from xitl_cli.board.life import create, remove, start
 from xitl_cli.board.places import EmulatedBoard
@@ -228,7 +227,7 @@ def test_an_ardupilot_on_a_fresh_board_sails_with_all_its_checks_on(board: Emula
     program = os.environ.get(ARMHF)
     if not program:
         pytest.skip(f"{ARMHF} names no ardurover built for armhf Linux")
-    put_autopilot(board, Path(program))
+    subprocess.run(command("board", "put", board.name, program), env=environment(), check=True)
     config = tmp_path / "agent.conf"
     config.write_text(BRIDGE)
     words = ["agent", "deploy", f"board:{board.name}", "--service", "--config", str(config)]

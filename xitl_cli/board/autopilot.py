@@ -12,7 +12,6 @@ from xitl_cli.errors import UserError
 from xitl_cli.params.values import read_wanted
 
 PROGRAM, PARAMETERS, UNIT = "/usr/local/bin/ardurover", "/etc/xitl/ardurover.parm", "ardurover.service"
-DEFAULT_PARAMETERS = "hitl-ardupilot-linux"
 _ARM = 40  # e_machine of ELF
 _HARD_FLOAT = 0x400  # e_flags: EF_ARM_ABI_FLOAT_HARD
 _UNIT = f"""\
@@ -41,7 +40,7 @@ _RECEIVE = (
 _SETTLE = "set -e; systemctl daemon-reload; systemctl enable --now {unit}; systemctl is-active {unit}"
 
 
-def put_autopilot(board: EmulatedBoard, program: Path, parameters: str = DEFAULT_PARAMETERS) -> None:
+def put_autopilot(board: EmulatedBoard, program: Path, parameters: str) -> None:
     """Bring an ArduPilot built for armhf Linux to a running board and have it started now and at each boot.
 
     parameters: a file or a profile, as for `xitl params push`. Raises UserError.

@@ -1,4 +1,4 @@
-"""An image of a suite, CACHE/boards/images/SUITE-VERSION/: disk, kernel and early user space, made without root.
+"""An image of a suite, CACHE/board-images/SUITE-VERSION/: disk, kernel and early user space, made without root.
 
     packages -> unpacked under fakeroot, with dpkg's database as after `dpkg --unpack` -> ext4 -> configured by
     Debian's own scripts, in the emulator -> image.json
@@ -25,7 +25,7 @@ from xitl_cli.board import recipe
 from xitl_cli.board.console import ConsoleFile
 from xitl_cli.board.emulator import machine_arguments
 from xitl_cli.board.packages import FetchedPackages, fetch
-from xitl_cli.board.places import images_root
+from xitl_cli.board.places import images_root, make_folder
 from xitl_cli.board.tools import checked_run, find_program, last_words
 from xitl_cli.errors import UserError
 
@@ -73,7 +73,7 @@ def find_image(suite: str) -> BoardImage | None:
 
 def make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
     """The image of a suite, made where it is not there yet. Raises UserError; what was done so far is kept."""
-    images_root().mkdir(parents=True, exist_ok=True)
+    make_folder(images_root())
     with _alone(images_root() / f"{suite}.lock", progress):
         return find_image(suite) or _make_image(suite, mirror, progress)
 
@@ -92,7 +92,7 @@ def _alone(lock: Path, progress: Progress) -> Iterator[None]:
 
 def _make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
     folder = images_root() / f"{suite}-{recipe.recipe_version()}"
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     free_mib = shutil.disk_usage(folder).free >> 20
     if free_mib < LEAST_FREE_MIB:
         raise UserError(

@@ -20,6 +20,7 @@ from xitl_cli.board.places import (
     board_names,
     find_board,
     images_root,
+    make_folder,
     the_board,
     write_record,
 )
@@ -27,8 +28,6 @@ from xitl_cli.board.tools import FOR_MAKING, FOR_RUNNING, require
 from xitl_cli.errors import UserError
 
 Progress = Callable[[str], None]
-CORES, MEMORY_MIB = (1, 4), (256, 2048)
-LOWEST_PORT, HIGHEST_PORT = 1024, 65535 - PORTS_EACH
 
 
 def create(
@@ -45,7 +44,7 @@ def create(
     require(FOR_MAKING)
     image = make_image(suite, mirror, progress)
     progress("making keys and disk")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     folder.chmod(0o700)
     board = EmulatedBoard(name, suite, image.version, cores, memory_mib, _free_ports() if port is None else port)
     make_keys(folder, name)

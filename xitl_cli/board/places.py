@@ -94,12 +94,22 @@ def board_folder(name: str) -> Path:
     return boards_root() / name
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder of the cache, where it is not there yet. Raises UserError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot be made ({error.strerror}); set XITL_CACHE to a folder that you may write to"
+        ) from None
+
+
 def find_board(name: str) -> EmulatedBoard | None:
     """The board of a name, None where there is none. Raises UserError for one whose record cannot be read."""
     file = board_folder(name) / RECORD
     try:
         return EmulatedBoard(**json.loads(file.read_text(encoding="utf-8")))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError, TypeError):
         raise UserError(

@@ -222,11 +222,14 @@ def console(name: Name) -> None:
 
 
 def _commands(board: EmulatedBoard) -> Iterator[tuple[str, str]]:
+    from xitl_cli.board.places import FIRST_PORT
+    from xitl_cli.board.recipe import BOARD_ADDRESS, BOARD_PORTS, INTERFACE
+
     name = board.name
-    yield "address", f"127.0.0.1, ssh port {board.ssh_port}; 192.168.7.2 in its own network"
+    yield "address", f"127.0.0.1, ssh port {board.ssh_port}; {BOARD_ADDRESS} in its own network"
     yield "log in", f"xitl board ssh {name}"
-    yield "deploy", f"xitl agent deploy board:{name} --service --link udp://usb0:14660"
-    given = "" if board.autopilot_port == 14701 else f" --set autopilot.link=udp://127.0.0.1:{board.autopilot_port}"
+    yield "deploy", f"xitl agent deploy board:{name} --service --link udp://{INTERFACE}:{BOARD_PORTS[0]}"
+    given = "" if board.port == FIRST_PORT else f" --set autopilot.link=udp://127.0.0.1:{board.autopilot_port}"
     yield "sail", f"xitl sim --profile hitl-virtual-board{given}"
     yield "check", f"xitl doctor board:{name}"
     yield "serial", f"serial://{board.serial}?baud=921600 here, serial:///dev/ttyS0?baud=921600 there"

@@ -98,6 +98,16 @@ def test_too_little_space_is_told_before_anything_is_fetched(monkeypatch: pytest
         create()
 
 
+def test_a_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(life, "require", lambda programs: None)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XITL_CACHE", str(tmp_path / "file"))
+    with pytest.raises(
+        UserError, match=r"board-images: cannot be made \(Not a directory\); set XITL_CACHE to a folder"
+    ):
+        create()
+
+
 def test_without_debians_keys_or_a_mirror(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(packages, "KEYRING", tmp_path / "keyring.gpg")
     with pytest.raises(UserError, match="apt install debian-archive-keyring"):
@@ -237,7 +247,7 @@ def elf(machine: int, flags: int) -> bytes:
 def test_only_a_program_for_the_board_is_put_there(board: EmulatedBoard, tmp_path: Path, content: bytes) -> None:
     (tmp_path / "ardurover").write_bytes(content)
     with pytest.raises(UserError, match="no program for armhf Linux; build ArduPilot with"):
-        autopilot.put_autopilot(board, tmp_path / "ardurover")
+        autopilot.put_autopilot(board, tmp_path / "ardurover", "rover-microstrain7")
 
 
 def test_program_parameters_and_unit_are_put_there(
