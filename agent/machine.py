@@ -10,6 +10,7 @@ from typing import NamedTuple
 LOOP_PASSES, LOOP_TRIES = 2000, 10
 SHORTEST_S = 0.5  # the processor time of less is that of a single moment
 VIRTUAL, REAL = "virtual", "real"
+EMULATED = "emulated "  # what the name of an emulated board begins with
 _STAND_INS = ("linux,dummy-virt", "riscv-virtio,qemu")  # models that emulators give themselves
 _CPU_SENSORS = ("cpu", "soc", "x86_pkg", "core", "mcu")  # in a thermal zone's type
 
@@ -107,7 +108,7 @@ def _loop_s() -> float:
 
 
 def _emulated_name() -> str:
-    return f"emulated {os.uname().machine} board, {loop_rate_hz() * 1e-6:.2f} M loops/s"
+    return f"{EMULATED}{os.uname().machine} board, {loop_rate_hz() * 1e-6:.2f} M loops/s"
 
 
 def _text(path: Path) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from agent.machine import EMULATED
 from xitl_cli.commands.terminal import say, show_facts, show_rows
 from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.signals.real_time import not_real_time
@@ -128,7 +129,7 @@ def _of_vessel(part: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _fleet_timing(summary: dict[str, Any]) -> tuple[str, str]:
     parts = summary["vessels"].values()
-    every = {key: [*summary[key], *(row for part in parts for row in part[key])] for key in ("tasks", "clocks")}
+    every = {key: [*summary.get(key, ()), *(row for part in parts for row in part[key])] for key in ("tasks", "nodes")}
     return "timing", _timing({**every, "clocks": []})
 
 
@@ -192,6 +193,8 @@ def _timing(summary: dict[str, Any]) -> str:
         text += f"; clock of {clock['node']} {clock['drift_ppm']:+.2f} ppm"
         if clock["drift_error_ppm"] is not None:
             text += f" (standard error {clock['drift_error_ppm']:.2g})"
+    if any(node["machine"].startswith(EMULATED) for node in summary["nodes"]):
+        text += "; an emulated board's timing is its emulator's"
     return text
 
 

@@ -170,6 +170,13 @@ def test_the_report_leads_with_the_verdict_and_a_line_for_each_part(tmp_path: Pa
     assert "missed  late" not in words  # tables are for --verbose
 
 
+@pytest.mark.parametrize(("machine", "told"), [("emulated armv7l board, 0.77 M loops/s", True), ("BeagleBone", False)])
+def test_the_timing_of_an_emulated_board_is_told_as_such(tmp_path: Path, machine: str, told: bool) -> None:
+    tasks = [TaskTiming("LC", "control", 50.0, 4, 0, start_histogram=(0,) * 16)]
+    made = sections(tasks=tasks, nodes=[NodeReport("LS,LC,LA", machine, "1", None, 0)])
+    assert ("an emulated board's timing is its emulator's" in " ".join(shown(tmp_path, made).split())) is told
+
+
 @pytest.mark.parametrize("width", [80, 40, 24])
 def test_nothing_of_the_report_is_cut_off(tmp_path: Path, width: int) -> None:
     text = shown(tmp_path, eventful(), verbose=True, width=width)
