@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import Json, Overwrite
+from xitl_cli.commands.options import Json, Overwrite, RunsDuration, RunsSeed
 
 if TYPE_CHECKING:
     from xitl_cli.board.places import EmulatedBoard
@@ -119,8 +119,8 @@ def compare(
     ] = None,
     board: Annotated[str | None, typer.Option(metavar="URL", help="The agent on a real board, too.")] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where runs and page go.")] = Path("runs/four-ways"),
-    seed: Annotated[int, typer.Option(min=0, help="Of every run.")] = 1,
-    duration: Annotated[float | None, typer.Option(metavar="S", min=1.0, help="Of each run at most.")] = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
     overwrite: Overwrite = False,
 ) -> None:
     """The same mission in process, as a loopback, on an emulated and on a real board: one page, side by side.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import Json, Vessel
+from xitl_cli.commands.options import From, Json, Overwrite, Raw, SigningKey, Until, VehicleAddress, Vessel
 from xitl_cli.commands.output import quiet_pipe, refuse, tell_damage
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
@@ -26,12 +26,6 @@ _ASK_AGAIN_S = 2.0
 _TRIES = 9
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A DataFlash .bin, a .tlog or an .mcap.")]
-From = Annotated[
-    str | None,
-    typer.Option("--from", metavar="TIME", help="Only rows from here on, as `info` counts: 90, 1:30.5 or 1:02:03."),
-]
-Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="Only rows up to here.")]
-Raw = Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")]
 
 
 def info(
@@ -136,7 +130,7 @@ def export(
     from_time: From = None,
     until_time: Until = None,
     raw: Raw = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
+    overwrite: Overwrite = False,
     vessel: Vessel = None,
     as_json: Json = False,
 ) -> None:
@@ -207,7 +201,7 @@ def repair(
         Path | None,
         typer.Option("--out", metavar="FILE", help="Where it goes (default: <name>-repaired.mcap beside it)."),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")] = False,
+    overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Write a recording whole: all that can be read of it, with the indexes that programs seek by.
@@ -230,14 +224,10 @@ def repair(
 
 
 def tasks(
-    vehicle: Annotated[
-        str, typer.Argument(metavar="VEHICLE", help="tcp://host:port, udp://host:port or serial:///dev/ttyACM0.")
-    ],
+    vehicle: VehicleAddress,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Keep the file as it is.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")] = False,
-    signing_key: Annotated[
-        Path | None, typer.Option("--signing-key", metavar="FILE", help="Sign with this key.")
-    ] = None,
+    overwrite: Overwrite = False,
+    signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Show the execution time of each task of ArduPilot's scheduler, from @SYS/tasks.txt of the vehicle.

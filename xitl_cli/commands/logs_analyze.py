@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import Json, OpenPage, Vessel
+from xitl_cli.commands.options import From, Json, OpenPage, Raw, Until, Vessel
 from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse, tell_vessels
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
@@ -123,11 +123,9 @@ def plot(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="HTML", help="The page (default: <log>.plot.html right here).")
     ] = None,
-    from_time: Annotated[
-        str | None, typer.Option("--from", metavar="TIME", help="Only from here on: 90, 1:30.5 or 1:02:03.")
-    ] = None,
-    until_time: Annotated[str | None, typer.Option("--until", metavar="TIME", help="Only up to here.")] = None,
-    raw: Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")] = False,
+    from_time: From = None,
+    until_time: Until = None,
+    raw: Raw = False,
     vessel: Vessel = None,
     open_it: OpenPage = False,
 ) -> None:

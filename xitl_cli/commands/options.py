@@ -98,3 +98,24 @@ Vessel = Annotated[
     str | None,
     typer.Option("--vessel", metavar="NAME", help="Of a fleet's recording this vessel, its topics as of one alone."),
 ]
+From = Annotated[
+    str | None,
+    typer.Option("--from", metavar="TIME", help="From here on, as `info` counts: 90, 1:30.5 or 1:02:03."),
+]
+Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="Up to here.")]
+Raw = Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")]
+VehicleAddress = Annotated[
+    str,
+    typer.Argument(
+        metavar="VEHICLE",
+        help="tcp://host:port, serial:///dev/ttyACM0, or udp://host:port (waits there if it is this machine); "
+        "?system=3 behind it picks one of several.",
+    ),
+]
+SigningKey = Annotated[
+    Path | None, typer.Option("--signing-key", metavar="FILE", help="Sign with this key, and hear only what is signed.")
+]
+RunsSeed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random, the same for all runs.")]
+RunsDuration = Annotated[
+    float | None, typer.Option("--duration", metavar="S", min=1.0, help="Simulation time of each run at most.")
+]

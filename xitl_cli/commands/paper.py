@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from xitl_cli.commands.options import Json
+from xitl_cli.commands.options import Json, Overwrite, RunsDuration, RunsSeed
 from xitl_cli.commands.output import still_read
 from xitl_cli.commands.terminal import say, show_rows, terminal
 from xitl_cli.errors import UserError
@@ -28,12 +28,7 @@ Out = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="For runs, figures and table.json (default: runs/paper-…-<time>)."),
 ]
-Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random, the same for all runs.")]
-Duration = Annotated[
-    float | None, typer.Option("--duration", metavar="S", min=1.0, help="Simulation time of each run at most.")
-]
 Page = Annotated[bool, typer.Option("--report", help="Write one page with tables and figures: DIR/paper.html.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace earlier runs in the same DIR.")]
 Firmware = Annotated[
     str | None,
     typer.Option("--firmware", metavar="PATH", help="ardurover to start (default: the one that is found)."),
@@ -62,8 +57,8 @@ def section_4_1(
         str, typer.Option("--vehicle", metavar="NAME", help="What the outputs drive: a shipped vehicle, or a .yaml.")
     ] = "asv-third",
     out: Out = None,
-    seed: Seed = 1,
-    duration: Duration = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
     report: Page = False,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -80,8 +75,8 @@ def section_4_1(
 def section_4_2(
     firmware: Firmware = None,
     out: Out = None,
-    seed: Seed = 1,
-    duration: Duration = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
     report: Page = False,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -98,8 +93,8 @@ def section_4_3(
     board: Board = None,
     firmware: Firmware = None,
     out: Out = None,
-    seed: Seed = 1,
-    duration: Duration = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
     report: Page = False,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -114,8 +109,8 @@ def section_4_3(
 
 def section_4_4(
     out: Out = None,
-    seed: Seed = 1,
-    duration: Duration = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
     report: Page = False,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -140,8 +135,8 @@ def all_sections(
     board: Board = None,
     firmware: Firmware = None,
     out: Out = None,
-    seed: Seed = 1,
-    duration: Duration = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
     report: Page = False,
     overwrite: Overwrite = False,
     as_json: Json = False,

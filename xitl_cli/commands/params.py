@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
-from xitl_cli.commands.options import Json
+from xitl_cli.commands.options import Json, Overwrite, SigningKey, VehicleAddress
 from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
 
@@ -28,23 +28,15 @@ SourceArgument = Annotated[
         help="A .parm or .params file, a shipped one's name, `defaults`, or a vehicle: udp://… or tcp://…",
     ),
 ]
-VehicleArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="VEHICLE",
-        help="tcp://host:port, serial:///dev/ttyACM0, or udp://host:port (waits there if it is this machine); "
-        "?system=3 behind it picks one of several.",
-    ),
-]
-Key = Annotated[
-    Path | None, typer.Option("--signing-key", metavar="FILE", help="Sign with this key, and hear only what is signed.")
+WantedArgument = Annotated[
+    str, typer.Argument(metavar="FILE|PROFILE", help="A .parm or .params file, a shipped one's name, or a profile.")
 ]
 
 
 def show(
     source: SourceArgument,
     pattern: Annotated[str, typer.Option("--filter", metavar="GLOB", help="Only these: 'ATC_*'.")] = "*",
-    signing_key: Key = None,
+    signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Show parameters: value, unit, default and meaning."""
@@ -78,7 +70,7 @@ def show(
 def diff(
     one: SourceArgument,
     other: SourceArgument,
-    signing_key: Key = None,
+    signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Show what differs. Exit code: 0 nothing, 1 something, 2 something to put right."""
@@ -100,9 +92,9 @@ def diff(
 
 
 def set_values(
-    vehicle: VehicleArgument,
+    vehicle: VehicleAddress,
     assignments: Annotated[list[str], typer.Argument(metavar="NAME=VALUE...", help="WP_SPEED=2.5 CRUISE_SPEED=3")],
-    signing_key: Key = None,
+    signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Set parameters of a vehicle and read them back."""
@@ -117,17 +109,15 @@ def set_values(
 
 
 def push(
-    source: Annotated[
-        str, typer.Argument(metavar="FILE|PROFILE", help="A .parm or .params file, a shipped one's name, or a profile.")
-    ],
-    vehicle: VehicleArgument,
+    source: WantedArgument,
+    vehicle: VehicleAddress,
     with_script: Annotated[
         bool, typer.Option("--with-script", help="Bring the script for HIL messages to an ArduPilot as well.")
     ] = False,
     reboot: Annotated[
         bool, typer.Option("--reboot", help="Restart the vehicle, and set what appears only then, until all is set.")
     ] = False,
-    signing_key: Key = None,
+    signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Set on a vehicle what differs from a file or a profile, each value read back."""
@@ -148,11 +138,9 @@ def push(
 
 
 def check(
-    source: Annotated[
-        str, typer.Argument(metavar="FILE|PROFILE", help="A .parm or .params file, a shipped one's name, or a profile.")
-    ],
-    vehicle: VehicleArgument,
-    signing_key: Key = None,
+    source: WantedArgument,
+    vehicle: VehicleAddress,
+    signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Hold a vehicle against a file or a profile: what differs, what its version does not have.
@@ -175,12 +163,12 @@ def check(
 
 
 def pull(
-    vehicle: VehicleArgument,
+    vehicle: VehicleAddress,
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="Where to write: NAME.parm, or NAME.params as QGroundControl does.")
     ],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")] = False,
-    signing_key: Key = None,
+    overwrite: Overwrite = False,
+    signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Write all parameters of a vehicle into a file, each with what it means."""

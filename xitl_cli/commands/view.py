@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from xitl_cli.commands.options import Vessel
 from xitl_cli.commands.output import tell_damage
 from xitl_cli.end_signals import end_signals_handled
 from xitl_cli.errors import UserError
@@ -31,7 +32,7 @@ def view(
         list[Path],
         typer.Argument(metavar="LOG", help="run.mcap, .bin, .tlog or other MCAP files, or runs' folders."),
     ],
-    vessel: Annotated[str | None, typer.Option(metavar="NAME", help="Of a fleet's recording: this one alone.")] = None,
+    vessel: Vessel = None,
     at: Annotated[
         str | None, typer.Option("--at", metavar="TIME", help="Stand still there first; the instant of --png.")
     ] = None,
