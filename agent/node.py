@@ -24,7 +24,7 @@ SILENCE_S = 60.0
 MISSES_A_CYCLE = 10
 STRANGERS_SAID_NS = 10_000_000_000
 LATEST_NS = 1 << 62  # here a host's time stands still: after 146 years, half of what the wire's signed fields hold
-_WARNING = 4  # MAV_SEVERITY
+_WARNING = dialect.MAV_SEVERITY_WARNING
 
 
 class AgentNode:

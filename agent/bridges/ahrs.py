@@ -29,6 +29,8 @@ from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
 from agent.fcu.vehicle_state import ImuMeasurement
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire.codec import Message
+from agent.wire.dialect import MAV_SEVERITY_NOTICE as _NOTICE
+from agent.wire.dialect import MAV_SEVERITY_WARNING as _WARNING
 from agent.wire.transport import DATAGRAM_BYTES, SenderStatus, Transport, open_transport
 
 WAITING_FRAMES = 32  # 0.1 s of inertial frames at 200 Hz with those between them: older ones would only mislead
@@ -194,7 +196,6 @@ class SpeedLimit:
 SOLUTION_NS = 20_000_000
 LOCKSTEP_FACTOR = 8.0
 PATIENCE_NS = 5_000_000_000  # of a run, before it is said that nothing is heard at the line
-_WARNING, _NOTICE = 4, 5  # MAV_SEVERITY
 _KINDS = _INERTIAL, _SOLUTION, _FIX = "inertial", "solution", "fix"
 _SLOW = 0.9  # below this part of the rate that was asked for, it is said
 

@@ -25,7 +25,7 @@ SOLUTION_NS = 50_000_000
 SILENT_NS = 3_000_000_000
 ABSENT_NS = 1_000_000_000  # a sensor that has not come since the run began will not
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_DEGC = 101_325.0, 15.0
-_WARNING, _NOTICE = 4, 5  # MAV_SEVERITY
+_WARNING, _NOTICE = mav.MAV_SEVERITY_WARNING, mav.MAV_SEVERITY_NOTICE
 _PREFIX = "xitl_"
 _COUNTERS = {"in": "script_in", "out": "script_out", "drop": "script_dropped"}
 

@@ -160,7 +160,7 @@ WAIT_S = 0.45
 SILENT_S = 1.0
 WINDOW = 64  # answers on their way: what any system's buffer holds
 SAMPLES = 4096  # of one exchange
-_NOTICE, _WARNING = 5, 4  # MAV_SEVERITY
+_NOTICE, _WARNING = mav.MAV_SEVERITY_NOTICE, mav.MAV_SEVERITY_WARNING
 
 
 class JsonWorld(Injector):

@@ -208,7 +208,7 @@ UNSIMULATED_NS = 5_000_000_000
 BLOCK_S = 0.4  # the longest wait of one `advance`
 UNCALLED_S = 3.0
 UNCALLED = "PX4 does not call at {}: it calls once in its life, so start it anew for each run, with this simulator port"
-_ERROR, _WARNING, _NOTICE = 3, 4, 5  # MAV_SEVERITY
+_ERROR, _WARNING, _NOTICE = mav.MAV_SEVERITY_ERROR, mav.MAV_SEVERITY_WARNING, mav.MAV_SEVERITY_NOTICE
 
 
 class Px4Injector(Injector):

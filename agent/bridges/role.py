@@ -114,7 +114,7 @@ _FOR_INJECTORS = (
     mav.MAVLink_xitl_truth_message,
 )
 _OWN_FIRST_ID, _OWN_LAST_ID = mav.MAVLINK_MSG_ID_XITL_RUN, mav.MAVLINK_MSG_ID_XITL_RUN + 99
-_WARNING = 4  # MAV_SEVERITY
+_WARNING = mav.MAV_SEVERITY_WARNING
 
 
 class BridgeRole(Role):

@@ -26,7 +26,7 @@ PLAN_HZ = 5.0
 TELL_HZ = 2.0
 HEARTBEAT_NS = 1_000_000_000
 SILENCE_S = 1.0
-_WARNING, _NOTICE = 4, 5  # MAV_SEVERITY
+_WARNING, _NOTICE = dialect.MAV_SEVERITY_WARNING, dialect.MAV_SEVERITY_NOTICE
 _COMMANDS = (
     dialect.MAVLink_command_long_message,
     dialect.MAVLink_set_position_target_local_ned_message,

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.ros.middleware import ros2_way
@@ -21,7 +22,6 @@ from xitl_cli.run.core.side_process import SideProcess
 from xitl_cli.run.operator.node import OperatorNode
 
 SOURCE = "ros"
-WARNING = 4  # MAV_SEVERITY
 OPENING_S = 60.0
 HAND_OVER_HZ = 100.0
 """How often the process is given what is recorded, in simulation time."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core import frames
 from sim_core.fleet import Fleet
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
@@ -35,7 +36,6 @@ from xitl_cli.view.scene import NO_WAVES, scene_waves
 from xitl_cli.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
 
 SOURCE = "view"
-WARNING = 4  # MAV_SEVERITY
 FIRST_BROWSER_S = 20.0
 """For which a run in lockstep waits for the browser that it has opened."""
 ALONE_S = 5.0

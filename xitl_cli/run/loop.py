@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.mcap_file import RecordingError
@@ -16,9 +17,6 @@ from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
 from xitl_cli.run.world.plant import Plant
-
-WARNING = 4  # MAV_SEVERITY_WARNING
-
 
 Group = tuple[int, list[Callable[[RunStep], object]]]
 """Calls that get the same step: n that of vessel n, counted from 1, and 0 that of the first, for the world's nodes."""

@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.profile.schema.ros import RosLockstepSpec
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.core.pace import LISTEN_S, OperatedLockstep
 
-WARNING = 4  # MAV_SEVERITY
 LOOK_S = 0.002
 CLOCK_AGAIN_S = 0.2
 SETTLED_S = 1.0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from xitl_cli.view.model import VesselInstant, ViewEvent, ViewInstant, ViewScene
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ AXIS: Any = {
     "ticks": {"stroke": "rgba(134,142,150,.5)", "width": 1, "size": 4},
 }
 """Seen by day and by night."""
-WARNING = 4  # MAV_SEVERITY
 
 
 class Readouts:

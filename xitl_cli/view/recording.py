@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
+from agent.wire.dialect import MAV_SEVERITY_INFO as _SAID  # of a text whose log does not say
 from sim_core.frames import ned_to_enu, quat_ned_frd_to_enu_flu
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.compare.pairing import pair_logs, paired_events
@@ -75,7 +76,6 @@ if TYPE_CHECKING:
 SCENE = "/scene"
 _MARGIN_M = 60.0
 _MARKED = ("fault", "takeover", "error", "event", "estimator")
-_SAID = 6  # MAV_SEVERITY_INFO, of a text whose log does not say
 
 
 @dataclass(frozen=True, slots=True)

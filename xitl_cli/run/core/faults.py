@@ -85,7 +85,7 @@ def _sensor(sensor: SensorFault) -> Iterator[str]:
 
 
 NEVER_NS = 1 << 62
-_NOTICE = 5  # MAV_SEVERITY_NOTICE
+_NOTICE = dialect.MAV_SEVERITY_NOTICE
 _KINDS = ("link", "agent", "imu", "gnss", "magnetometer", "barometer")
 
 

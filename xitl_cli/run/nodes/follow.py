@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from agent.wire.dialect import MAV_SEVERITY_NOTICE as NOTICE
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core.geodesy import LocalFrame
 from xitl_cli.profile.schema.agents import FollowSpec
 from xitl_cli.run.core.node import RunContext
@@ -20,7 +22,6 @@ from xitl_cli.run.traffic.self_report import Point, VesselVoices
 RATE_HZ = 5.0
 STATION_M = 3.0  # the first time that it is so near to its place, it is there
 STATION_ERRORS = ("rms_m", "p50_m", "p95_m", "max_m", "behind_max_m", "ahead_max_m", "beside_p95_m")
-WARNING, NOTICE = 4, 5  # MAV_SEVERITY
 
 
 class FollowDriver(VehicleDriver):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.simulation import Simulation, SimulationState
 from xitl_cli.record.recorder import Recorder
@@ -16,7 +17,6 @@ from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 
 RATE_HZ = 20.0
 SOURCE = "physics"
-WARNING = 4  # MAV_SEVERITY
 
 
 class RangeLook(NamedTuple):

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from agent.wire.codec import Message
+from agent.wire.dialect import MAV_SEVERITY_INFO as INFO
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 
 SOURCE = "perception"
-WARNING, INFO = 4, 6  # MAV_SEVERITY
 
 
 class PerceptionInstrument(Protocol):

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.random import default_rng
 
+from agent.wire.dialect import MAV_SEVERITY_INFO as INFO
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core import frames
 from sim_core.world.debris import DebrisState, Launch, make_body
 from sim_core.world.plan import Capsules
@@ -28,7 +30,6 @@ from xitl_cli.seeds import Seeds
 RECORD_RATE_HZ = 10.0
 MOST_BODIES = 500
 SOURCE = "world"
-WARNING, INFO = 4, 6  # MAV_SEVERITY
 
 
 class CollisionNode(RunNode):

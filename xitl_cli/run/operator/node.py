@@ -14,6 +14,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple, cast
 
+from agent.wire.dialect import MAV_SEVERITY_INFO as INFO
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core.environment.spec import EnvironmentSpec
 from sim_core.environment.waves import FlatWater, WaveField
 from sim_core.world.debris import BodyKind, Launch
@@ -42,7 +44,6 @@ from xitl_cli.run.operator.orders import Order, Steering, VesselOrders, link_fau
 from xitl_cli.run.operator.replay import TimedAction
 
 SOURCE = "operator"
-WARNING, INFO = 4, 6  # MAV_SEVERITY
 REPLAYED = "--replay-events"
 WAVES_NS = 500_000_000
 """Between two that are recorded while they change."""
