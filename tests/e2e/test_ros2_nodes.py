@@ -102,10 +102,13 @@ def bag_stamps(folder: Path, topics: Collection[str]) -> dict[str, list[int]]:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize(
-    ("distribution", "way", "seconds"),
-    [("kilted", "cyclonedds", 30), ("jazzy", "cyclonedds", 6), ("kilted", "rclpy", 6)],
+    ("distribution", "way", "discovery", "seconds"),
+    [("kilted", "cyclonedds", "SUBNET", 30), ("jazzy", "cyclonedds", "LOCALHOST", 6), ("kilted", "rclpy", "SUBNET", 6)],
 )
-def test_a_node_hears_every_message(tmp_path: Path, distribution: str, way: str, seconds: int) -> None:
+def test_a_node_hears_every_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, distribution: str, way: str, discovery: str, seconds: int
+) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", discovery)
     ros = ros2(distribution)
     with ros.node(LISTENER, str(all_topics(tmp_path)), str(tmp_path / "report.json")) as listener:
         listener.expect("listening")

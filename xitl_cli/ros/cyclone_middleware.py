@@ -57,7 +57,14 @@ CONFIGURATION = """<CycloneDDS><Domain>
 </Domain></CycloneDDS>"""
 """1.15 is eProsima: Fast DDS 3 describes types otherwise than Cyclone DDS expects, and nothing arrives. The watermark:
 what a publisher holds for readers that have not confirmed it before it stands still for all of them."""
+LOCAL_CONFIGURATION = """<CycloneDDS><Domain>
+<General><Interfaces><NetworkInterface address="127.0.0.1" multicast="true"/></Interfaces></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
+"""On this machine alone. By number and peer: nodes of Fast DDS that stay on it are not found by multicast."""
 DOMAIN_VARIABLE, CONFIGURATION_VARIABLE = "ROS_DOMAIN_ID", "CYCLONEDDS_URI"
+LOCAL_VARIABLE, RANGE_VARIABLE = "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PEERS_VARIABLE = "ROS_STATIC_PEERS"
 BLOCKED_NS = 100_000_000
 MOST_TAKEN = 100
 MOST_ENDPOINTS = 10_000
@@ -81,7 +88,9 @@ class CycloneMiddleware:
         self._domain_id = ros_domain(spec)
         self._node = node_name
         given = os.environ.get(CONFIGURATION_VARIABLE)
-        parts = [given] if given else []
+        self._local = localhost_only()
+        parts = [LOCAL_CONFIGURATION] if self._local else []
+        parts += [given] if given else []
         try:
             self._domain = Domain(self._domain_id, ",".join([*parts, CONFIGURATION]))
             about = Policy.Userdata(data=b"enclave=/;")
@@ -101,7 +110,7 @@ class CycloneMiddleware:
         self._requests: deque[ServiceRequest] = deque()
         self._request_come = GuardCondition(self._participant)
         self._waiting.attach(self._request_come)
-        self._problems: list[str] = []
+        self._problems = list(unread_variables())
         self._told: set[tuple[str, int]] = set()
         self._others = OtherEndpoints(self._participant)
         self._next_look_s = 0.0
@@ -138,7 +147,7 @@ class CycloneMiddleware:
         """See Middleware: by a participant of its own, see `rtps_services`."""
         if self._services is None:
             try:
-                self._services = RtpsServices(self._domain_id, self._on_request)
+                self._services = RtpsServices(self._domain_id, self._on_request, self._local)
             except OSError as error:
                 if not self._answers:
                     self._problems.append(
@@ -285,6 +294,22 @@ def ros_domain(spec: RosSpec) -> int:
     if given.isdecimal() and int(given) <= 232:
         return int(given)
     raise UserError(f"{DOMAIN_VARIABLE}={given}: is no domain of ROS 2; use 0 to 232, or ros.domain")
+
+
+def localhost_only() -> bool:
+    """Whether the environment has ROS stay on this machine."""
+    return os.environ.get(LOCAL_VARIABLE) == "1" or os.environ.get(RANGE_VARIABLE) == "LOCALHOST"
+
+
+def unread_variables() -> Iterator[str]:
+    """A sentence for each variable of ROS 2's discovery that is set and does nothing here."""
+    asked = os.environ.get(RANGE_VARIABLE) or "SUBNET"
+    if asked not in ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"):
+        fix = "use LOCALHOST, another domain, or ros.way: rclpy"
+        yield f"ros: {RANGE_VARIABLE}={asked} does nothing without rclpy; {fix}"
+    if os.environ.get(PEERS_VARIABLE):
+        fix = f"give peers in {CONFIGURATION_VARIABLE}, or use ros.way: rclpy"
+        yield f"ros: {PEERS_VARIABLE} does nothing without rclpy; {fix}"
 
 
 @cache

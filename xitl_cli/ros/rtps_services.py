@@ -20,7 +20,7 @@ from itertools import count
 from xitl_cli.ros import rtps
 from xitl_cli.ros.rtps import Submessage
 
-GROUP = "239.255.0.1"
+GROUP, LOOPBACK = "239.255.0.1", "127.0.0.1"
 ANNOUNCED_S = (0.1, 3.0)
 """Between announcements: of the first ten, and later."""
 FIRST_ANNOUNCEMENTS = 10
@@ -122,12 +122,12 @@ class ServiceRequest:
 class RtpsServices:
     """Serves in a domain, in a thread of its own; `come` is called there with each request, for `respond` later.
 
-    malformed: submessages that could not be understood.
+    local: on this machine alone. malformed: submessages that could not be understood.
 
     Raises OSError where the network cannot be had.
     """
 
-    def __init__(self, domain: int, come: Callable[[ServiceRequest], object]) -> None:
+    def __init__(self, domain: int, come: Callable[[ServiceRequest], object], local: bool = False) -> None:
         self._domain = domain
         self._come = come
         self._prefix = rtps.UNKNOWN_VENDOR + os.urandom(rtps.PREFIX_BYTES - 2)
@@ -138,7 +138,8 @@ class RtpsServices:
         self._remotes: dict[bytes, Remote] = {}
         self._requesters: dict[bytes, RtpsService] = {}
         self._lock = threading.RLock()
-        self._address = own_address()
+        self._address = LOOPBACK if local else own_address()
+        self._bound = LOOPBACK if local else ""
         self._unicast, self._port = self._bind_unicast()
         self._multicast = self._join()
         self._announced = 0
@@ -197,7 +198,7 @@ class RtpsServices:
                 break
             end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             try:
-                end.bind(("", port))
+                end.bind((self._bound, port))
             except OSError:
                 end.close()
                 continue
@@ -210,7 +211,7 @@ class RtpsServices:
         end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         end.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         end.bind(("", 7400 + 250 * self._domain))
-        for address in dict.fromkeys((self._address, "127.0.0.1")):
+        for address in dict.fromkeys((self._address, LOOPBACK)):
             membership = socket.inet_aton(GROUP) + socket.inet_aton(address)
             try:
                 end.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
@@ -438,11 +439,11 @@ def _request(service: RtpsService, remote: Remote, vendor: bytes, part: Submessa
 
 
 def own_address() -> str:
-    """The address by which others in the network reach this machine; 127.0.0.1 without a network."""
+    """The address by which others in the network reach this machine; that of the loopback without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
         try:
             end.connect((GROUP, 7400))
         except OSError:
-            return "127.0.0.1"
+            return LOOPBACK
         address: str = end.getsockname()[0]
         return address

@@ -67,6 +67,25 @@ def test_a_qos_that_does_not_match_is_named_once(node: CycloneMiddleware) -> Non
 
 
 @pytest.mark.parametrize(
+    ("variable", "value", "fix"),
+    [
+        ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF", "use LOCALHOST, another domain, or ros.way: rclpy"),
+        ("ROS_STATIC_PEERS", "192.0.2.7", "give peers in CYCLONEDDS_URI, or use ros.way: rclpy"),
+    ],
+)
+def test_what_the_environment_asks_for_in_vain_is_said(
+    monkeypatch: pytest.MonkeyPatch, variable: str, value: str, fix: str
+) -> None:
+    monkeypatch.setenv(variable, value)
+    node = CycloneMiddleware(RosSpec(domain=DOMAIN))
+    problems = node.problems()
+    node.close()
+    assert len(problems) == 1
+    assert problems[0].startswith(f"ros: {variable}")
+    assert problems[0].endswith(fix)
+
+
+@pytest.mark.parametrize(
     ("name", "fields"),
     [
         ("sensor_msgs/msg/PointCloud2", ["header", "height", "width", "fields", "is_bigendian"]),

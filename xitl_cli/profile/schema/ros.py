@@ -83,7 +83,8 @@ class RosSpec(Specification):
     lockstep: Annotated[RosLockstepSpec | None, "null: the run waits for nobody"] = None
     estimate_rate_hz: Annotated[
         Positive | None,
-        "at which the autopilot is asked for what `odometry` is made from; null, or with a companion of ours: as it is",
+        "at which the autopilot is asked for what `odometry` is made from; null, or with a companion at the end of a "
+        "link, which asks for itself: as it is",
     ] = 25.0
     tf: Annotated[
         Literal["auto", "estimate", "truth", "none"],
