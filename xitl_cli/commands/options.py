@@ -96,7 +96,7 @@ OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the bro
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there already.")]
 Vessel = Annotated[
     str | None,
-    typer.Option("--vessel", metavar="NAME", help="Of a fleet's recording this vessel, its topics as of one alone."),
+    typer.Option("--vessel", metavar="NAME", help="Of a fleet's recording or bag this vessel, as of one alone."),
 ]
 From = Annotated[
     str | None,

@@ -55,9 +55,11 @@ def export_bag(
 ) -> ExportResult:
     """Write the log as a bag. names: topics of ROS or messages of the log, all without any.
 
-    Raises UserError for an existing or unwritable place, for names that nothing is of, and for a recording that is
-    damaged.
+    Raises UserError for an existing or unwritable place, for names that nothing is of, for one vessel of a bag, and for
+    a recording that is damaged.
     """
+    if log.vessel and log.base != "simulation":
+        raise UserError(f"{log.path}: is a bag, whose topics keep their names; name those of {log.vessel} in full")
     final = bag_path(log.path, bag_format, out)
     if final.exists() and log.path.exists() and final.samefile(log.path):
         raise UserError(f"{final}: is the log itself; choose another place with --out")

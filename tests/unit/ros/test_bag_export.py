@@ -26,9 +26,12 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.commands.logs import export
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.vessel_bag import namespaces_of_vessels
 from xitl_cli.logs.signals.receivers import gnss_receivers
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.resolved import resolved_yaml
+from xitl_cli.record.mcap_file import McapFile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotionEstimate
 from xitl_cli.run.world.world import local_frame
@@ -71,6 +74,21 @@ def sailed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recorder.attach("profile.yaml", "application/yaml", resolved_yaml(profile).encode())
     sail(recorder, local_frame(profile.runnable().site), 0.0)
     recorder.close()
+    return path
+
+
+@pytest.fixture(scope="module")
+def convoy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same of four vessels, 10 m beside each other."""
+    path = tmp_path_factory.mktemp("convoy") / "run.mcap"
+    file, profile = McapFile(path, "lz4"), load_profile("fleet-convoy")
+    run = Recorder(file, links=(), from_start=False)
+    vessels = profile.run_profiles()
+    run.metadata("xitl", {"profile": "fleet-convoy", "vessels": ", ".join(one.vessel for one in vessels)})
+    run.attach("profile.yaml", "application/yaml", resolved_yaml(profile).encode())
+    for number, one in enumerate(vessels):
+        sail(Recorder(file, links=("agent",), vessel=one.vessel), local_frame(one.site), 10.0 * number)
+    run.close()
     return path
 
 
@@ -177,6 +195,46 @@ def test_a_bag_of_a_run_is_compared_about_the_same_place_on_the_earth(
         assert again.path.source == "/odometry.pose.pose.position"
         assert again.path.values == pytest.approx(there.path.values, abs=1e-6)
         assert gnss_receivers(read) == []  # the truth is none
+
+
+@pytest.mark.parametrize("bag_format", FORMATS)
+def test_a_vessel_of_a_bag_is_read_as_if_it_were_alone(convoy: Path, tmp_path: Path, bag_format: str) -> None:
+    bag = written(convoy, place(tmp_path, bag_format), bag_format)
+    with open_log(convoy) as run:
+        names = run.vessels
+    assert len(names) == 4
+    with open_log(bag) as every:
+        assert (set(every.vessels), every.vessel) == (set(names), "")
+        assert {f"/{name}/odometry" for name in names} <= set(every.tables)
+    for name in names:
+        with open_log(convoy, name) as run, open_log(bag, name) as one:
+            assert (set(one.vessels), one.vessel) == (set(names), name)
+            assert {"/odometry", "/ground_truth/fix", "/tf_static"} <= set(one.tables)
+            assert not [topic for topic in (*one.tables, *one.rowless) if topic.split("/")[1] in names]
+            assert len(list(one.payloads("/odometry"))) == len(one["/odometry"]) == 20
+            there, again = signals.position_ned(run), signals.position_ned(one)
+            assert there is not None
+            assert again is not None
+            assert again.origin == pytest.approx(there.origin, abs=1e-9)
+            assert again.path.values == pytest.approx(there.path.values, abs=1e-6)
+            assert again.path.values[0, 1] == pytest.approx(10.0 * names.index(name) + 0.3)
+    with open_log(bag, "") as first:
+        assert first.vessel in names
+    with pytest.raises(LogError, match=f"has no vessel 'nobody'; it is of {', '.join(sorted(names))}"):
+        open_log(bag, "nobody")
+    with pytest.raises(UserError, match="whose topics keep their names"):
+        written(bag, place(tmp_path / "again", bag_format), bag_format, vessel=names[0])
+
+
+def test_namespaces_are_told_from_parts_of_a_vessel(sailed: Path, tmp_path: Path) -> None:
+    marked = ["/harbour/a/robot_description", "/harbour/b/robot_description", "/harbour/b/arm/robot_description"]
+    assert namespaces_of_vessels(marked) == {"a": "/harbour/a", "b": "/harbour/b"}
+    assert namespaces_of_vessels(["/robot_description", "/arm/robot_description", "/odometry"]) == {}
+    bag = written(sailed, tmp_path / "made", "rosbag2-mcap", ["odometry", "ground_truth/odom"])
+    with pytest.raises(LogError, match="is of one vessel alone"):
+        open_log(bag, "a")
+    with open_log(bag, "") as log:
+        assert (log.vessels, log.vessel) == ((), "")
 
 
 def test_names_and_times_choose(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
-from xitl_cli.logs.model.log import Base, Log, LogHealth
-from xitl_cli.logs.model.table import Floats, Stamps, Table, whole_ns
+from xitl_cli.logs.model.log import Log, LogView
+from xitl_cli.logs.model.table import Floats, Stamps, whole_ns
 from xitl_cli.logs.model.text import clock_text
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import armed
@@ -127,61 +127,12 @@ class TimeLine:
         return float(self.seconds(np.array([within], dtype=np.int64))[0])
 
 
-class AlignedLog(Log):
+class AlignedLog(LogView):
     """The log, its stamps as they are, that knows how they lie on the time line of the report."""
 
     def __init__(self, log: Log, time_line: TimeLine) -> None:
-        self.inner = log
-        self.path, self.format = log.path, log.format
+        super().__init__(log)
         self.time_line = time_line
-
-    @property
-    def base(self) -> Base:
-        return self.inner.base
-
-    @property
-    def tables(self) -> Mapping[str, Table]:
-        return self.inner.tables
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        return self.inner.span_ns
-
-    @property
-    def health(self) -> LogHealth:
-        return self.inner.health
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        return self.inner.facts
-
-    @property
-    def rowless(self) -> Collection[str]:
-        return self.inner.rowless
-
-    @property
-    def vessels(self) -> tuple[str, ...]:
-        return self.inner.vessels
-
-    @property
-    def vessel(self) -> str:
-        return self.inner.vessel
-
-    @property
-    def closed(self) -> bool:
-        return self.inner.closed
-
-    def attachment(self, name: str) -> bytes | None:
-        return self.inner.attachment(name)
-
-    def frame_tables(self, topic: str) -> Mapping[str, Table]:
-        return self.inner.frame_tables(topic)
-
-    def payloads(self, topic: str) -> Iterator[bytes]:
-        return self.inner.payloads(topic)
-
-    def close(self) -> None:
-        self.inner.close()
 
 
 class LogClock:

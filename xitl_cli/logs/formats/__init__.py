@@ -43,26 +43,28 @@ _WANTED = "give a DataFlash .bin, a .tlog, an .mcap or a bag of ROS"
 def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     """Open the log at `path`, also a damaged one: `health` says what of it is lost.
 
-    vessel: of a recording of several the one whose topics are to be as of a vessel alone; without it all topics are
-    there with the names that they have in the file, and "" is the first vessel. A .bin or .tlog is of one anyhow.
+    vessel: of a recording or bag of several the one whose topics are to be as of a vessel alone; without it all topics
+    are there with the names that they have in the file, and "" is the first vessel. A .bin or .tlog is of one anyhow.
 
     Raises LogError when the file is missing, unreadable or no log, or has no such vessel.
     """
     path = Path(path)
     if _is_bag_folder(path):
-        return _of_one(_bag_folder(path), vessel)
+        return _of_vessel(_bag_folder(path), vessel)
     head, size = _head(path)
     try:
         if head.startswith(_MCAP_MAGIC):
             from xitl_cli.logs.formats.mcap.file import McapLog
 
             log = McapLog(path)
+            if log.base != "simulation":
+                return _of_vessel(log, vessel)
             if vessel is None or not (vessel or log.vessels):
                 return log
             log.close()
             return McapLog(path, vessel or log.vessels[0])
         if head.startswith((_ROS1_BAG_MAGIC, _SQLITE_MAGIC)):
-            return _of_one(_bag(path, head), vessel)
+            return _of_vessel(_bag(path, head), vessel)
         if head.startswith(_DATAFLASH_START):
             return _dataflash(path)
         other = next((what for magic, what in _OTHERS if head.startswith(magic)), None)
@@ -107,12 +109,17 @@ def _bag(path: Path, head: bytes) -> Log:
     return Ros1Bag(path)
 
 
-def _of_one(log: Log, vessel: str | None) -> Log:
-    """A log whose topics are not told apart by vessel. Raises LogError when one is asked for."""
-    if not vessel:
-        return log
-    log.close()
-    raise LogError(f"{log.path}: is a bag, whose vessels are not known; leave --vessel out and name topics in full")
+def _of_vessel(bag: Log, vessel: str | None) -> Log:
+    """The bag, or one vessel of it."""
+    if vessel is None or not (vessel or bag.vessels):
+        return bag
+    from xitl_cli.logs.model.vessel_bag import VesselBag
+
+    try:
+        return VesselBag(bag, vessel)
+    except BaseException:
+        bag.close()
+        raise
 
 
 def _dataflash(path: Path) -> Log:

@@ -219,3 +219,59 @@ class Log(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class LogView(Log):
+    """A log seen otherwise: what is not overridden is as in `inner`."""
+
+    def __init__(self, inner: Log) -> None:
+        self.inner = inner
+        self.path, self.format = inner.path, inner.format
+
+    @property
+    def base(self) -> Base:
+        return self.inner.base
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        return self.inner.tables
+
+    @property
+    def rowless(self) -> Collection[str]:
+        return self.inner.rowless
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        return self.inner.span_ns
+
+    @property
+    def health(self) -> LogHealth:
+        return self.inner.health
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        return self.inner.facts
+
+    @property
+    def vessels(self) -> tuple[str, ...]:
+        return self.inner.vessels
+
+    @property
+    def vessel(self) -> str:
+        return self.inner.vessel
+
+    @property
+    def closed(self) -> bool:
+        return self.inner.closed
+
+    def attachment(self, name: str) -> bytes | None:
+        return self.inner.attachment(name)
+
+    def payloads(self, topic: str) -> Iterator[bytes]:
+        return self.inner.payloads(topic)
+
+    def frame_tables(self, topic: str) -> Mapping[str, Table]:
+        return self.inner.frame_tables(topic)
+
+    def close(self) -> None:
+        self.inner.close()

@@ -14,6 +14,7 @@ from xitl_cli.logs.formats.mcap.index import RecordingLosses
 from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, UndecodableError, doubtful_rows
 from xitl_cli.logs.model.log import Base, Log, LogHealth
 from xitl_cli.logs.model.table import Table
+from xitl_cli.logs.model.vessel_bag import namespaces_of_vessels
 
 YEAR_2000_NS = 946_684_800 * 1_000_000_000
 
@@ -88,6 +89,10 @@ class BagLog(Log):
     def types(self) -> Mapping[str, str]:
         """Name of the ROS type of each table."""
         return self._types
+
+    @property
+    def vessels(self) -> tuple[str, ...]:
+        return tuple(namespaces_of_vessels([*self._tables, *self._rowless]))
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

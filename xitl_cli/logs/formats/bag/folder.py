@@ -18,6 +18,7 @@ from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth, Losses
 from xitl_cli.logs.model.table import ALL, Column, Rows, Table
+from xitl_cli.logs.model.vessel_bag import namespaces_of_vessels
 
 METADATA = "metadata.yaml"
 _PACKED = ".zstd"
@@ -208,7 +209,7 @@ class JoinedLog(Log):
 
     @property
     def vessels(self) -> tuple[str, ...]:
-        return self._parts[0].vessels
+        return tuple(namespaces_of_vessels([*self.tables, *self.rowless]))
 
     @property
     def closed(self) -> bool:

@@ -21,6 +21,7 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
 from xitl_cli.logs.model.table import Selection, Table
+from xitl_cli.logs.model.vessel_bag import namespaces_of_vessels
 
 if TYPE_CHECKING:
     from xitl_cli.logs.formats.mcap.rewrite import Rewritten
@@ -105,7 +106,9 @@ class McapLog(Log):
 
     @property
     def vessels(self) -> tuple[str, ...]:
-        names = self._index.metadata.get(OUR_RECORD, {}).get("vessels", "")
+        if OUR_RECORD not in self._index.metadata:
+            return tuple(namespaces_of_vessels(channel.topic for channel in self._index.channels.values()))
+        names = self._index.metadata[OUR_RECORD].get("vessels", "")
         return tuple(name.strip() for name in names.split(",") if name.strip())
 
     @property

@@ -1,0 +1,91 @@
+"""A bag of several vessels: whose topics are whose, and those of one as if it were alone."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from functools import cached_property
+from os.path import commonpath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log, LogView
+from xitl_cli.logs.model.table import Selection, Table
+
+MARKS = ("ground_truth/odom", "robot_description")
+"""Topics of which each vessel has one of its own."""
+
+
+def namespaces_of_vessels(topics: Iterable[str]) -> dict[str, str]:
+    """The namespace of each vessel, `/harbour/alpha`, by its name; empty unless there are two at least."""
+    marked = {topic.removesuffix(f"/{mark}") for topic in topics for mark in MARKS if topic.endswith(f"/{mark}")} - {""}
+    found = sorted(one for one in marked if not any(one.startswith(f"{other}/") for other in marked))  # no part of one
+    if len(found) < 2:
+        return {}
+    shared = commonpath(found).rstrip("/")
+    return {namespace.removeprefix(f"{shared}/"): namespace for namespace in found}
+
+
+class VesselBag(LogView):
+    """Of the bag the topics of one vessel, named as of a vessel alone, and those that are nobody's.
+
+    vessel: "" is the first. Raises LogError where there is none of this name.
+    """
+
+    def __init__(self, bag: Log, vessel: str) -> None:
+        super().__init__(bag)
+        self._namespaces = namespaces_of_vessels([*bag.tables, *bag.rowless])
+        if not self._namespaces:
+            marks = " or ".join(f"/{vessel}/{mark}" for mark in MARKS)
+            raise LogError(f"{bag.path}: is of one vessel alone, or has no {marks} to tell by; leave --vessel out")
+        self._vessel = vessel or next(iter(self._namespaces))
+        if self._vessel not in self._namespaces:
+            there = ", ".join(self._namespaces)
+            raise LogError(f"{bag.path}: has no vessel {vessel!r}; it is of {there}")
+        named = ((self._shown(name), table) for name, table in bag.tables.items())
+        self._tables = dict(sorted((name, NamedTable(name, table)) for name, table in named if name is not None))
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        return self._tables
+
+    @property
+    def rowless(self) -> Collection[str]:
+        return {name for topic in self.inner.rowless if (name := self._shown(topic)) is not None}
+
+    @property
+    def vessels(self) -> tuple[str, ...]:
+        return tuple(self._namespaces)
+
+    @property
+    def vessel(self) -> str:
+        return self._vessel
+
+    def payloads(self, topic: str) -> Iterator[bytes]:
+        table = self._tables.get(topic)
+        return iter(()) if table is None else self.inner.payloads(table.full_name)
+
+    def _shown(self, topic: str) -> str | None:
+        """The name of a topic here, None where it is another vessel's."""
+        own = self._namespaces[self._vessel]
+        if topic.startswith(f"{own}/"):
+            return topic.removeprefix(own)
+        others = (f"{namespace}/" for namespace in self._namespaces.values())
+        return None if topic.startswith(tuple(others)) else topic
+
+
+class NamedTable(Selection):
+    """A whole table by another name; it is read when it is asked for."""
+
+    def __init__(self, name: str, table: Table) -> None:
+        self._table = table
+        self.name, self.full_name, self.instance = name, table.name, table.instance
+
+    @property
+    def indexed_rows(self) -> int:
+        return self._table.indexed_rows
+
+    @cached_property
+    def _index(self) -> NDArray[np.intp]:  # type: ignore[override]
+        return np.arange(len(self._table), dtype=np.intp)
