@@ -50,6 +50,7 @@ def test_commands_and_options(offered) -> None:
     assert {"sim", "doctor", "profiles", "logs"} <= set(offered("xitl", ""))
     assert offered("xitl", "logs", "ana") == ["analyze"]
     assert "--duration" in offered("xitl", "sim", "--d")
+    assert offered("xitl", "logs", "analyze", "run.mcap", "--section", "sched") == ["scheduler"]
 
 
 def test_profiles_and_files(offered, tmp_path: Path) -> None:

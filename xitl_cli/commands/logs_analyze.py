@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import From, Json, OpenPage, Raw, Until, Vessel
+from xitl_cli.commands.options import From, Json, OpenPage, Raw, Until, Vessel, complete_section
 from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse, tell_vessels
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
@@ -32,7 +32,12 @@ def analyze(
     ] = None,
     sections: Annotated[
         list[str] | None,
-        typer.Option("--section", metavar="NAME", help="Only this analysis, such as scheduler. Repeatable."),
+        typer.Option(
+            "--section",
+            metavar="NAME",
+            help="Only this analysis, such as scheduler. Repeatable.",
+            autocompletion=complete_section,
+        ),
     ] = None,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="With a page, print here what is on it as well: all facts.")

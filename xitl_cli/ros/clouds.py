@@ -16,9 +16,6 @@ from rosbags.typesys.stores.ros2_jazzy import (
 from rosbags.typesys.stores.ros2_jazzy import (
     sensor_msgs__msg__PointField as PointField,
 )
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__Header as Header,
-)
 
 from sim_core.frames import euler_to_quat, quat_to_euler, quat_to_matrix
 from xitl_cli.record.topics import LIDAR_POINT, SONAR_POINT
@@ -123,8 +120,3 @@ def laser_scan(
         ranges=ranges_m,
         intensities=np.zeros(0, dtype=np.float32),
     )
-
-
-def header_at(stamp: Any, frame: str) -> Any:
-    """std_msgs/Header."""
-    return Header(stamp=stamp, frame_id=frame)

@@ -60,7 +60,6 @@ TESLA_PER_GAUSS = 1e-4
 ATTITUDE_DEVIATION_RAD = math.radians(0.5), math.radians(0.5), math.radians(2.0)
 """Of an autopilot's roll, pitch and yaw, which it does not say: the shipped runs keep within (0.5° RMS)."""
 _FIX_STATUS = {4: NavSatStatus.STATUS_GBAS_FIX, 5: NavSatStatus.STATUS_GBAS_FIX, 6: NavSatStatus.STATUS_GBAS_FIX}
-_BOOT_MS = 1 << 32
 _UNKNOWN_MILLIVOLTS = 0, 0xFFFF
 
 Measured = tuple[str, str, Any, int]

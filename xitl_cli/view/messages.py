@@ -1,11 +1,10 @@
-"""What goes down the pipe between a run and the process of its view: what is to be drawn."""
+"""What goes down the pipe between a run and the process of its view, beside a ViewInstant: what is to be drawn."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.view.model import ViewInstant
 from xitl_cli.view.server import ViewAddress
 
 
@@ -47,6 +46,3 @@ class ViewEnd:
     """The run is over, and how."""
 
     text: str
-
-
-Down = ViewStart | ViewUpdate | ViewInstant | ViewRefusal | ViewEnd

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -101,18 +100,6 @@ def ellipsoid(size_m: tuple[float, float, float], sides: int = 20, rings: int = 
         [np.stack([here, below, across], -1).reshape(-1, 3), np.stack([here, across, beside], -1).reshape(-1, 3)]
     )
     return geometry(0.5 * unit.reshape(-1, 3) * np.asarray(size_m), faces)
-
-
-def tube(points_m: Array, thickness_m: float, sides: int = 6) -> Geometry:
-    """Straight pieces of pipe along points (P, 3)."""
-    pieces = []
-    for start, end in pairwise(points_m):
-        along = end - start
-        length = float(np.linalg.norm(along))
-        if length > 0.0:
-            pipe = frustum((thickness_m, thickness_m, length), sides=sides)
-            pieces.append(pipe.placed((start + end) / 2, _from_upright(along / length)))
-    return merged(pieces)
 
 
 def arrow(length_m: float, diameter_m: float) -> Geometry:

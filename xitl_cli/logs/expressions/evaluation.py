@@ -69,7 +69,6 @@ class Quantity:
 
 
 LACKING = Quantity(None)
-_FALSE = Quantity(np.False_)
 
 
 @dataclass(slots=True)

@@ -26,7 +26,7 @@ from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Format
 
 MAGIC = b"#ROSBAG V2.0\n"
-_MESSAGE, _BAG_HEADER, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+_MESSAGE, _BAG_HEADER, _INDEX, _CHUNK, _CONNECTION = 2, 3, 4, 5, 7
 _MOST_HEADER = 1 << 16
 _MOST_DEFINITION = 16 << 20
 _MOST_CHUNK = 1 << 30
