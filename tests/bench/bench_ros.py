@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 
 CLOUDS = "sitl-perception"
 ANSWERED = 0.02
-"""Of a motor command: further than that from the line of the two before, once an order steps, and never before."""
-STEADY_ROWS = 5
-LOOK_S = 0.2
-"""How often the node that listens says what it has counted."""
-UNDER_WAY = 0.1  # of a motor command
+"""Of a motor command: so far from the line through the two before the step is an answer."""
+STEADY_ROWS, UNDER_WAY = 5, 0.1
+"""Before a step: for how many rows motor commands keep to a line, and that one of them is larger than this."""
+READ_S, END_S = 0.5, 10.0
+"""That a node has to read what came last, and to end."""
 MEASURED = """
 import json, sys, time
 from pathlib import Path
@@ -78,8 +78,12 @@ def node(python: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
     try:
         yield process
     finally:
-        process.kill()
-        process.wait()
+        process.terminate()
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +106,7 @@ def run_once(folder: Path, profile: str, duration_s: float, *arguments: str) -> 
 
 
 def ros_ratios(
-    profile: str = CLOUDS, pairs: int = 5, duration_s: float = 60.0, listener: str | None = None
+    profile: str = CLOUDS, pairs: int = 4, duration_s: float = 60.0, listener: str | None = None
 ) -> tuple[list[float], list[float]]:
     """Of pairs, with ROS over without: speed, and processor time of the run's process.
 
@@ -118,7 +122,7 @@ def ros_ratios(
                 with node(listener, "listen", str(heard)) if listens else nullcontext():  # type: ignore[arg-type]
                     found[arguments] = run_once(folder, profile, duration_s, *arguments)
                     if listens:
-                        time.sleep(2.0 * LOOK_S)
+                        time.sleep(READ_S)
             plain, ros = found[()], found[ROS]
             speeds.append(ros.speed / plain.speed)
             seconds.append(ros.used_s / plain.used_s)

@@ -1,8 +1,8 @@
 """Nodes of ROS 2 for bench_ros, which know nothing of xitl.
 
-`python rclpy_nodes.py echo`. `listen FILE`: subscribes to every topic until it is killed, and counts messages by topic.
-`step FILE SECONDS`: turns cmd_vel to and fro, and says when: JSON of [published_ns, speed_mps], and of round trips in
-ns to the echo and back, by CLOCK_MONOTONIC.
+`python rclpy_nodes.py echo`. `listen FILE`: subscribes to every topic until it is terminated, then says by topic how
+many messages came. `step FILE SECONDS`: turns cmd_vel to and fro, and says when: JSON of [published_ns, speed_mps], and
+of round trips in ns to the echo and back, by CLOCK_MONOTONIC.
 """
 
 import json
@@ -10,11 +10,13 @@ import random
 import sys
 import time
 from collections import Counter
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
 import rclpy
 from geometry_msgs.msg import Twist
+from rclpy.executors import ExternalShutdownException
 from std_msgs.msg import Int64
 
 PERIODS_S = 0.6, 0.9
@@ -41,10 +43,11 @@ def listen(file: Path) -> None:
                 package, _, name = kinds[0].split("/")
                 kind = getattr(import_module(f"{package}.msg"), name)
                 node.create_subscription(kind, topic, lambda cdr, topic=topic: counts.update([topic]), DEPTH, raw=True)
-        file.write_text(json.dumps(counts))
 
     node.create_timer(LOOK_S, subscribe)
-    rclpy.spin(node)
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)
+    file.write_text(json.dumps(counts))
 
 
 def step(file: Path, seconds: float) -> None:
