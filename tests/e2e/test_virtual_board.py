@@ -234,6 +234,7 @@ def test_an_ardupilot_on_a_fresh_board_sails_with_all_its_checks_on(board: Emula
     subprocess.run(command(*words), env=environment(), check=True)
     words = ["sim", "--profile", "hitl-ardupilot-linux", "--out", "run"]
     words += ["--set", f"autopilot.link=udp://127.0.0.1:{board.autopilot_port}"]
+    words += ["--set", f"autopilot.arm_timeout_s={LIMIT_S}", "--duration", str(2.0 * LIMIT_S)]
     done = subprocess.run(command(*words), cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
     run = summary(tmp_path / "run")
     assert run["mission"]["waypoints_reached"] == run["mission"]["waypoints_total"], done.stdout + done.stderr
