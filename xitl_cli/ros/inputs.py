@@ -23,7 +23,7 @@ from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, VESSEL_FRAME
 from xitl_cli.ros.definitions import deserialize
 from xitl_cli.ros.frames import frame_name, thruster_names
 from xitl_cli.ros.middleware import COMMANDS, RELIABLE, Middleware
-from xitl_cli.ros.outputs import ros_name
+from xitl_cli.ros.outputs import TRUTH, ros_name
 
 Action = Mapping[str, Any]
 STREAM_S = 0.005
@@ -34,7 +34,7 @@ SPINS = 5
 """With nothing to wait for: rclpy calls one handler in each."""
 AHEAD_M = 20.0
 """Of the vessel: where `launch_debris` puts a trunk."""
-TRUTH, REFUSALS, READY = "/truth/odometry", "refusals", "ready"
+REFUSALS, READY = "refusals", "ready"
 TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 _EMPTY, _BOOL, _STRING, _NUMBER = (f"std_msgs/msg/{name}" for name in ("Empty", "Bool", "String", "Float64"))
 _SAID = {TRIGGER: _EMPTY, SET_BOOL: _BOOL}

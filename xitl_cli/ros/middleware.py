@@ -46,13 +46,6 @@ def qos_with(usual: QosProfile, asked: RosTopicSpec) -> QosProfile:
     return replace(usual, **{key: value for key, value in given.items() if value is not None})
 
 
-def ros_name(*parts: str) -> str:
-    """A whole name from a namespace, a vessel and a topic, of which any may be empty; a topic with / is whole."""
-    if parts[-1].startswith("/"):
-        return parts[-1]
-    return "/" + "/".join(part.strip("/") for part in parts if part.strip("/"))
-
-
 def mismatch_text(topic: str, policy: str, ours: QosProfile, offers: bool) -> str:
     """Why nothing goes between a topic of ours and another node, and what to do. offers: we publish it."""
     if policy not in _WEAKER:

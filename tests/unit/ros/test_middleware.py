@@ -15,20 +15,20 @@ from xitl_cli.ros.middleware import (
     others_text,
     qos_with,
     ros2_way,
-    ros_name,
 )
+from xitl_cli.ros.outputs import OUTPUTS
 
 
 @pytest.mark.parametrize(
-    ("parts", "name"),
+    ("topic", "vessel", "namespace", "name"),
     [
-        (("", "", "imu/data"), "/imu/data"),
-        (("boats/north", "alpha", "imu/data"), "/boats/north/alpha/imu/data"),
-        (("boats", "alpha", "/tf"), "/tf"),
+        ("imu/data", "", "", "/imu/data"),
+        ("imu/data", "alpha", "boats/north", "/boats/north/alpha/imu/data"),
+        ("/tf", "alpha", "boats", "/tf"),
     ],
 )
-def test_a_name_is_namespace_vessel_and_topic(parts: tuple[str, ...], name: str) -> None:
-    assert ros_name(*parts) == name
+def test_a_name_is_namespace_vessel_and_topic(topic: str, vessel: str, namespace: str, name: str) -> None:
+    assert OUTPUTS[topic].full_name(vessel, namespace) == name
 
 
 def test_a_mismatch_names_the_fix() -> None:
