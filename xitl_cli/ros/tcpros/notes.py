@@ -29,10 +29,10 @@ class NodeNotes:
             self._told.discard(again)
 
     def refuse(self, topic: str, sentence: str) -> None:
-        """Count, and tell once."""
+        """Tell once, and count: who sees the count can read why."""
+        self.tell(sentence, f"refused {topic}")
         with self._lock:
             self.refused[topic] += 1
-        self.tell(sentence, f"refused {topic}")
 
     def drop(self, topic: str) -> None:
         with self._lock:
