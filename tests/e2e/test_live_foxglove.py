@@ -137,6 +137,7 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
             assert client.call("launch", kind="trunk", north_m=5.0, east_m=40.0)["success"]
             client.tell(op="getParameters", parameterNames=["paused", "environment.wind.mean_mps"], id="any")
             client.until(lambda: client.parameters.get("paused") is True)
+            client.tell(op="subscribeParameterUpdates", parameterNames=["environment.wind.mean_mps"])
             changes = [{"name": "environment.wind.mean_mps", "value": value} for value in (9, 900)]
             client.tell(op="setParameters", parameters=changes, id="other")
             client.until(lambda: any("mean_mps = 900 is too large" in text for text in client.statuses))
