@@ -287,7 +287,7 @@ def test_what_stations_miss_reaches_the_host_counted_from_the_start_of_the_run(b
         def call() -> None:
             """One more, and wait until it is in: the system holds a few only."""
             counts = ground.counters
-            opened.enter_context(open_transport(ground.addresses[0], listen=False))
+            opened.enter_context(open_transport(ground.addresses[0], listen=False)).receive()
             bench.poll_until(lambda: sum(ground.counters[:3]) > sum(counts[:3]))
 
         for _ in range(MOST_CLIENTS):
