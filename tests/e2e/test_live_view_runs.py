@@ -175,7 +175,7 @@ def test_a_browser_sees_the_vessel_move_by_day_and_by_night(started: Callable[..
 
 
 def test_browsers_that_do_not_read_and_vanish_change_nothing(started: Callable[..., Viewed]) -> None:
-    run = started("sitl", "--duration", "36000", "--view", "--pace", "4")
+    run = started("sitl", "--view", "--pace", "0.5")  # its mission takes 5 minutes: ten may be slow to come
     address = run.address.replace("http", "ws", 1)
     joined = []
     for _ in range(10):
@@ -195,7 +195,7 @@ def test_browsers_that_do_not_read_and_vanish_change_nothing(started: Callable[.
 
 
 def test_a_view_that_is_killed_is_told_once(started: Callable[..., Viewed]) -> None:
-    run = started("sitl", "--duration", "36000", "--view", "--pace", "10")
+    run = started("sitl", "--view", "--pace", "1")
     os.kill(run.page_process(), signal.SIGKILL)
     wait_until(lambda: "the 3D view has ended" in run.said)
     summary = run.goes_on_and_is_ended()
@@ -204,7 +204,7 @@ def test_a_view_that_is_killed_is_told_once(started: Callable[..., Viewed]) -> N
 
 
 def test_a_view_that_hangs_holds_nothing_up(started: Callable[..., Viewed]) -> None:
-    run = started("sitl", "--duration", "36000", "--view")
+    run = started("sitl", "--view", "--pace", "1")
     page = run.page_process()
     os.kill(page, signal.SIGSTOP)
     run.goes_on_and_is_ended()

@@ -247,6 +247,9 @@ class Preparation(VehicleDriver):
                     "runs, that this is its MAVLink port, and autopilot.bridge.mavlink"
                 )
             return
+        if not self._parameters.done:
+            self._parameters.update(sim_ns)
+            return
         if view.starting and not self._started:
             if sim_ns > START_S * 1e9:
                 said = "; ".join(dict.fromkeys(list(view.texts)[-2:])) or "nothing"
@@ -256,7 +259,7 @@ class Preparation(VehicleDriver):
                 )
             return
         self._started = True
-        for step in (self._parameters, self._mission, self._calibration):
+        for step in (self._mission, self._calibration):
             if not step.done:
                 step.update(sim_ns)
                 return
@@ -282,10 +285,10 @@ class Preparation(VehicleDriver):
     def _waits_for(self) -> str:
         if not self._view.heard:
             return "the autopilot to be heard"
-        if not self._started:
-            return "the autopilot to start"
         if not self._parameters.done:
             return "the autopilot to take its parameters"
+        if not self._started:
+            return "the autopilot to start"
         if not self._mission.done:
             return "the autopilot to take the mission"
         return "the autopilot to arm" if self._view.ready_to_arm else "the autopilot to become ready to arm"

@@ -79,6 +79,9 @@ class Case:
         base = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
         self.hear(dialect.MAVLink_heartbeat_message(11, autopilot, base, mode, state, 3))
 
+    def take_parameters(self) -> None:
+        self.hear(dialect.MAVLink_param_value_message(b"WP_SPEED", 3.0, 9, 900, 65535))
+
     def waits_for(self) -> str:
         return self.preparation.progress().waits_for
 
@@ -91,7 +94,7 @@ def test_heartbeat_parameters_mission_and_then_the_orders() -> None:
     case.beat()
     case.preparation.update(2 * SECOND)
     assert case.waits_for() == "the autopilot to take its parameters"
-    case.hear(dialect.MAVLink_param_value_message(b"WP_SPEED", 3.0, 9, 900, 65535))
+    case.take_parameters()
     case.preparation.update(3 * SECOND)
     assert case.waits_for() == "the autopilot to take the mission"
     assert case.driver.asked == 0
@@ -104,26 +107,31 @@ def test_heartbeat_parameters_mission_and_then_the_orders() -> None:
         case.preparation.update(5 * SECOND)
 
 
-def test_an_autopilot_that_is_starting_is_asked_for_nothing() -> None:
+def test_an_autopilot_that_is_starting_is_given_parameters_and_no_mission() -> None:
     """A Rover has no room for a mission until it has started, and its board may be slow."""
     case = Case()
     case.beat(state=dialect.MAV_STATE_CALIBRATING)
     case.preparation.update(SECOND)
+    case.take_parameters()
+    case.sent.clear()
+    case.preparation.update(2 * SECOND)
     assert case.waits_for() == "the autopilot to start"
     assert case.sent == []
     case.beat(state=dialect.MAV_STATE_STANDBY)
-    case.preparation.update(2 * SECOND)
-    assert case.sent != []
-    case.beat(state=dialect.MAV_STATE_CALIBRATING)
     case.preparation.update(3 * SECOND)
-    assert case.waits_for() == "the autopilot to take its parameters"
+    assert [message.get_type() for message in case.sent] == ["MISSION_COUNT"]
+    case.beat(state=dialect.MAV_STATE_CALIBRATING)
+    case.preparation.update(4 * SECOND)
+    assert case.waits_for() == "the autopilot to take the mission"
 
 
 def test_an_autopilot_that_never_says_its_state_is_not_waited_for() -> None:
     case = Case()
     case.beat(state=dialect.MAV_STATE_UNINIT)
     case.preparation.update(SECOND)
-    assert case.waits_for() == "the autopilot to take its parameters"
+    case.take_parameters()
+    case.preparation.update(2 * SECOND)
+    assert case.waits_for() == "the autopilot to take the mission"
 
 
 def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_said() -> None:
@@ -131,6 +139,8 @@ def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_sa
     case.beat(state=dialect.MAV_STATE_CALIBRATING)
     for text in (b"Baro: unable to calibrate", b"fix problem then reboot"):
         case.hear(dialect.MAVLink_statustext_message(2, b"Config Error: " + text))
+    case.preparation.update(SECOND)
+    case.take_parameters()
     case.preparation.update(round(START_S * SECOND))
     with pytest.raises(
         UserError,
