@@ -150,9 +150,9 @@ class LiveFoxgloveNode(RunNode):
 
     def exchange(self, step: RunStep) -> None:
         self._now_ns = step.now_ns
-        self._tell_now_and_then()
+        self._tell_time_and_parameters()
 
-    def _tell_now_and_then(self) -> None:
+    def _tell_time_and_parameters(self) -> None:
         now_s = time.monotonic()
         if self._server is not None and now_s - self._time_s >= 1.0 / TIME_RATE_HZ:
             self._time_s = now_s
@@ -175,7 +175,7 @@ class LiveFoxgloveNode(RunNode):
                 request.answer(refused)
                 continue
             request.answer(refusal)
-        self._tell_now_and_then()  # what changed just before the run stood still would not be told until it goes on
+        self._tell_time_and_parameters()  # what changed just before the run stood still would not be told until it goes on
 
     def close(self) -> None:
         server, self._server = self._server, None

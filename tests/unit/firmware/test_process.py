@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.patience import wait_until
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.firmware.process import FirmwareProcess, newest_log
@@ -44,7 +44,7 @@ def test_it_works_where_it_is_put_and_what_it_says_is_kept(tmp_path: Path) -> No
     program = script(tmp_path / "rover", "print('at', os.getcwd(), sys.argv[1], flush=True)\ntime.sleep(60)")
     (tmp_path / "work").mkdir()
     process = FirmwareProcess(program, ["--x"], tmp_path / "work")
-    assert process.wait_for("at ", timeout_s=120)
+    assert process.wait_for("at ", timeout_s=PATIENCE_S)
     assert process.last_line() == f"at {tmp_path / 'work'} --x"
     process.check()
     process.stop()
@@ -68,7 +68,7 @@ def test_one_that_does_not_heed_is_killed_with_what_it_started(tmp_path: Path) -
         "child = subprocess.Popen(['sleep', '600'])\nprint('child', child.pid, flush=True)\ntime.sleep(600)"
     )
     process = FirmwareProcess(script(tmp_path / "rover", body), [], tmp_path)
-    assert process.wait_for("child", timeout_s=120)
+    assert process.wait_for("child", timeout_s=PATIENCE_S)
     child = int(process.last_line().split()[1])
     process.stop(0.1)
     assert not is_alive(process.pid)
@@ -80,7 +80,7 @@ def test_it_ends_when_its_host_is_killed(tmp_path: Path) -> None:
     host = (
         "import sys, time\nfrom pathlib import Path\nfrom xitl_cli.firmware.process import FirmwareProcess\n"
         f"p = FirmwareProcess(Path({str(program)!r}), [], Path({str(tmp_path)!r}))\n"
-        "p.wait_for('up', timeout_s=120)\nprint(p.pid, flush=True)\ntime.sleep(60)"
+        f"p.wait_for('up', timeout_s={PATIENCE_S})\nprint(p.pid, flush=True)\ntime.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", host], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
