@@ -175,7 +175,7 @@ class LiveFoxgloveNode(RunNode):
                 request.answer(refused)
                 continue
             request.answer(refusal)
-        self._tell_time_and_parameters()  # what changed just before the run stood still would not be told until it goes on
+        self._tell_time_and_parameters()  # else what changed just before it stood still would wait
 
     def close(self) -> None:
         server, self._server = self._server, None
