@@ -102,7 +102,7 @@ class WindSpec(Specification):
     direction_correlation_s: Annotated[Positive, "time constant of that"] = 60.0
     gust: GustSpec = GustSpec()
     discrete_gusts: tuple[DiscreteGust, ...] = ()
-    reference_height_m: Annotated[Positive, "above the water, of the speeds here and of the gust spectra"] = 10.0
+    reference_height_m: Annotated[Positive, "above the water, of all speeds here, gusts among them"] = 10.0
     profile: Annotated[Literal["power", "logarithmic", "uniform"], "over the height"] = "power"
     exponent: Annotated[float, Bounds(above=0, at_most=1), "of power: 1/7, or 0.11 over the open sea"] = 1.0 / 7.0
     roughness_m: Annotated[

@@ -6,7 +6,7 @@ The wind grows with height by a power law (1/7, as measured over flat country an
 have 0.11 over the open sea) or by the logarithmic law of a neutral boundary layer (DNV-RP-C205, 2.3.2).
 
 A gust is a deviation of the speed from its mean. Gust spectra are one-sided densities S(f) in (m/s)^2/Hz of the
-frequency f in Hz.
+frequency f in Hz; U in them is the mean at 10 m, at whatever height the gusts are.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from sim_core.noise import GaussMarkov
 
 LOWEST_HZ = 1.0 / 1200.0  # slower than 20 minutes is weather, not gust
 HIGHEST_HZ = 2.0  # faster than this a vessel's windage averages it out
+SPECTRA_MEAN_M = 10.0
+"""The height of the mean that gust spectra go by."""
 LOWEST_M = 0.05  # no profile reaches down among the waves: below it is as windy as there
 
 
@@ -86,7 +88,10 @@ class SpectralGust:
     def from_spectrum(
         cls, name: str, mean_mps: float, height_m: float, deviation_mps: float | None = None, components: int = 48
     ) -> SpectralGust:
-        """Harmonics on logarithmic bands, each with its band's energy; scaled to `deviation_mps` if given."""
+        """Harmonics on logarithmic bands, each with its band's energy; scaled to `deviation_mps` if given.
+
+        mean_mps: at 10 m; height_m: of the gusts.
+        """
         density = gust_density(name)
         if not (mean_mps > 0.0 and height_m > 0.0 and components >= 8):
             raise ValueError(
@@ -123,7 +128,7 @@ def discrete_gust_mps(gust: DiscreteGust, time_s: float) -> float:
 
 
 def npd_density(frequency_hz: Array, mean_mps: float, height_m: float) -> Array:
-    """Norwegian Petroleum Directorate (NORSOK N-003, ISO 19901-1), valid for the 1 h mean at 10 m."""
+    """Norwegian Petroleum Directorate (NORSOK N-003, ISO 19901-1) of the 1 h mean, at a height."""
     n = 0.468
     x = 172.0 * frequency_hz * (height_m / 10.0) ** (2.0 / 3.0) * (mean_mps / 10.0) ** -0.75
     density: Array = 320.0 * (mean_mps / 10.0) ** 2 * (height_m / 10.0) ** 0.45 / (1.0 + x**n) ** (5.0 / (3.0 * n))
@@ -226,13 +231,7 @@ class Wind:
         return WindState(self._gust.step(state.gust, dt_s, rng), self._veer.step(state.veer_rad, dt_s, rng))
 
     def share(self, height_m: Array | float) -> Array:
-        spec = self.spec
-        height, reference = np.maximum(height_m, LOWEST_M), max(spec.reference_height_m, LOWEST_M)
-        if spec.profile == "uniform":
-            return np.ones_like(height)
-        if spec.profile == "power":
-            return np.asarray((height / reference) ** spec.exponent)
-        return np.asarray(np.log(height / spec.roughness_m) / math.log(reference / spec.roughness_m))
+        return speed_share(self.spec, height_m)
 
     def velocity_ned_mps(self, state: WindState, time_s: float, height_m: float | None = None) -> Array:
         steady_mps = self.spec.mean_mps + sum(discrete_gust_mps(gust, time_s) for gust in self.spec.discrete_gusts)
@@ -244,6 +243,16 @@ class Wind:
         return velocity_mps if height_m is None else velocity_mps * self.share(height_m)
 
 
+def speed_share(spec: WindSpec, height_m: Array | float) -> Array:
+    """Speed at heights above the water over that at the reference height."""
+    height, reference = np.maximum(height_m, LOWEST_M), max(spec.reference_height_m, LOWEST_M)
+    if spec.profile == "uniform":
+        return np.ones_like(height)
+    if spec.profile == "power":
+        return np.asarray((height / reference) ** spec.exponent)
+    return np.asarray(np.log(height / spec.roughness_m) / math.log(reference / spec.roughness_m))
+
+
 def make_gust(spec: WindSpec) -> Gust:
     """The random gusts that the specification asks for."""
     gust = spec.gust
@@ -251,7 +260,8 @@ def make_gust(spec: WindSpec) -> Gust:
         return NoGust()
     if gust.spectrum == "ornstein-uhlenbeck":
         return OrnsteinUhlenbeckGust(GaussMarkov(gust.deviation_mps, gust.correlation_s))
-    return SpectralGust.from_spectrum(gust.spectrum, spec.mean_mps, spec.reference_height_m, gust.deviation_mps or None)
+    mean_mps = spec.mean_mps * float(speed_share(spec, SPECTRA_MEAN_M))
+    return SpectralGust.from_spectrum(gust.spectrum, mean_mps, spec.reference_height_m, gust.deviation_mps or None)
 
 
 def make_wind(spec: WindSpec) -> Air:

@@ -13,7 +13,7 @@ from vessels import FULL
 
 from sim_core.environment.current import StillWater, UniformCurrent, make_current
 from sim_core.environment.environment import Environment
-from sim_core.environment.spec import CurrentSpec, DiscreteGust, WindSpec
+from sim_core.environment.spec import CurrentSpec, DiscreteGust, GustSpec, WindSpec
 from sim_core.environment.wind import (
     HIGHEST_HZ,
     LOWEST_HZ,
@@ -82,6 +82,22 @@ def test_spectral_gust_scaled_to_a_deviation() -> None:
     gust = SpectralGust.from_spectrum("npd", 6.0, 10.0, deviation_mps=1.5)
     state = gust.initial(5000, np.random.default_rng(3))
     assert gust.speed_mps(state, 100.0).std() == pytest.approx(1.5, rel=0.04)
+
+
+@pytest.mark.parametrize("name", ["npd", "harris", "davenport"])
+def test_spectral_gusts_go_by_the_mean_at_10_m(name: str) -> None:
+    """5 m/s at 0.3 m are 8.2 m/s at 10 m: gusts have the energy of that mean, at 0.3 m."""
+    low, high = (
+        Wind(WindSpec(mean_mps, gust=GustSpec(name), reference_height_m=height_m))
+        for mean_mps, height_m in ((5.0, 0.3), (5.0 * (10.0 / 0.3) ** (1.0 / 7.0), 10.0))
+    )
+    rng = np.random.default_rng(4)
+    gusts = [wind.velocity_ned_mps(wind.initial(4000, rng), 50.0)[:, 0] for wind in (low, high)]
+    density, mean_mps = gust_density(name), high.spec.mean_mps
+    for found, at_m in zip(gusts, (0.3, 10.0), strict=True):
+        band = {"a": LOWEST_HZ, "b": HIGHEST_HZ, "limit": 500}
+        energy = quad(lambda f, height_m: density(np.array([f]), mean_mps, height_m)[0], args=(at_m,), **band)[0]
+        assert found.var() == pytest.approx(energy, rel=0.1)  # of 4000 draws: 2.2 %
 
 
 def test_gust_densities_have_their_closed_integrals() -> None:
