@@ -9,7 +9,7 @@ import pytest
 from motion import at_rest, swinging
 
 from sim_core.frames import quat_to_matrix
-from sim_core.sensors.odometry import Odometry, OdometryState
+from sim_core.sensors.odometry import Odometry
 from sim_core.sensors.spec import OdometrySpec
 
 
@@ -43,6 +43,19 @@ def test_drift_grows_with_the_root_of_time_and_it_says_how_far() -> None:
     assert math.degrees(sample.yaw_deviation_rad[0]) == pytest.approx(2.0)
 
 
+def test_a_drifting_heading_bends_the_way_and_moves_nothing_behind() -> None:
+    """At 1 m/s north each step stays 0.1 m long; the way ends aside by v s t^1.5 / sqrt(3): of 3000 within 5 %."""
+    rng = np.random.default_rng(6)
+    odometry = Odometry(OdometrySpec(rate_hz=10.0, yaw_drift_degprts=0.5))
+    state = odometry.initial(3000, rng)
+    places = []
+    for number in range(401):
+        state, sample = odometry.measure(state, at_rest(3000, pos_ned_m=(0.1 * number, 0.0, 0.0)), rng)
+        places.append(sample.pos_local_m)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=0), axis=2), 0.1, atol=1e-12)
+    assert places[-1][:, 1].std() == pytest.approx(math.radians(0.5) * 40.0**1.5 / math.sqrt(3.0), rel=0.05)
+
+
 def test_the_first_sample_has_not_wandered_yet() -> None:
     odometry = Odometry(OdometrySpec(rate_hz=1.0, drift_mprts=5.0, yaw_drift_degprts=40.0))
     rng = np.random.default_rng(5)
@@ -57,7 +70,7 @@ def test_white_noise_is_that_of_the_configuration() -> None:
     odometry = Odometry(
         OdometrySpec(position_noise_m=0.05, velocity_noise_mps=0.02, attitude_noise_deg=0.3, rate_noise_radps=0.01)
     )
-    _, sample = odometry.measure(OdometryState(), at_rest(4000), rng)
+    _, sample = odometry.measure(odometry.initial(4000, rng), at_rest(4000), rng)
     assert sample.pos_local_m.std() == pytest.approx(0.05, rel=0.03)
     assert sample.vel_frd_mps.std() == pytest.approx(0.02, rel=0.03)
     assert sample.gyro_frd_radps.std() == pytest.approx(0.01, rel=0.03)
