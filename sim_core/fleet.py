@@ -294,7 +294,7 @@ def drifting_bodies(fleet: Fleet, state: FleetState, but: int | None = None) -> 
         motion.vel_ned_mps[others],
         motion.rot_ned_frd[others],
     )
-    debris = simulations.drifting_bodies(fleet.batches[0], state.batches[0])
+    debris = simulations.drifting_bodies(state.batches[0])
     return hulls if not debris.meshes else debris.joined(hulls)
 
 

@@ -31,7 +31,7 @@ DRIFT_NS = 20_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """Everything that does not change during a run; made by `of`."""
+    """Everything that does not change during a run; made by `from_spec`."""
 
     vessel: Vessel
     environment: Environment
@@ -139,18 +139,13 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
     return SimulationState(time_ns, vessel, environment, *held, around.drift_frd_n, around.surface, afloat)
 
 
-def kinematics(simulation: Simulation, state: SimulationState) -> Kinematics:
-    """True motion of the vessels, for sensors and recorder."""
-    return state.vessel.motion
-
-
 def elevation_m(simulation: Simulation, state: SimulationState) -> Array:
     """(N,) of the waves at the vessels, up positive over the still level."""
     places = state.vessel.motion.pos_ned_m[:, :2]
     return simulation.environment.waves.elevation_m(state.time_ns * 1e-9, places)
 
 
-def drifting_bodies(simulation: Simulation, state: SimulationState) -> Bodies:
+def drifting_bodies(state: SimulationState) -> Bodies:
     """What drifts, where it is at the state's instant, for ray casting."""
     return bodies_at(state.afloat.debris, state.time_ns)
 

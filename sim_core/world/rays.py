@@ -49,7 +49,7 @@ NO_BODIES = Bodies((), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3)))
 class Hits:
     """Of R rays: range_m (R,), inf for none; normal_ned (R, 3), unit, toward where the ray came from, 0 for none.
 
-    material (R,): number in `materials.MATERIALS`, -1 for none. body (R,): number of the body, -1 for none and for what
+    material (R,): number in `geometry.MATERIALS`, -1 for none. body (R,): number of the body, -1 for none and for what
     does not move.
     """
 

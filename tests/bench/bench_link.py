@@ -21,7 +21,7 @@ from agent.node import PROTOCOL
 from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.transport import open_transport
-from sim_core.simulation import kinematics, step
+from sim_core.simulation import step
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.setup import embedded_parameters, mission_places, set_parameters, upload_mission
 from xitl_cli.run.sensors.sensing import SensorSuite
@@ -91,9 +91,7 @@ class Rig:
         self.tick += 1
         self._state = step(self._simulation, self._state, self._motors, self._rng)
         stamp_ns = self._state.time_ns
-        due = self._sensing.due(
-            self.tick, stamp_ns, kinematics(self._simulation, self._state), self._state.wind_ned_mps
-        )
+        due = self._sensing.due(self.tick, stamp_ns, self._state.vessel.motion, self._state.wind_ned_mps)
         return [*due, dialect.MAVLink_xitl_tick_message(stamp_ns // 1000, self.tick)]
 
     def trip_s(self, messages: list[Any]) -> float:

@@ -106,7 +106,7 @@ def sail(
     kept: list[tuple[float, Instant, Array]] = []
     for sample in range(samples + 1):
         time_s = sample * step_s
-        now = Instant.from_motion(world.kinematics(simulation, state))
+        now = Instant.from_motion(state.vessel.motion)
         command = pilot(time_s, now)
         kept.append((time_s, now, command))
         if sample == samples or (until is not None and sample and sample % looks == 0 and until(_track(kept))):

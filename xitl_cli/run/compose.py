@@ -352,9 +352,9 @@ def _perception(setup: RunSetup, companion: CompanionNode | None) -> PerceptionN
     profile, sensors, plant = setup.profile, setup.profile.sensors, setup.plant
     instruments: dict[str, PerceptionInstrument] = {}
     if sensors is not None and sensors.lidar is not None:
-        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, plant, plant.bodies)
+        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, plant)
     if sensors is not None and sensors.sonar is not None:
-        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, plant, plant.bodies)
+        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, plant)
     if not instruments:
         return None
     send = (lambda messages: None) if companion is None else companion.send

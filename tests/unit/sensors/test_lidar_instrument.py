@@ -15,7 +15,7 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water
 from sim_core.sensors.lidar import Lidar
 from sim_core.sensors.spec import LidarSpec
-from sim_core.world.waterway import STILL
+from sim_core.world.rays import NO_BODIES
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.core.node import RunStep
@@ -23,7 +23,9 @@ from xitl_cli.run.sensors.lidar import LidarInstrument, make_lidar
 from xitl_cli.seeds import Seeds
 
 STEP_NS = 2_500_000
-PLANT: Any = SimpleNamespace(simulation=SimpleNamespace(environment=Environment(water=Water(level_m=-1.5))))
+PLANT: Any = SimpleNamespace(
+    simulation=SimpleNamespace(environment=Environment(water=Water(level_m=-1.5))), bodies=lambda: NO_BODIES
+)
 
 
 @dataclass
@@ -50,7 +52,7 @@ def run(steps: int, latency_s: float = 0.0) -> tuple[list[tuple[int, PointCloud]
     track = moving(velocity_ned_mps=(2.0, 0.0, 0.0), turning_degps=(0.0, 0.0, 10.0), steps=steps)
     for step in range(1, steps + 1):
         motion: Any = SimpleNamespace(pos_ned_m=track.pos_ned_m[step, None], rot_ned_frd=track.rot_ned_frd[step, None])
-        state: Any = SimpleNamespace(afloat=STILL, time_ns=step * STEP_NS)
+        state: Any = None
         for message in instrument.update(RunStep(step, step * STEP_NS, state, motion)):
             came += [(step * STEP_NS, cloud) for cloud in clouds.handle(message)]
     instrument.close()

@@ -18,7 +18,7 @@ from sim_core.environment.waves import realise_waves
 from sim_core.environment.wind import Wind
 from sim_core.frames import euler_to_quat, quat_to_euler, quat_to_matrix
 from sim_core.kinematics import Kinematics
-from sim_core.simulation import Simulation, SimulationState, initial, kinematics, step
+from sim_core.simulation import Simulation, SimulationState, initial, step
 from sim_core.vessel.spec import Damping, VesselSpec, Windage
 from xitl_cli.profile import load_with_origins
 
@@ -52,10 +52,10 @@ def at_start(simulation: Simulation, euler_rad=(0.0, 0.0, 0.0), body_mps=(0, 0, 
 
 def run(simulation: Simulation, state: SimulationState, duration_s: float, command=STOPPED) -> list[Kinematics]:
     rng = np.random.default_rng(0)
-    motions = [kinematics(simulation, state)]
+    motions = [state.vessel.motion]
     for _ in range(round(duration_s / simulation.dt_s)):
         state = step(simulation, state, command, rng)
-        motions.append(kinematics(simulation, state))
+        motions.append(state.vessel.motion)
     return motions
 
 

@@ -13,7 +13,7 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.spec import CurrentSpec, GustSpec, Water, WaveSpec, WindSpec
 from sim_core.environment.waves import realise_waves
 from sim_core.environment.wind import Wind
-from sim_core.simulation import Simulation, SimulationState, elevation_m, initial, kinematics, step
+from sim_core.simulation import Simulation, SimulationState, elevation_m, initial, step
 from sim_core.vessel.spec import Damping
 
 WATER = Water(level_m=-0.01)
@@ -96,7 +96,7 @@ def test_shapes_and_unit_quaternions() -> None:
     state = initial(simulation, np.zeros((5, 2)), np.zeros(5), rng)
     for _ in range(50):
         state = step(simulation, state, np.array([[1.0, -1.0]]), rng)
-    motion = kinematics(simulation, state)
+    motion = state.vessel.motion
     assert motion.rot_ned_frd.shape == (5, 3, 3)
     assert motion.acc_ned_mps2.shape == motion.gyro_frd_radps.shape == state.wind_ned_mps.shape == (5, 3)
     assert elevation_m(simulation, state).shape == (5,)

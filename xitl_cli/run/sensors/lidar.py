@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -17,8 +16,7 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.lidar import BodyTrack, Lidar, LidarScan, PointFates
 from sim_core.sensors.optics import Atmosphere, WaterSeen
-from sim_core.simulation import drifting_bodies
-from sim_core.world.rays import Bodies, RayCaster
+from sim_core.world.rays import RayCaster
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
@@ -30,8 +28,7 @@ from xitl_cli.seeds import Seeds
 class LidarInstrument:
     """The lidar of the first vessel. `every`: physics steps in a frame; the first frame begins when that many are done.
 
-    A cloud goes out `latency_ns` after the end of its frame. bodies: what rays meet now that moves, None for what
-    drifts.
+    A cloud goes out `latency_ns` after the end of its frame.
     """
 
     def __init__(
@@ -42,9 +39,7 @@ class LidarInstrument:
         every: int,
         latency_ns: int,
         rng: Generator,
-        bodies: Callable[[], Bodies] | None = None,
     ) -> None:
-        self._bodies_now = bodies
         self._lidar = lidar
         self._caster = caster
         self._plant = plant
@@ -79,8 +74,7 @@ class LidarInstrument:
         if ends:
             self._stamps_ns, self._places, self._attitudes = [], [], []
             self._keep(sim_ns, motion)
-            now = self._bodies_now
-            self._bodies = drifting_bodies(self._plant.simulation, step.state) if now is None else now()
+            self._bodies = self._plant.bodies()
         if self._waiting and self._waiting[0][0] <= sim_ns:
             return self._waiting.popleft()[1]
         return []
@@ -116,9 +110,8 @@ def make_lidar(
     seeds: Seeds,
     scenery: Scenery,
     plant: PlantView,
-    bodies: Callable[[], Bodies] | None = None,
 ) -> LidarInstrument:
-    """The lidar of the profile, which has one; bodies as of LidarInstrument."""
+    """The lidar of the profile, which has one."""
     assert profile.sensors is not None
     assert profile.sensors.lidar is not None
     keys, environment = profile.sensors.lidar, profile.environment
@@ -130,7 +123,6 @@ def make_lidar(
         every=round(profile.clock.physics_rate_hz / keys.rate_hz),
         latency_ns=round(keys.latency_s * 1e9),
         rng=default_rng(seeds.sequence("lidar")),
-        bodies=bodies,
     )
 
 

@@ -22,8 +22,7 @@ from sim_core.sensors.sonar import (
     turning_s,
 )
 from sim_core.sensors.spec import SonarSpec
-from sim_core.simulation import SimulationState, drifting_bodies, elevation_m
-from sim_core.world.rays import Bodies
+from sim_core.simulation import SimulationState, elevation_m
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
@@ -139,9 +138,8 @@ def make_sonar(
     seeds: Seeds,
     scenery: Scenery,
     plant: PlantView,
-    bodies: Callable[[], Bodies] | None = None,
 ) -> SonarInstrument:
-    """The sonar of a profile that has one; bodies: what rays meet now that moves, None for what drifts.
+    """The sonar of a profile that has one.
 
     Raises UserError when `serve` cannot be had.
     """
@@ -152,8 +150,7 @@ def make_sonar(
 
     def below_of(state: SimulationState) -> Below:
         surface_down_m = -water.level_m - float(elevation_m(plant.simulation, state)[0])
-        moving = drifting_bodies(plant.simulation, state) if bodies is None else bodies()
-        return Below(caster, surface_down_m, moving)
+        return Below(caster, surface_down_m, plant.bodies())
 
     port = None if settings.serve is None else Ping360Port(settings.serve)
     return SonarInstrument(settings, below_of, seeds, port)

@@ -14,7 +14,7 @@ from sim_core import simulation as simulations
 from sim_core.environment.environment import Environment, EnvironmentState
 from sim_core.fleet import Fleet, FleetState
 from sim_core.kinematics import Kinematics
-from sim_core.simulation import Simulation, SimulationState, kinematics
+from sim_core.simulation import Simulation, SimulationState
 from sim_core.world.contact import Contacts
 from sim_core.world.debris import Launch
 from sim_core.world.plan import Walls
@@ -145,7 +145,7 @@ class PlantView:
         """Of the latest state."""
         simulation, state = self._plant.simulation, self._plant.state
         if isinstance(state, SimulationState):
-            return kinematics(self.simulation, state)
+            return state.vessel.motion
         assert isinstance(simulation, Fleet)
         if self._motion is None or state is not self._moved_to:
             self._moved_to, self._motion = state, fleets.kinematics_of(simulation, state, self.number)
@@ -155,7 +155,7 @@ class PlantView:
         """What rays meet now beside what stands still: what drifts, and the hulls of all others."""
         simulation, state = self._plant.simulation, self._plant.state
         if isinstance(state, SimulationState):
-            return simulations.drifting_bodies(self.simulation, state)
+            return simulations.drifting_bodies(state)
         assert isinstance(simulation, Fleet)
         return fleets.drifting_bodies(simulation, state, but=self.number)
 

@@ -9,7 +9,6 @@ import pytest
 from numpy.random import default_rng
 
 from sim_core.geodesy import normal_gravity_mps2
-from sim_core.simulation import kinematics
 from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.core.node import ControlNode, RunStep, SimulationClock, VesselNodes
@@ -60,7 +59,7 @@ def test_it_does_not_move_turn_or_accelerate_in_waves_wind_and_current() -> None
     vessel = VesselNodes("", watcher, (watcher,))
     loop = Loop(profile.clock, plant, [vessel], pace, SimulationClock(pace), nobody, lambda: False)
     assert loop.run() is Ending.DURATION
-    start = kinematics(simulation, state)
+    start = state.vessel.motion
     for motion in watcher.motions:
         assert np.array_equal(motion.pos_ned_m, start.pos_ned_m)
         for name in ("vel_ned_mps", "acc_ned_mps2", "gyro_frd_radps", "angular_acc_frd_radps2"):
@@ -71,4 +70,4 @@ def test_it_does_not_move_turn_or_accelerate_in_waves_wind_and_current() -> None
     # The duration counts from the start, the time for which it was held too.
     assert plant.vessels[0].held_steps == pytest.approx(HELD_S * profile.clock.physics_rate_hz, abs=2)
     assert plant.state.time_ns * 1e-9 == pytest.approx(HELD_S + FREE_S, abs=0.02)
-    assert np.linalg.norm(kinematics(simulation, plant.state).vel_ned_mps) > 0.01
+    assert np.linalg.norm(plant.state.vessel.motion.vel_ned_mps) > 0.01

@@ -12,7 +12,7 @@ from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.sonar import OVERHEAD_S, TURN_S, Below
 from sim_core.sensors.spec import SonarSpec
-from sim_core.simulation import SimulationState, kinematics
+from sim_core.simulation import SimulationState
 from sim_core.world.geometry import STEEL, Plane
 from sim_core.world.primitive_rays import PrimitiveCaster
 from xitl_cli.profile import load_profile
@@ -123,7 +123,7 @@ def test_a_run_hears_where_its_boom_is() -> None:
     sonar, kept, motion = (
         make_sonar(profile, seeds, Scenery(profile), Plant(simulation, state, np.random.default_rng(1)).vessels[0]),
         Kept(),
-        kinematics(simulation, state),
+        state.vessel.motion,
     )
     sonar.begin(cast(Any, kept))
     for step in range(1, 1600):
