@@ -69,7 +69,7 @@ BAND_KHZ = 100.0  # off the centre by so much the transducer is 6 dB weaker, out
 WATER_DB = -45.0  # scattered back by a metre of turbid water that fills the beam
 SURFACE_BACKSCATTER = 0.02  # a rough surface seen from below
 RING_DB = 10.0  # the transducer's own ringing, at once
-RING_DBPM = 140.0  # and how it dies away
+RING_DBPS = 105_000.0  # and how it dies away
 
 _BACKSCATTER = np.array([*(material.backscatter for material in MATERIALS), 0.0])
 
@@ -137,10 +137,7 @@ class ScanningSonar:
         depth_m = float(origin[2]) - below.surface_down_m
         if depth_m <= 0.0:
             return power  # out of the water
-        heading_rad = self.heading_grad * (2.0 * math.pi / TURN_GRAD) + settings.angle_grad * (
-            2.0 * math.pi / TURN_GRAD
-        )
-        beam = _beam(heading_rad, rng)
+        beam = _beam((self.heading_grad + settings.angle_grad) * _GRAD_RAD, rng)
         rays = beam.direction @ rot_ned_frd.T
         range_m, backscatter, normal = self._met(origin, rays, depth_m, below)
         cosine = np.maximum(np.abs((normal * rays).sum(axis=1)), 1e-3)
@@ -213,8 +210,8 @@ def received(power: Array, settings: PingSettings, rng: Generator) -> NDArray[ui
     amplitude = np.sqrt(0.5 * power) * (noise[0] + 1j * noise[1])
     amplitude = np.convolve(amplitude, np.sqrt(_pulse(settings)), mode="same")
     amplitude += math.sqrt(0.5 * 10.0 ** (0.1 * NOISE_DB)) * (noise[2] + 1j * noise[3])
-    range_m = (np.arange(settings.samples) + 0.5) * settings.sample_period_s * 750.0
-    ringing_db = RING_DB - RING_DBPM * np.maximum(range_m - 750.0 * settings.pulse_s, 0.0)
+    since_ping_s = (np.arange(settings.samples) + 0.5) * settings.sample_period_s
+    ringing_db = RING_DB - RING_DBPS * np.maximum(since_ping_s - settings.pulse_s, 0.0)
     level = np.abs(amplitude) ** 2 + 10.0 ** (0.1 * ringing_db)
     level_db = 10.0 * np.log10(np.maximum(level, 1e-30)) + GAIN_DB[settings.gain]
     steps = np.rint((level_db - FLOOR_DB) * (255.0 / SPAN_DB))
@@ -262,9 +259,8 @@ class Sector:
 
 
 OVERHEAD_S = 0.016  # of a ping, beside turning and listening
-TURN_S = (
-    0.004  # of the head, a gradian: with OVERHEAD_S a turn of 400 takes 9 s at 2 m and 35 s at 50 m, as the maker says
-)
+TURN_S = 0.004
+"""Of the head, a gradian: with OVERHEAD_S a turn of 400 takes 9 s at 2 m and 35 s at 50 m, as the maker says."""
 
 
 def turning_s(from_grad: int, to_grad: int) -> float:

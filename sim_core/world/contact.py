@@ -26,9 +26,8 @@ DAMPING_RATIO = 0.25
 FRICTION = 0.3
 SLIDING_MPS = 0.05  # below this the friction falls off, so that what lies still stays
 SPRING_TURN = 0.15
-SWING_RADPS = (
-    20.0  # what is free to move and heavy is met by a spring that swings so fast: else 3 t at 5 m/s go through
-)
+SWING_RADPS = 20.0
+"""What is free to move and heavy is met by a spring that swings so fast: else 3 t at 5 m/s go through."""
 _FRICTION_SHARE = 0.2  # of the sliding speed that friction may take in one step
 
 
