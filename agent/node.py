@@ -226,6 +226,7 @@ class AgentNode:
         answer = dialect.MAVLink_xitl_timesync_message(message.t1_ns, received_ns, 0, message.sequence)
         answer.t3_ns = self._clock.now_ns()
         self._link.send(answer)
+        self._link.heard_total(message.frames_sent, self._link.counters.received - self._ahead)
 
     def _on_faults(self, message: Message) -> None:
         if self._running:

@@ -5177,22 +5177,22 @@ class MAVLink_xitl_timesync_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_XITL_TIMESYNC
     msgname = "XITL_TIMESYNC"
-    fieldnames = ["t1_ns", "t2_ns", "t3_ns", "sequence"]
-    ordered_fieldnames = ["t1_ns", "t2_ns", "t3_ns", "sequence"]
-    fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "uint32_t"]
+    fieldnames = ["t1_ns", "t2_ns", "t3_ns", "sequence", "frames_sent"]
+    ordered_fieldnames = ["t1_ns", "t2_ns", "t3_ns", "sequence", "frames_sent"]
+    fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "uint32_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
     fieldunits_by_name: Dict[str, str] = {"t1_ns": "ns", "t2_ns": "ns", "t3_ns": "ns"}
-    native_format = bytearray(b"<QQQI")
-    orders = [0, 1, 2, 3]
-    lengths = [1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0]
+    native_format = bytearray(b"<QQQII")
+    orders = [0, 1, 2, 3, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 15
-    unpacker = struct.Struct("<QQQI")
+    unpacker = struct.Struct("<QQQII")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, t1_ns: int, t2_ns: int, t3_ns: int, sequence: int):
+    def __init__(self, t1_ns: int, t2_ns: int, t3_ns: int, sequence: int, frames_sent: int = 0):
         MAVLink_message.__init__(self, MAVLink_xitl_timesync_message.id, MAVLink_xitl_timesync_message.msgname)
         self._fieldnames = MAVLink_xitl_timesync_message.fieldnames
         self._instance_field = MAVLink_xitl_timesync_message.instance_field
@@ -5201,9 +5201,10 @@ class MAVLink_xitl_timesync_message(MAVLink_message):
         self.t2_ns = t2_ns
         self.t3_ns = t3_ns
         self.sequence = sequence
+        self.frames_sent = frames_sent
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t1_ns, self.t2_ns, self.t3_ns, self.sequence), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t1_ns, self.t2_ns, self.t3_ns, self.sequence, self.frames_sent), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -6313,4 +6314,4 @@ class MAVLink(object):
 
 
 
-MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 330: 158, 331: 230, 54000: 43, 54006: 62}  # of messages with extensions
+MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 330: 158, 331: 230, 54000: 43, 54006: 62, 54007: 28}  # of messages with extensions

@@ -24,6 +24,7 @@ from agent.wire.signing import Signing
 from agent.wire.transport import DATAGRAM_BYTES, SenderStatus, Transport
 
 SENDERS = 64  # more than any link has; bounds what invented sender ids can cost
+ROUND = 256  # sequence numbers
 AHEAD = 128
 SHUFFLED = 32  # a frame that comes late is not further behind than this
 
@@ -36,19 +37,28 @@ class _Sender:
 
 
 class SequenceMonitor:
-    """Counts frames lost, late and repeated, per sender (system, component).
+    """Counts frames lost, late and repeated, by the sequence numbers of each sender (system, component).
 
     A number up to 127 ahead of the expected one means that those between are lost. A number behind it is late when it
-    was counted as lost (the loss is then taken back), and repeated when the frame that had it last has the same check
-    value. So frames sent = frames received - repeated + lost, as long as fewer than 128 are lost in a row. When more
-    are, the numbers cannot tell how many: lost is then too low, but nothing is taken for repeated that was not.
+    was counted as lost (the loss is then taken back), repeated when the frame that had it last has the same check
+    value, and of the next round when that has another. So frames sent = frames received - repeated + lost, as long as
+    fewer than 256 are lost in a row.
+
+    Numbers go round after 256: of more in a row they tell the remainder alone, and lost is a lower bound, until the
+    sender tells how many it has sent (`heard_total`). That decides the rounds, as long as what is under way or out of
+    order then is fewer than 128 frames. A sender that starts anew costs up to 255 that were never sent.
     """
 
     def __init__(self) -> None:
-        self.lost = 0
-        self.late = 0
-        self.repeated = 0
+        self.late = self.repeated = 0
+        self._numbers_lost = self._rounds = 0
+        self._total = self._ahead = 0
         self._senders: dict[int, _Sender] = {}
+
+    @property
+    def lost(self) -> int:
+        """Frames missing so far."""
+        return self._numbers_lost + ROUND * self._rounds
 
     def note(self, system_id: int, component_id: int, sequence: int, check: bytes = b"") -> None:
         """A frame arrived; `check` is what differs between frames of one number: checksum or signature."""
@@ -69,7 +79,7 @@ class SequenceMonitor:
             return
         gap = (sequence - sender.expected) & 0xFF
         if gap < AHEAD:
-            self.lost += gap
+            self._numbers_lost += gap
             for number in range(sender.expected, sender.expected + gap):
                 missing.add(number & 0xFF)
                 missing.discard((number + AHEAD) & 0xFF)
@@ -77,21 +87,32 @@ class SequenceMonitor:
             sender.expected = (sequence + 1) & 0xFF
         elif sequence in missing:
             missing.discard(sequence)
-            self.lost -= 1
+            self._numbers_lost -= 1
             self.late += 1
         elif checks[sequence] == check:
             self.repeated += 1
-        elif gap >= 256 - SHUFFLED:  # from before the first, or more were lost than the numbers can tell
+        elif checks[sequence] is None and gap >= ROUND - SHUFFLED:  # from before the first
             self.late += 1
         else:
-            self.lost += gap
+            self._numbers_lost += gap
             missing.clear()
+            missing.update((sequence - back) & 0xFF for back in range(1, SHUFFLED + 1))
             sender.expected = (sequence + 1) & 0xFF
         checks[sequence] = check
 
+    def heard_total(self, sent: int, received: int) -> None:
+        """The sender says how many frames it had sent when `received` had arrived, each counted from any instant."""
+        ahead = sent - (received - self.repeated + self._numbers_lost)
+        if not self._total or sent < self._total:  # the first, or the sender has begun anew
+            self._ahead = ahead - ROUND * self._rounds
+        self._total = sent
+        self._rounds = max(round((ahead - self._ahead) / ROUND), 0)
+
     def reset(self) -> None:
         """Forget all senders and counts."""
-        self.lost = self.late = self.repeated = 0
+        self.late = self.repeated = 0
+        self._numbers_lost = self._rounds = 0
+        self._total = self._ahead = 0
         self._senders.clear()
 
 
@@ -115,7 +136,7 @@ class LinkCounters:
 
     sent: frames handed to the transport. unsent: frames it did not take (their sequence numbers are used again), and
     messages that waited for a slow line until others needed their place. received: good frames. lost, late, repeated:
-    from the sequence numbers, see `SequenceMonitor`. dropped_*: see `Framer`. bytes_in, bytes_out: all bytes, good or
+    see `SequenceMonitor`. dropped_*: see `Framer`. bytes_in, bytes_out: all bytes, good or
     not. refused: good frames without a signature that counts, see `Signing`. strangers: good frames of another than the
     peer, on a transport that takes bytes from anybody, and what that refused unread.
     """
@@ -382,6 +403,10 @@ class Link:
     def strangers(self) -> int:
         """As in `counters`."""
         return self._strangers + self.transport.strangers - self._strangers_before
+
+    def heard_total(self, sent: int, received: int) -> None:
+        """The other end says how many frames it has sent: see `SequenceMonitor`."""
+        self._sequence.heard_total(sent, received)
 
     def reset_counters(self) -> None:
         """Count from zero and forget the senders, as at the start of a run. The own sequence number goes on."""

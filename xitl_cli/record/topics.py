@@ -186,7 +186,9 @@ class MavlinkFrameMessage:
 
 @dataclass(frozen=True, slots=True)
 class LinkState:
-    """Counts of one direction of a link since the run started, as in LinkReport; None until the other end reports."""
+    """Counts of one direction of a link since the run started, as in LinkReport; None until the other end reports, and
+    in the end where the two ends could not agree.
+    """
 
     name: Annotated[String, "as in `links[]` of the summary: `sensors`, `standby actuators`"]
     sent: Int64 | None
@@ -472,7 +474,7 @@ _TABLE = (
           "estimated from all of them; `autopilot` is one of another make behind a bridge, 1 Hz in lockstep too; of "
           "PS1 the step's number, when it began and simulation time", ClockExchange),
     Topic("/links", "xitl_msgs/msg/Link", "1 Hz",
-          "counts and latencies of each direction of each link so far", LinkState),
+          "counts and latencies of each direction of each link so far; the last row is as in the summary", LinkState),
     Topic("/nodes", "xitl_msgs/msg/Node", "as the agent sends it",
           "machine, kernel, processor time, load, memory and temperature of a board", NodeState),
     Topic("/bridge", "xitl_msgs/msg/Bridge", "1 Hz, another autopilot only",

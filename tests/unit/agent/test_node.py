@@ -176,6 +176,27 @@ def test_time_is_told_as_it_is() -> None:
     assert (answer.t1_ns, answer.t2_ns, answer.t3_ns, answer.sequence) == (5, 123_456_789, 123_456_789, 9)
 
 
+@pytest.mark.parametrize("lost", [0, 40, 200, 256, 700])
+def test_the_totals_of_the_host_tell_how_many_frames_were_lost(lost: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    host = Host()
+    host.run(START)
+    host.link.reset_counters()
+
+    def total() -> mav.MAVLink_xitl_timesync_message:
+        return mav.MAVLink_xitl_timesync_message(5, 0, 0, 9, host.link.counters.sent)
+
+    host.live(0.5)
+    host.send(total())
+    with monkeypatch.context() as unplugged:
+        unplugged.setattr(host.link.transport, "send", lambda data: True)
+        for _ in range(lost):
+            host.link.send(host.imu(0))
+    host.live(0.5)
+    # many more than half a round behind it in the batch that the node takes in at once
+    status = host.send(total(), *[host.imu(host.clock.time_ns)] * 200) and host.run(HELLO)[-1]
+    assert status.frames_lost == lost
+
+
 @pytest.mark.parametrize("start_us", [0, 2**53, 2**63, 2**64 - 1])
 def test_any_time_of_the_host_is_taken_and_answered(start_us: int) -> None:
     """Instants have 64 bits on the wire, some of them signed and in nanoseconds."""

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from made_log import MadeLog, MadeTable
 
 from tests.recorded_run import recorded_run
 from xitl_cli.logs import open_log
 from xitl_cli.logs.analyses import faults, links, scheduler, time_bases
-from xitl_cli.logs.analyses.link_sequences import missing_frames
+from xitl_cli.logs.analyses.link_sequences import frames_due, missing_frames
 from xitl_cli.logs.clocks.alignment import align_logs
 from xitl_cli.logs.model.sections import Section, Severity
 
@@ -27,19 +29,61 @@ faults:
 """
 
 
+def told(numbers: np.ndarray, rate_hz: float = 20.0) -> tuple[list[int], int, int]:
+    """Lost before each, late and repeated of frames sent at an even rate."""
+    stamps_ns = (np.maximum.accumulate(numbers) * (SECOND / rate_hz)).astype(np.int64)
+    lost, late, repeated = missing_frames(numbers % 256, frames_due(stamps_ns))
+    return lost.tolist(), late, repeated
+
+
 def test_numbers_that_are_missing_late_or_come_twice() -> None:
     sent = np.arange(2000)
-    lost, late, repeated = missing_frames(sent % 256)
-    assert (int(lost.sum()), late, repeated) == (0, 0, 0)
+    lost, late, repeated = told(sent)
+    assert (sum(lost), late, repeated) == (0, 0, 0)
     kept = np.delete(sent, [5, 6, 255, 256, 900])
-    lost, late, repeated = missing_frames(kept % 256)
-    assert (int(lost.sum()), late, repeated) == (5, 0, 0)
+    lost, late, repeated = told(kept)
+    assert (sum(lost), late, repeated) == (5, 0, 0)
     assert np.flatnonzero(lost).tolist() == [5, 253, 896]
     swapped = sent.copy()
     swapped[[300, 301]] = swapped[[301, 300]]
-    assert [int(np.sum(each)) for each in missing_frames(swapped % 256)] == [0, 1, 0]
-    assert [int(np.sum(each)) for each in missing_frames(np.insert(sent, 70, 69) % 256)] == [0, 0, 1]
-    assert len(missing_frames(np.empty(0, dtype=np.int64))[0]) == 0
+    assert [int(np.sum(each)) for each in told(swapped)] == [0, 1, 0]
+    assert [int(np.sum(each)) for each in told(np.insert(sent, 70, 69))] == [0, 0, 1]
+    assert len(missing_frames(np.empty(0, dtype=np.int64), np.empty(0))[0]) == 0
+
+
+@pytest.mark.parametrize("in_a_row", [1, 100, 127, 128, 129, 200, 254, 255])
+@pytest.mark.parametrize("rate_hz", [0.5, 4.0, 300.0])
+def test_up_to_255_missing_in_a_row_are_all_told(in_a_row: int, rate_hz: float) -> None:
+    sent = np.arange(4000)
+    lost, late, repeated = told(np.delete(sent, np.s_[1000 : 1000 + in_a_row]), rate_hz)
+    assert (sum(lost), late, repeated) == (in_a_row, 0, 0)
+    assert lost[1000] == in_a_row
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 80), st.integers(1, 40)), max_size=30),
+    st.integers(0, 255),
+    st.integers(0, 2**32),
+)
+def test_losses_of_a_recording_add_up_whatever_is_out_of_order(
+    gaps: list[tuple[int, int]], first: int, seed: int
+) -> None:
+    """Up to 80 missing in a row between 1 to 40 that are not, shifted by less than 20 places."""
+    sent, kept = first, [first]
+    for missing, present in gaps:
+        sent += missing
+        kept += range(sent + 1, sent + 1 + present)
+        sent += present
+    last = sent + 100
+    kept += range(sent + 1, last)
+    rng = np.random.default_rng(seed)
+    middle = np.array(kept[1:-20])
+    middle = middle[np.argsort(middle + rng.uniform(0.0, 20.0, len(middle)), kind="stable")]
+    lost, late, repeated = told(np.array([first, *middle, *kept[-20:]]))
+    assert sum(lost) == sum(missing for missing, _ in gaps)
+    assert repeated == 0
+    assert min(lost) >= 0
+    assert (late > 0) == bool((np.diff(middle) < 0).any())
 
 
 def _telemetry(rows: np.ndarray) -> MadeLog:
@@ -66,6 +110,25 @@ def test_a_radio_out_of_reach_is_told_with_when() -> None:
     assert (silence.evidence[0].at_ns or 0) - 1_790_000_000 * SECOND == 999 * SECOND // 20
 
 
+@pytest.mark.parametrize(("lost", "told"), [(300, "at least 44 of"), (150, "at least 150 of"), (120, " 120 of")])
+def test_what_numbers_cannot_tell_is_told_as_the_least(lost: int, told: str) -> None:
+    rows = np.arange(4000)
+    section = links.analyse(_telemetry(rows[(rows < 1000) | (rows >= 1000 + lost)]))
+    assert section is not None
+    (loss,) = [finding for finding in section.findings if finding.key == "links.sequence_loss"]
+    assert told in loss.sentence
+    assert ("at least" in loss.sentence) == ("at least" in told)
+
+
+def test_a_sender_that_was_silent_has_lost_nothing() -> None:
+    rows = np.arange(4000)
+    log = _telemetry(rows)
+    log.tables["ATTITUDE"].stamp_ns[1000:] += 60 * SECOND
+    section = links.analyse(log)
+    assert section is not None
+    assert [finding.key for finding in section.findings] == ["links.silence"]
+
+
 def test_counts_of_16_bits_go_round() -> None:
     sent = (65_000 + 100 * np.arange(20)) % 65_536
     missed = np.arange(20) * 10
@@ -79,6 +142,29 @@ def test_counts_of_16_bits_go_round() -> None:
     assert section is not None
     assert section.grids[0].rows[0][:4] == (0, 1900, 1900, 190)
     assert section.findings[0].severity == Severity.WARNING  # 190 of 2090
+
+
+UNKNOWN = -1
+
+
+@pytest.mark.parametrize(
+    ("lost", "gaps", "said"),
+    [
+        ([0, 44, 300], [0, 44, 44], "sensors: 300 of 9000 frames were lost (3.33 %), between"),
+        ([0, 44, UNKNOWN], [0, 44, 44], "sensors: at least 44 of 9000 frames were lost (0.49 %), between"),
+        ([0, 3, 0], [0, 3, 3], "None of 9000 frames on sensors was lost"),
+        ([0, 0, UNKNOWN], [0, 0, 0], None),
+    ],
+)
+def test_the_counts_of_both_ends_come_before_what_the_receiver_misses(
+    lost: list[int], gaps: list[int], said: str | None
+) -> None:
+    counts = {count: [0, 0, 0] for count in links.COUNTS} | {"sent": [3000, 6000, 9000], "lost": lost, "gaps": gaps}
+    table = MadeTable("/links", SECOND * np.arange(3), {"name": np.array(["sensors"] * 3), **counts})
+    section = links.analyse(MadeLog(table, kind="mcap"))
+    assert section is not None
+    sentences = [finding.sentence for finding in section.findings]
+    assert [sentence.startswith(said) for sentence in sentences] == [True] if said else not sentences
 
 
 @pytest.fixture(scope="module")
@@ -142,6 +228,10 @@ def test_a_run_in_lockstep_has_nothing_to_find() -> None:
                 section = analysis.analyse(log)
                 assert section is None or section.worst <= Severity.NOTICE
         assert faults.analyse(host) is None
+        counted = host.tables["/links"]
+        for row, link in enumerate(json.loads((run / "summary.json").read_text())["links"], start=-2):
+            for count in ("sent", "received", "lost", "gaps", "repeated"):
+                assert counted[count][row] == link[count]
         _, placed = align_logs([host, own])
     assert placed.method == "same clock"
     assert placed.on_reference(np.array([123])).tolist() == [123]

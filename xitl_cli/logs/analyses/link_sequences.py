@@ -1,6 +1,8 @@
 """MAVLink as it was recorded: losses by the sequence numbers of each sender, and intervals without a frame.
 
-A sequence number goes round after 256, so a loss of more than that looks smaller; intervals without a frame tell it.
+A sequence number goes round after 256, and a recording does not have the totals of its senders: where a sender was not
+heard for as long as it usually takes for half a round, what is missing is told as the least that it can be. How many
+rounds it was is not guessed from the rate, as a sender may have been silent.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import numpy as np
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.model.table import Stamps
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.moments import Moment, moments_near
 from xitl_cli.logs.signals.series import rounded
 
@@ -25,12 +27,13 @@ MOST_QUIET = 50
 JOINED_NS = 50_000_000
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 WINDOW_NS = 1_000_000_000
+ROUND = 256
 
 
 @dataclass(frozen=True, slots=True)
 class Sender:
-    """stamp_ns: (N,) in the order of the file. lost: (N,) frames missing before each. late, repeated: numbers that
-    went back, and that came twice.
+    """stamp_ns: (N,) in the order of the file. lost: (N,) frames missing before each; at_least: there may be more.
+    late, repeated: numbers that went back, and that came twice.
     """
 
     link: str
@@ -38,6 +41,7 @@ class Sender:
     component: int
     stamp_ns: Stamps
     lost: Stamps
+    at_least: bool
     late: int
     repeated: int
 
@@ -129,38 +133,51 @@ def senders(log: Log) -> list[Sender]:
     for (system_id, component_id), tables in parts.items():
         place, stamps, sequence = (np.concatenate(each) for each in zip(*tables, strict=True))
         order = np.argsort(place, kind="stable")
-        lost, late, repeated = missing_frames(sequence[order])
-        found.append(Sender("", system_id, component_id, stamps[order], lost, late, repeated))
+        stamp_ns = stamps[order]
+        due = frames_due(stamp_ns)
+        lost, late, repeated = missing_frames(sequence[order], due)
+        at_least = float(due.max()) >= ROUND / 2
+        found.append(Sender("", system_id, component_id, stamp_ns, lost, at_least, late, repeated))
     return sorted(found, key=lambda each: -len(each.stamp_ns))
 
 
-def missing_frames(sequence: Stamps) -> tuple[Stamps, int, int]:
+def frames_due(stamp_ns: Stamps) -> Floats:
+    """(N,) how many frames the sender usually sends in the time before each: by the median second with any."""
+    _, counts = np.unique(stamp_ns // WINDOW_NS, return_counts=True)
+    return np.diff(stamp_ns, prepend=stamp_ns[:1]) * (float(np.median(counts)) / WINDOW_NS)
+
+
+def missing_frames(sequence: Stamps, due: Floats) -> tuple[Stamps, int, int]:
     """(N,) how many are missing before each frame; how many came late, and how many twice in a row.
 
-    A number that went back by up to half a round is a late frame, which was missing before and is not.
+    A number that went back by half a round or less is a late frame, which is not missing any more if it was. Where a
+    quarter of a round and more was `due` (N,) before it, see `frames_due`, it went on to the next round.
     """
-    newest = int(sequence[0]) if len(sequence) else 0
+    paused = due >= ROUND / 4
     lost = np.zeros(len(sequence), dtype=np.int64)
-    late = repeated = 0
-    ahead = np.diff(sequence, prepend=sequence[:1]) % 256
-    if ((ahead[1:] > 0) & (ahead[1:] < 128)).all():
+    ahead = np.diff(sequence, prepend=sequence[:1]) % ROUND
+    half = ROUND // 2
+    if ((ahead[1:] > 0) & (ahead[1:] < half)).all():
         lost[1:] = ahead[1:] - 1
         return lost, 0, 0
-    last_gap = 0
-    for row, number_ in enumerate(sequence.tolist()):
-        if row == 0:
-            continue
-        step = (number_ - newest) % 256
-        if step == 0:
+    late = repeated = 0
+    newest = int(sequence[0])  # counted on beyond a round
+    missing: dict[int, int] = {}  # those of the last half round, and the row before which they are counted
+    for row, (number, pause) in enumerate(zip(sequence[1:].tolist(), paused[1:].tolist(), strict=True), start=1):
+        step = (number - newest) % ROUND
+        if pause or 0 < step < half:
+            before, newest = newest, newest + (step or ROUND)
+            if newest > before + 1:
+                lost[row] = newest - before - 1
+                missing = {each: of for each, of in missing.items() if each > newest - half}
+                missing.update(dict.fromkeys(range(max(before, newest - half) + 1, newest), row))
+        elif step == 0:
             repeated += 1
-        elif step < 128:
-            lost[row] = step - 1
-            newest = number_
-            last_gap = row
         else:
             late += 1
-            if lost[last_gap]:
-                lost[last_gap] -= 1
+            gap = missing.pop(newest + step - ROUND, None)
+            if gap is not None:
+                lost[gap] -= 1
     return lost, late, repeated
 
 
@@ -175,11 +192,12 @@ def _losses(sender: Sender, unknown: int, clock: LogClock) -> Iterator[Finding]:
         severity = Severity.CRITICAL if ratio > LOSS_CRITICAL else Severity.WARNING
     rows = np.flatnonzero(sender.lost)
     first_ns, last_ns = int(sender.stamp_ns[rows[0]]), int(sender.stamp_ns[rows[-1]])
+    least = "at least " if sender.at_least else ""
     note = f"; up to {min(unknown, lost)} of them are messages of no known dialect" if unknown else ""
     yield Finding(
         "links.sequence_loss",
         severity,
-        f"{sender.name}: {lost} of {frames + lost} frames are missing by their sequence "
+        f"{sender.name}: {least}{lost} of {frames + lost} frames are missing by their sequence "
         f"({100.0 * sender.ratio:.2f} %), from {clock.text(first_ns)} to {clock.text(last_ns)}{note}",
         (Evidence("MAVLink", "_seq", first_ns, last_ns, str(lost)),),
         "Look at the radio or network; a log that was filtered or taken from one of several links shows the same.",

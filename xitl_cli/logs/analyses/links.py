@@ -32,10 +32,10 @@ def count_section(log: Log, clock: LogClock) -> Section | None:
         return None
     names = np.asarray(table.values("name"))
     links = {str(name): Selection(table, names == name) for name in dict.fromkeys(names.tolist())}
-    last = {name: {count: _last(link, count) for count in COUNTS} for name, link in links.items()}
+    last = {name: _last_counts(link) for name, link in links.items()}
     times = {name: {field: _latest(link, field) for field in LATENCIES} for name, link in links.items()}
     findings = [finding for name, link in links.items() for finding in _count_findings(name, link, last[name], clock)]
-    known = {name: of for name in links if (of := _sent_count(last[name]))}
+    known = {name: of for name in links if last[name]["lost"] is not None and (of := _sent_count(last[name]))}
     if known and not findings:
         counted = " and ".join(f"{of} frames on {name}" for name, of in known.items())
         findings.append(Finding.ok("links.whole", f"None of {counted} was lost"))
@@ -63,11 +63,16 @@ def count_section(log: Log, clock: LogClock) -> Section | None:
     )
 
 
-def _last(link: Table, count: str) -> int | None:
-    """The newest count that is known."""
-    values = np.asarray(link.values(count, raw=True))
-    known = np.flatnonzero(values >= 0)
-    return int(values[known[-1]]) if len(known) else None
+def _last_counts(link: Table) -> dict[str, int | None]:
+    """The newest of each that is known; `lost` is not where the two ends did not agree in the end."""
+    counts: dict[str, int | None] = {}
+    for count in COUNTS:
+        values = np.asarray(link.values(count, raw=True))
+        known = np.flatnonzero(values >= 0)
+        counts[count] = int(values[known[-1]]) if len(known) else None
+        if count == "lost" and values[-1] < 0:
+            counts[count] = None
+    return counts
 
 
 def _latest(link: Table, field: str) -> float | None:
@@ -83,9 +88,9 @@ def _ms(seconds: float | None) -> float | None:
 
 
 def _lost(counts: dict[str, int | None]) -> int:
-    """By the counts of both ends, else by the gaps in the sequence."""
+    """By the counts of both ends, else at least what the receiver misses."""
     lost = counts["lost"]
-    return max(lost or 0, counts["gaps"] or 0)
+    return counts["gaps"] or 0 if lost is None else lost
 
 
 def _sent_count(counts: dict[str, int | None]) -> int:
@@ -103,7 +108,7 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
         severity = Severity.NOTICE
         if ratio > LOSS_WARNING:
             severity = Severity.CRITICAL if ratio > LOSS_CRITICAL else Severity.WARNING
-        field = "lost" if (counts["lost"] or 0) >= (counts["gaps"] or 0) else "gaps"
+        field, least = ("gaps", "at least ") if counts["lost"] is None else ("lost", "")
         from_ns, until_ns = _grew(link, field)
         known = from_ns is not None and until_ns is not None
         when = f", between {clock.text(from_ns or 0)} and {clock.text(until_ns or 0)}" if known else ""
@@ -111,7 +116,7 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
         yield Finding(
             "links.loss",
             severity,
-            f"{name}: {lost} of {of} frames were lost ({100.0 * lost / of:.2f} %){purpose}{when}",
+            f"{name}: {least}{lost} of {of} frames were lost ({100.0 * lost / of:.2f} %){purpose}{when}",
             (Evidence("/links", field, from_ns, until_ns, str(lost)),),
             "The faults section says what was injected and when."
             if on_purpose == lost

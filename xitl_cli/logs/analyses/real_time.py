@@ -96,7 +96,7 @@ def _losses(table: Table | None) -> Iterator[LinkLosses]:
     for name, row in _rows_of(table, "name").items():
         assert table is not None
         sent = round(_last(table, "sent", row))
-        if sent:
+        if sent and "lost" in table.columns and float(table.values("lost")[row]) >= 0.0:
             yield LinkLosses(name, sent, max(round(_last(table, "lost", row) - _last(table, "impaired", row)), 0))
 
 

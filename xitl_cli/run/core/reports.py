@@ -46,9 +46,9 @@ class LinkReport:
 
     name: `sensors` (to the agent) or `actuators` (from it); those of another link than `agent` have its name before
     them: `standby sensors`.
-    lost: sent and never received. gaps: missing from the sequence at the receiver, late: out of order, repeated: came
-    twice. unsent: not taken by the transport of the sender. dropped: damaged or unknown ones. refused: without a good
-    signature, or of others than the other end. impaired: kept back for good by an injected fault, part of the lost
+    lost: sent and never received. gaps: what the receiver misses, see `SequenceMonitor`. late: out of order. repeated:
+    came twice. unsent: not taken by the transport of the sender. dropped: damaged or unknown ones. refused: without a
+    good signature, or of others than the other end. impaired: kept back for good by an injected fault, part of the lost
     ones. host_end: what the host's transport has counted beside that, by name, told with the direction that it hears.
     """
 

@@ -251,7 +251,7 @@ class AgentConnection:
         transport = peer.transport
         if self._profile.faults:
             transport = self._impaired = self._impairable(transport)
-        self.link = Link(transport, HOST_SYSTEM_ID, HOST_COMPONENT_ID, signing=self._signing)
+        self.link = self.inbox.accounts.link = Link(transport, HOST_SYSTEM_ID, HOST_COMPONENT_ID, signing=self._signing)
         timeout_s = self._terms.connect_timeout_s
         say_hello = partial(self._send_run, dialect.XITL_RUN_COMMAND_HELLO)
         self._say_until(lambda: self.inbox.view.status is not None, say_hello, HELLO_INTERVAL_S, timeout_s, peer.check)
@@ -312,7 +312,7 @@ class AgentConnection:
             raise self.peer.unreachable(START_WAIT_S)
         if said > 1:  # a start that is slow to arrive starts it once more
             self._receive_until(lambda: False, HELLO_INTERVAL_S)
-        self.inbox.accounts.started(self.link.counters)
+        self.inbox.accounts.started()
 
     def _has_our_run(self) -> bool:
         """As far as its latest status tells: an agent of an earlier release tells of no token."""
@@ -413,7 +413,7 @@ class AgentConnection:
 
     def request_time(self) -> None:
         """Ask for its time stamps."""
-        self.link.send(self.inbox.timing.request())
+        self.link.send(self.inbox.timing.request(self.link.counters.sent))
 
     def receive(self, timeout_s: float = 0.0) -> list[Any]:
         """Take in what has arrived; waits for it at most `timeout_s`."""
@@ -555,9 +555,7 @@ class AgentConnection:
     def links(self) -> tuple[LinkReport, LinkReport]:
         """Towards the agent, and from it."""
         inbox = self.inbox
-        there, back = inbox.accounts.reports(
-            self._prefix, self.link.counters, self.impaired[0], inbox.view.status, inbox.timing
-        )
+        there, back = inbox.accounts.reports(self._prefix, self.impaired[0], inbox.view.status, inbox.timing)
         return there, replace(
             back, refused=(back.refused or 0) + self._strangers, host_end=self.link.transport.counts()
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from agent.wire import dialect
-from agent.wire.link import LinkCounters
+from agent.wire.link import Link, LinkCounters
 from xitl_cli.record.topics import LinkState, NodeState
 from xitl_cli.run.core.reports import LinkReport, NodeReport
 from xitl_cli.run.core.statistics import Histogram
@@ -15,14 +15,17 @@ from xitl_cli.run.links.link_timing import LinkTiming
 class LinkAccounts:
     """One link. The agent's XITL_NODE_STATUS tells its side; the two ends agree once it has answered the stop.
 
-    Sequence numbers count modulo 256 and cannot tell how many were lost in a row; totals can. What came from the agent
-    is counted from the status that answers the start to the one that answers the stop. A status counts what was sent
-    before it was made; on a slow line messages made earlier may still go out before it does, which the sequence numbers
-    of the two tell. Until the ends agree, lost is what the sequence numbers say.
+    What came from the agent is counted from the status that answers the start to the one that answers the stop. A
+    status counts what was sent before it was made; on a slow line messages made earlier may still go out before it
+    does, which the sequence numbers of the two tell. Until the ends agree, lost is what the receiver misses: see
+    `SequenceMonitor`. It has the host's totals from XITL_TIMESYNC, the agent's from each status.
 
-    heard: good frames from the agent so far, to be counted one by one, each after it has been looked at. over: the run
-    is; if the ends did not agree then, what arrived at the agent stays unknown.
+    link: the host's end, to be set before a status comes. heard: good frames from the agent so far, to be counted one
+    by one, each after it has been looked at. over: the run is; if the ends did not agree then, what arrived at the
+    agent stays unknown.
     """
+
+    link: Link
 
     def __init__(self) -> None:
         self.heard = 0
@@ -37,20 +40,20 @@ class LinkAccounts:
     def status(self, status: Any) -> None:
         """A status has come: the next that answers the start may be this one."""
         self._latest = status, self.heard
+        self.link.heard_total(status.frames_sent, self.heard)
 
-    def started(self, counters: LinkCounters) -> None:
+    def started(self) -> None:
         """The latest status answers the start."""
         self._base, self._base_heard = self._latest
-        self._base_repeated = counters.repeated
+        self._base_repeated = self.link.counters.repeated
 
     def stopped(self, status: Any, sent: int) -> None:
         """The status that answers the stop, the latest if several do; `sent` frames went out up to the latest stop."""
         self._final, self._final_sent = status, sent
 
-    def reports(
-        self, prefix: str, counters: LinkCounters, impaired: int, status: Any, timing: LinkTiming
-    ) -> tuple[LinkReport, LinkReport]:
+    def reports(self, prefix: str, impaired: int, status: Any, timing: LinkTiming) -> tuple[LinkReport, LinkReport]:
         """Towards the agent, and from it. `impaired`: frames that the host kept back; `status`: the latest, or None."""
+        counters = self.link.counters
         return (
             self._to_agent(prefix, counters, impaired, status, timing.sensors),
             self._from_agent(prefix, counters, status, timing.actuators),

@@ -71,10 +71,10 @@ class LinkTiming:
             histogram.add(took_ns)
         self._unsettled.clear()
 
-    def request(self) -> Any:
-        """The next XITL_TIMESYNC to send, at once."""
+    def request(self, frames_sent: int) -> Any:
+        """The next XITL_TIMESYNC to send, at once, behind so many frames."""
         self._requests += 1
-        return dialect.MAVLink_xitl_timesync_message(self._clock_ns(), 0, 0, self._requests)
+        return dialect.MAVLink_xitl_timesync_message(self._clock_ns(), 0, 0, self._requests, frames_sent & 0xFFFFFFFF)
 
     def answered(self, message: Any) -> ClockExchange | None:
         """XITL_TIMESYNC that came back, as a record; None when no clocks could give such stamps."""

@@ -114,7 +114,9 @@ class PaceRecorder(RunNode):
 
 
 class LinkRecorder(RunNode):
-    """Records once a second how the links to `agents` have done, and how old motor commands were, where `age` tells."""
+    """Records how the links to `agents` have done, once a second and when both ends have given their final counts, and
+    once a second how old motor commands were, where `age` tells.
+    """
 
     def __init__(
         self, clock: ClockSpec, agents: Sequence[AgentConnection], age: Callable[[], ActuatorAge] | None
@@ -125,13 +127,20 @@ class LinkRecorder(RunNode):
         self._exchanges = 0
 
     def begin(self, context: RunContext) -> None:
-        self._recorder = context.recorder
+        self._recorder, self._clock = context.recorder, context.clock
 
     def exchange(self, step: RunStep) -> None:
         self._exchanges += 1
         if self._exchanges % self._every:
             return
-        for agent in self._agents:
-            agent.record_links(self._recorder, step.now_ns)
+        self._record_links(step.now_ns)
         if self._age is not None:
             self._recorder.write(step.now_ns, self._age())
+
+    def end(self) -> None:
+        if self._exchanges:
+            self._record_links(self._clock.now_ns())
+
+    def _record_links(self, now_ns: int) -> None:
+        for agent in self._agents:
+            agent.record_links(self._recorder, now_ns)

@@ -331,8 +331,88 @@ def test_nothing_is_taken_for_repeated_that_was_not(in_a_row: int, twice: bool) 
         for _ in range(1 + twice):
             monitor.note(1, 1, number & 0xFF, number.to_bytes(2, "little"))
     assert monitor.repeated == 700 * twice
-    if in_a_row < 224:
+    if in_a_row < 256:
         assert counts(monitor) == (in_a_row, 0, 700 * twice)
+
+
+@pytest.mark.parametrize("in_a_row", [150, 230, 250])
+def test_a_late_frame_of_many_that_were_lost_is_not_lost(in_a_row: int) -> None:
+    monitor = SequenceMonitor()
+    for number in [*range(300), 300 + in_a_row, 300 + in_a_row - 5, *range(301 + in_a_row, 700)]:
+        monitor.note(1, 1, number & 0xFF, number.to_bytes(2, "little"))
+    assert counts(monitor) == (in_a_row - 1, 1, 0)
+
+
+Stretch = tuple[int, int, bool]
+
+
+@given(
+    stretches=st.lists(st.tuples(st.integers(0, 1500), st.integers(1, 300), st.booleans()), max_size=12),
+    first=st.integers(0, 100_000),
+    under_way=st.integers(0, 100),
+    seed=st.integers(0, 2**32),
+)
+def test_totals_of_the_sender_decide_how_many_rounds_were_lost(
+    stretches: list[Stretch], first: int, under_way: int, seed: int
+) -> None:
+    """Any number lost, then some that arrive, shifted by less than 20 places and a tenth of them twice; maybe a total.
+
+    `under_way`: the totals are by so many too low, always. A number that comes again while it is missing may be late or
+    of the next round, which the numbers after it tell.
+    """
+    rng = random.Random(seed)
+    monitor = SequenceMonitor()
+    number, received, lost = first, 0, 0
+
+    def arrive(frames: int) -> None:
+        nonlocal number, received
+        sent = range(number, number + frames)
+        shifted = sorted(sent, key=lambda each: each + rng.uniform(0.0, 20.0))
+        for each in [*sent[:1], *(each for each in shifted if each != number)]:
+            for _ in range(1 + (rng.random() < 0.1)):
+                monitor.note(1, 1, each & 0xFF, each.to_bytes(4, "little"))
+                received += 1
+        number += frames
+
+    arrive(50)
+    monitor.heard_total(number - under_way, received)
+    for missing, present, tells in stretches:
+        number += missing
+        lost += missing
+        arrive(present)
+        if tells:
+            monitor.heard_total(number - under_way, received)
+            assert monitor.lost == lost or present < 150
+    arrive(150)
+    monitor.heard_total(number - under_way, received)
+    assert monitor.lost == lost
+    assert received - monitor.repeated == number - first - lost
+
+
+def test_who_sends_nothing_loses_nothing_and_who_begins_anew_little() -> None:
+    monitor = SequenceMonitor()
+    received = 0
+
+    def arrive(numbers: range) -> None:
+        nonlocal received
+        for number in numbers:
+            monitor.note(1, 1, number & 0xFF, number.to_bytes(4, "little"))
+            received += 1
+
+    arrive(range(1000))
+    for _ in range(3):
+        monitor.heard_total(1000, received)
+    assert monitor.lost == 0
+    arrive(range(1600, 2000))
+    monitor.heard_total(2000, received)
+    assert monitor.lost == 600
+    arrive(range(100_000, 100_500))  # its numbers and totals from anywhere
+    monitor.heard_total(500, received)
+    assert 600 <= monitor.lost < 600 + 256
+    before = monitor.lost
+    arrive(range(101_000, 101_100))
+    monitor.heard_total(1100, received)
+    assert monitor.lost == before + 500
 
 
 def test_a_frame_from_before_the_first_is_late_and_nothing_is_lost() -> None:

@@ -29,7 +29,7 @@ class Far:
         self.now_ns += round(MS + self.rng.uniform(0.0, 2.0) * MS)
 
     def exchange(self) -> None:
-        request = self.timing.request()
+        request = self.timing.request(0)
         self.pass_link()
         request.t2_ns = request.t3_ns = self.clock_ns()
         self.pass_link()

@@ -26,7 +26,7 @@ class Reached:
         inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, False, lambda stamp_ns, estimate: None)
         self.connection = AgentConnection("agent", load_profile("hitl-loopback").runnable(), inbox)
         self.connection._peer = self
-        self.connection.link = Link(here, 255, 190)
+        self.connection.link = inbox.accounts.link = Link(here, 255, 190)
         self.connection._reached = True
 
     def pump(self) -> None:
