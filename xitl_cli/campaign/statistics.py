@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # type: ignore[import-untyped]
 from numpy.typing import NDArray
-from scipy import optimize, special, stats  # type: ignore[import-untyped]
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -38,7 +38,7 @@ def wilson_interval(passed: int, runs: int, confidence: float = 0.95) -> Interva
     """
     if not runs:
         return Interval(0.0, 1.0)
-    z = float(special.ndtri(0.5 + confidence / 2))
+    z = float(scipy.special.ndtri(0.5 + confidence / 2))
     rate, spread = passed / runs, z * z / runs
     middle = (rate + spread / 2) / (1 + spread)
     half = math.sqrt(rate * (1 - rate) * spread + spread * spread / 4) / (1 + spread)
@@ -67,13 +67,13 @@ class PassCounts:
     def log_likelihood(self, rates: Floats) -> float:
         """Binomial, without the constant; rates (K,)."""
         failed = self.runs - self.passed
-        return float((special.xlogy(self.passed, rates) + special.xlog1py(failed, -rates)).sum())
+        return float((scipy.special.xlogy(self.passed, rates) + scipy.special.xlog1py(failed, -rates)).sum())
 
 
 def monotone_rates(counts: PassCounts, rising: bool) -> Floats:
     """(K,): the rates of greatest likelihood among those that never turn (pool adjacent violators, Ayer 1955)."""
     return np.asarray(
-        optimize.isotonic_regression(counts.rates, weights=counts.runs, increasing=rising).x, dtype=np.float64
+        scipy.optimize.isotonic_regression(counts.rates, weights=counts.runs, increasing=rising).x, dtype=np.float64
     )
 
 
@@ -123,7 +123,7 @@ def monotone_boundary(counts: PassCounts, rate: float, rising: bool, confidence:
     """
     sign = 1 if rising else -1
     best = counts.log_likelihood(monotone_rates(counts, rising))
-    limit = float(stats.chi2.ppf(confidence, 1)) / 2
+    limit = float(scipy.stats.chi2.ppf(confidence, 1)) / 2
     # The boundary lies before the first point, between two, or behind the last.
     likelihoods = np.array([_crossing_likelihood(counts, place, rate, sign) for place in range(len(counts.at) + 1)])
     ends = np.concatenate(([-np.inf], counts.at, [np.inf]))
@@ -139,9 +139,9 @@ def _crossing_likelihood(counts: PassCounts, place: int, rate: float, sign: int)
     level = sign * rate
     fit = np.empty(len(rates))
     if place:
-        fit[:place] = np.minimum(optimize.isotonic_regression(rates[:place], weights=runs[:place]).x, level)
+        fit[:place] = np.minimum(scipy.optimize.isotonic_regression(rates[:place], weights=runs[:place]).x, level)
     if place < len(rates):
-        fit[place:] = np.maximum(optimize.isotonic_regression(rates[place:], weights=runs[place:]).x, level)
+        fit[place:] = np.maximum(scipy.optimize.isotonic_regression(rates[place:], weights=runs[place:]).x, level)
     return counts.log_likelihood(np.clip(sign * fit, 0.0, 1.0))
 
 
@@ -183,9 +183,9 @@ def paired_difference(a: Floats, b: Floats, confidence: float = 0.95) -> PairedD
         p_value = 1.0 if mean == 0.0 else 2.0 ** (1 - pairs)
         return PairedDifference(pairs, *ends, mean, Interval(mean, mean), p_value, None, None)
     error = deviation / math.sqrt(pairs)
-    half = float(stats.t.ppf(0.5 + confidence / 2, pairs - 1)) * error
-    p_value = 2.0 * float(stats.t.sf(abs(mean) / error, pairs - 1))
-    signed_rank = float(stats.wilcoxon(differences).pvalue)
+    half = float(scipy.stats.t.ppf(0.5 + confidence / 2, pairs - 1)) * error
+    p_value = 2.0 * float(scipy.stats.t.sf(abs(mean) / error, pairs - 1))
+    signed_rank = float(scipy.stats.wilcoxon(differences).pvalue)
     interval = Interval(mean - half, mean + half)
     return PairedDifference(pairs, *ends, mean, interval, p_value, mean / deviation, signed_rank)
 
@@ -213,8 +213,8 @@ def paired_rates(a: Sequence[bool], b: Sequence[bool], confidence: float = 0.95)
     only_a = sum(one and not other for one, other in zip(a, b, strict=True))
     only_b = sum(other and not one for one, other in zip(a, b, strict=True))
     differing = only_a + only_b
-    p_value = float(stats.binomtest(only_b, differing).pvalue) if differing else 1.0
-    z = float(special.ndtri(0.5 + confidence / 2))
+    p_value = float(scipy.stats.binomtest(only_b, differing).pvalue) if differing else 1.0
+    z = float(scipy.special.ndtri(0.5 + confidence / 2))
     middle = (only_b - only_a) / (pairs + 2)
     half = z * math.sqrt(differing + 1 - (only_b - only_a) ** 2 / (pairs + 2)) / (pairs + 2)
     interval = Interval(max(-1.0, middle - half), min(1.0, middle + half))
@@ -255,7 +255,7 @@ def mean_interval(values: Floats, confidence: float = 0.95) -> Interval | None:
     """Student's t; None of fewer than two."""
     if len(values) < 2:
         return None
-    half = float(stats.t.ppf(0.5 + confidence / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
+    half = float(scipy.stats.t.ppf(0.5 + confidence / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
     middle = float(values.mean())
     return Interval(middle - half, middle + half)
 
@@ -285,10 +285,10 @@ class LogisticSurface:
         def loss(beta: Floats) -> tuple[float, Floats]:
             logits = terms @ beta
             value = (np.logaddexp(0.0, logits) - outcome * logits).sum() + 0.5 * (prior * beta**2).sum()
-            return float(value), terms.T @ (special.expit(logits) - outcome) + prior * beta
+            return float(value), terms.T @ (scipy.special.expit(logits) - outcome) + prior * beta
 
-        beta = optimize.minimize(loss, np.zeros(terms.shape[1]), jac=True, method="BFGS").x
-        rates = special.expit(terms @ beta)
+        beta = scipy.optimize.minimize(loss, np.zeros(terms.shape[1]), jac=True, method="BFGS").x
+        rates = scipy.special.expit(terms @ beta)
         information = (terms * (rates * (1 - rates))[:, None]).T @ terms + np.diag(prior)
         return cls(shares.shape[1], beta, np.linalg.inv(information))
 
@@ -297,8 +297,8 @@ class LogisticSurface:
         terms = _quadratic_terms(shares)
         logits = terms @ self.coefficients
         deviation = np.sqrt(np.einsum("ni,ij,nj->n", terms, self.covariance, terms))
-        half = float(special.ndtri(0.5 + confidence / 2)) * deviation
-        return special.expit(logits), special.expit(logits - half), special.expit(logits + half)
+        half = float(scipy.special.ndtri(0.5 + confidence / 2)) * deviation
+        return scipy.special.expit(logits), scipy.special.expit(logits - half), scipy.special.expit(logits + half)
 
 
 def _quadratic_terms(shares: Floats) -> Floats:

@@ -14,8 +14,6 @@ import xitl
 from xitl_cli.campaign.axes import value_text
 from xitl_cli.errors import UserError
 
-pytest.importorskip("distributed")
-carry_out = pytest.importorskip("xitl_cli.campaign.carry_out")
 PLAN = """
 base: mitl
 axes: {environment.wind.mean_mps: [0, 6]}
@@ -37,6 +35,7 @@ def figures(values: Mapping[str, Any], seed: int) -> dict[str, Any]:
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[int | None]:
+    pytest.importorskip("distributed")
     asked: list[int | None] = []
 
     @contextmanager
@@ -45,8 +44,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[int | None]:
         yield Here(figures, 2)
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(carry_out, "local_workers", workers)
-    monkeypatch.setattr(carry_out, "try_first_run", lambda plan: None)
+    monkeypatch.setattr("xitl_cli.campaign.carry_out.local_workers", workers)
+    monkeypatch.setattr("xitl_cli.campaign.carry_out.try_first_run", lambda plan: None)
     Path("plan.yaml").write_text(PLAN, encoding="utf-8")
     return asked
 

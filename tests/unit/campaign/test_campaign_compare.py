@@ -16,7 +16,7 @@ from xitl_cli.campaign.report import comparison_section
 from xitl_cli.campaign.results import ResultTable
 from xitl_cli.errors import UserError
 
-stats = pytest.importorskip("scipy.stats")
+scipy = pytest.importorskip("scipy")
 
 WIND, SPEED = "environment.wind.mean_mps", "mission.speed_mps"
 TRACK, DURATION = "mission.cross_track_rms_m", "duration_s"
@@ -56,7 +56,7 @@ def test_one_campaign_split_by_an_axis_is_paired_by_the_others_and_the_seed(tmp_
         [row[TRACK] for row in sorted(runs.rows, key=lambda row: (row[WIND], row["seed"])) if row[SPEED] == speed]
         for speed in (2, 3)
     )
-    theirs = stats.ttest_rel(fast, slow)
+    theirs = scipy.stats.ttest_rel(fast, slow)
     track = next(one for one in told.figures if one.figure == TRACK)
     assert track.difference.mean == pytest.approx(0.1, abs=0.02)
     assert track.difference.p_value == pytest.approx(theirs.pvalue)
@@ -65,7 +65,7 @@ def test_one_campaign_split_by_an_axis_is_paired_by_the_others_and_the_seed(tmp_
     assert (track.difference.interval.low, track.difference.interval.high) == pytest.approx((bounds.low, bounds.high))
     assert track.adjusted is not None
     assert track.adjusted >= theirs.pvalue
-    unpaired = stats.ttest_ind(fast, slow).pvalue
+    unpaired = scipy.stats.ttest_ind(fast, slow).pvalue
     assert track.adjusted < 1e-6 < 0.05 < unpaired  # which pairs tell and groups do not
 
 
@@ -80,7 +80,7 @@ def test_pass_rates_are_mcnemars(tmp_path: Path) -> None:
     ]
     assert [judged.rates.only_a, judged.rates.only_b] == only
     assert sum(only) > 0
-    assert judged.rates.p_value == pytest.approx(stats.binomtest(only[1], sum(only)).pvalue)
+    assert judged.rates.p_value == pytest.approx(scipy.stats.binomtest(only[1], sum(only)).pvalue)
 
 
 def test_two_folders_and_runs_without_a_partner(tmp_path: Path) -> None:

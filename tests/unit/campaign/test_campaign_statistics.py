@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-scipy_stats = pytest.importorskip("scipy.stats")
+scipy = pytest.importorskip("scipy")
 
 from xitl_cli.campaign.statistics import (  # noqa: E402
     Interval,
@@ -34,7 +34,7 @@ def test_wilsons_interval(passed: int, runs: int, low: float, high: float) -> No
     assert wilson_interval(passed, runs).high == pytest.approx(high, abs=5e-5)
     assert wilson_interval(runs - passed, runs).low == pytest.approx(1 - high, abs=5e-5)
     for confidence in (0.8, 0.99):
-        theirs = scipy_stats.binomtest(passed, runs).proportion_ci(confidence, method="wilson")
+        theirs = scipy.stats.binomtest(passed, runs).proportion_ci(confidence, method="wilson")
         ours = wilson_interval(passed, runs, confidence)
         assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=1e-12)
 
@@ -50,7 +50,7 @@ def test_students_sleep() -> None:
     assert (told.interval.low, told.interval.high) == pytest.approx((0.7001142, 2.4598858), abs=1e-7)
     assert told.p_value == pytest.approx(0.002833, abs=1e-6)
     assert told.effect == pytest.approx(1.58 / 1.229995, abs=1e-5)
-    assert told.wilcoxon_p_value == pytest.approx(scipy_stats.wilcoxon(*SLEEP).pvalue)
+    assert told.wilcoxon_p_value == pytest.approx(scipy.stats.wilcoxon(*SLEEP).pvalue)
 
 
 def test_differences_that_are_alike_or_too_few() -> None:
@@ -71,7 +71,7 @@ def test_mcnemar_of_approval_ratings() -> None:
     assert (told.pairs, told.passed_a, told.passed_b, told.only_a, told.only_b) == (1600, 944, 880, 150, 86)
     assert told.difference == pytest.approx(-0.04)
     assert (told.interval.low, told.interval.high) == pytest.approx((-0.0587, -0.0213), abs=2e-4)
-    assert told.p_value == pytest.approx(scipy_stats.binomtest(86, 236).pvalue)
+    assert told.p_value == pytest.approx(scipy.stats.binomtest(86, 236).pvalue)
 
 
 def test_mcnemar_by_hand() -> None:
@@ -90,7 +90,7 @@ def test_holm_as_r_does() -> None:
 def test_spread_and_mean() -> None:
     values = np.arange(21.0)
     assert (spread(values).median, spread(values).p95, spread(values).q1) == (10.0, 19.0, 5.0)
-    ours, theirs = mean_interval(values), scipy_stats.ttest_1samp(values, 0).confidence_interval(0.95)
+    ours, theirs = mean_interval(values), scipy.stats.ttest_1samp(values, 0).confidence_interval(0.95)
     assert ours is not None
     assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high))
     assert mean_interval(values[:1]) is None
