@@ -221,7 +221,9 @@ class AutopilotSpec(Specification):
     firmware_build: Literal["sitl", "linux"] = "sitl"
     firmware_arguments: Annotated[tuple[str, ...], "after our own"] = ()
     arm_timeout_s: Annotated[
-        float, Bounds(above=0, at_most=3600), "not armed by then ends the run, of the embedded one too"
+        float,
+        Bounds(above=0, at_most=3600),
+        "not armed by then, or still starting, ends the run, of the embedded one too",
     ] = 60.0
     moored_until_armed: Annotated[
         bool, "the vessel's state is frozen until the autopilot is armed, and the duration does not run"

@@ -255,6 +255,7 @@ class BridgeNode(RunNode):
             autopilot.moored_until_armed,
             self.bridge.mavlink,
             autopilot.connect_timeout_s,
+            autopilot.arm_timeout_s,
             self._complained,
         )
 

@@ -21,7 +21,6 @@ from xitl_cli.run.links.setup import Place, Send
 from xitl_cli.run.nodes.drivers import VehicleDriver
 
 SHORTEST_HEARTBEAT_S = 20.0
-START_S = 120.0
 ANSWER_S = 1.0
 TRIES = 5
 MISSION_S = 20.0
@@ -191,7 +190,8 @@ class Preparation(VehicleDriver):
 
     With `held` the vessel's state is frozen until the autopilot has armed for the first time. `where` is its address,
     for people; it is given up when nothing of it was heard for `heartbeat_s` from the start, or when it is still
-    starting after `START_S`. `complained` ends the sentence, as it does when a step or the other driver gives up.
+    starting after `arm_timeout_s`, when a driver would give up too. `complained` ends the sentence, as it does when a
+    step or the other driver gives up.
     """
 
     def __init__(
@@ -204,6 +204,7 @@ class Preparation(VehicleDriver):
         held: bool,
         where: str,
         heartbeat_s: float,
+        arm_timeout_s: float,
         complained: Callable[[], str] = lambda: "",
     ) -> None:
         self._driver = driver
@@ -215,6 +216,7 @@ class Preparation(VehicleDriver):
         self._where = where
         self._complained = complained
         self._heartbeat_s = max(heartbeat_s, SHORTEST_HEARTBEAT_S)
+        self._arm_timeout_s = arm_timeout_s
         self._started = False
 
     def begin(self, context: RunContext) -> None:
@@ -251,11 +253,11 @@ class Preparation(VehicleDriver):
             self._parameters.update(sim_ns)
             return
         if view.starting and not self._started:
-            if sim_ns > START_S * 1e9:
+            if sim_ns > self._arm_timeout_s * 1e9:
                 said = "; ".join(dict.fromkeys(list(view.texts)[-2:])) or "nothing"
                 raise UserError(
-                    f"{self._where}: the autopilot is still starting after {START_S:.0f} s and said: {said}; mend that "
-                    "and start it anew"
+                    f"{self._where}: the autopilot is still starting after {self._arm_timeout_s:g} s and said: {said}; "
+                    "mend that and start it anew, or give it longer by autopilot.arm_timeout_s"
                 )
             return
         self._started = True

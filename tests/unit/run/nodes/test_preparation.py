@@ -19,7 +19,6 @@ from xitl_cli.run.nodes.bridge import Milestones
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.preparation import (
     SHORTEST_HEARTBEAT_S,
-    START_S,
     CalibrationStep,
     MissionStep,
     ParameterStep,
@@ -68,6 +67,7 @@ class Case:
             held,
             "tcp://127.0.0.1:5760",
             heartbeat_s=1.0,
+            arm_timeout_s=90.0,
             complained=lambda: "; the bridge said: the script says nothing",
         )
 
@@ -141,12 +141,12 @@ def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_sa
         case.hear(dialect.MAVLink_statustext_message(2, b"Config Error: " + text))
     case.preparation.update(SECOND)
     case.take_parameters()
-    case.preparation.update(round(START_S * SECOND))
+    case.preparation.update(90 * SECOND)
     with pytest.raises(
         UserError,
-        match=r"still starting after 120 s and said: Config Error: Baro: unable to calibrate; Config Error: fix",
+        match=r"still starting after 90 s and said: Config Error: Baro: unable to calibrate; Config Error: fix",
     ):
-        case.preparation.update(round((START_S + 0.1) * SECOND))
+        case.preparation.update(91 * SECOND)
 
 
 def test_the_vessel_is_let_go_when_it_arms_and_not_held_again() -> None:
