@@ -184,7 +184,8 @@ class CycloneMiddleware:
 
     def losses(self) -> MiddlewareLosses:
         """See Middleware."""
-        return MiddlewareLosses()
+        refused = 0 if self._services is None else self._services.refused
+        return MiddlewareLosses(refused={"services": refused} if refused else {})
 
     def problems(self) -> list[str]:
         """See Middleware."""

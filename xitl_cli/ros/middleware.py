@@ -109,7 +109,7 @@ class Middleware(Protocol):
         """What has gone wrong since the last call, in sentences that say what to do."""
 
     def losses(self) -> MiddlewareLosses:
-        """What the middleware itself has dropped and refused until now; nothing where DDS keeps its own counts."""
+        """What the middleware itself has dropped and refused until now; what DDS drops it keeps to itself."""
 
     def close(self) -> None:
         """Leave the graph. A second call does nothing."""

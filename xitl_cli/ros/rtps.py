@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 PREFIX_BYTES = 12
 VERSION = b"\x02\x03"
 UNKNOWN_VENDOR, CYCLONE = b"\x00\x00", b"\x01\x10"
-ACKNACK, HEARTBEAT, GAP, INFO_SOURCE, INFO_DESTINATION, DATA = 0x06, 0x07, 0x08, 0x0C, 0x0E, 0x15
+PAD, ACKNACK, HEARTBEAT, GAP, INFO_TIMESTAMP, INFO_DESTINATION, DATA = 0x01, 0x06, 0x07, 0x08, 0x09, 0x0E, 0x15
 NO_ENTITY = b"\0\0\0\0"
 PARTICIPANT = bytes.fromhex("000001c1")
 SPDP_WRITER, SPDP_READER = bytes.fromhex("000100c2"), bytes.fromhex("000100c7")
@@ -142,7 +142,8 @@ def _read_parts(received: bytes) -> Iterator[tuple[bytes, Submessage]]:
         kind, flags = received[at], received[at + 1]
         order = "<" if flags & _LITTLE else ">"
         (length,) = struct.unpack_from(f"{order}H", received, at + 2)
-        body = received[at + 4 : at + 4 + length] if length else received[at + 4 :]
+        to_the_end = not length and kind not in (PAD, INFO_TIMESTAMP)  # 9.4.5.1.3
+        body = received[at + 4 :] if to_the_end else received[at + 4 : at + 4 + length]
         at += 4 + len(body)
         if kind == INFO_DESTINATION:
             destination = body[:PREFIX_BYTES]
@@ -152,11 +153,11 @@ def _read_parts(received: bytes) -> Iterator[tuple[bytes, Submessage]]:
             first, last = _read_number(body, 8, order), _read_number(body, 16, order)
             yield destination, Submessage(kind, body[:4], body[4:8], first, last, final=bool(flags & _FINAL))
         elif kind == ACKNACK and len(body) >= 24:
-            base, numbers, _ = _read_numbers(body, 8, order)
+            base, numbers = _read_numbers(body, 8, order)
             yield destination, Submessage(kind, body[:4], body[4:8], base, 0, numbers, bool(flags & _FINAL))
         elif kind == GAP and len(body) >= 28:
             start = _read_number(body, 8, order)
-            base, numbers, _ = _read_numbers(body, 16, order)
+            base, numbers = _read_numbers(body, 16, order)
             yield destination, Submessage(kind, body[:4], body[4:8], start, base, numbers)
 
 
@@ -220,12 +221,11 @@ def _read_number(body: bytes, at: int, order: str) -> int:
     return int(high << 32 | low)
 
 
-def _read_numbers(body: bytes, at: int, order: str) -> tuple[int, tuple[int, ...], int]:
-    """Base, members and end of a sequence number set."""
+def _read_numbers(body: bytes, at: int, order: str) -> tuple[int, tuple[int, ...]]:
+    """Base and members of a sequence number set."""
     base = _read_number(body, at, order)
     (bits,) = struct.unpack_from(f"{order}I", body, at + 8)
     if bits > MOST_BITS:
         raise ValueError("more bits than a set has")
     words = struct.unpack_from(f"{order}{(bits + 31) // 32}I", body, at + 12)
-    members = tuple(base + bit for bit in range(bits) if words[bit // 32] >> (31 - bit % 32) & 1)
-    return base, members, at + 12 + 4 * len(words)
+    return base, tuple(base + bit for bit in range(bits) if words[bit // 32] >> (31 - bit % 32) & 1)

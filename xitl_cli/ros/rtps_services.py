@@ -8,15 +8,15 @@ request, and want them before the response.
 from __future__ import annotations
 
 import os
-import select
 import socket
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import count
 
+from agent.timing.clock import wait_readable
 from xitl_cli.ros import rtps
 from xitl_cli.ros.rtps import Submessage
 
@@ -29,18 +29,24 @@ HEARTBEAT_S = 0.5
 PARTICIPANTS = range(120)
 KEPT_RESPONSES = 32
 HEADER_BYTES, CYCLONE_HEADER_BYTES = 4, 16
-MOST_IN_GAP = 10_000
 MOST_IN_PACKET = 12
 """Descriptions of endpoints in a packet."""
+MOST_PARTICIPANTS, MOST_ENDPOINTS, MOST_LOCATORS = 512, 256, 8
+"""That are known at once; of a participant; of its addresses."""
+MOST_AHEAD = 1024
+"""Samples of a writer that are known to have come before an earlier one has."""
+MOST_AT_ONCE = 256
+"""Packets, before the other socket and the clock have their turn."""
 _SEDP = (
     (rtps.PUBLICATIONS_WRITER, rtps.PUBLICATIONS_READER),
     (rtps.SUBSCRIPTIONS_WRITER, rtps.SUBSCRIPTIONS_READER),
 )
+_SEDP_READERS = dict(_SEDP)
 _ENDPOINTS = 0x3F  # announces and detects participants, publications and subscriptions
 
 
 class Received:
-    """Which samples of a writer have come."""
+    """Which samples of a writer have come. One that is `MOST_AHEAD` behind another will not come any more."""
 
     def __init__(self) -> None:
         self._base = 1
@@ -50,13 +56,24 @@ class Received:
         """Whether it is new."""
         if number < self._base or number in self._beyond:
             return False
+        if number >= self._base + MOST_AHEAD:
+            self.skip_to(number - MOST_AHEAD + 1)
         self._beyond.add(number)
         self._advance()
         return True
 
+    def skip(self, first: int, end: int) -> None:
+        """Those from `first` to before `end` will not come; of later ones no more are noted than can be asked for."""
+        if first <= self._base:
+            self.skip_to(end)
+        else:
+            self._beyond.update(range(first, min(end, self._base + rtps.MOST_BITS)))
+
     def skip_to(self, first: int) -> None:
         """What is before `first` will not come any more."""
-        self._base = max(self._base, first)
+        if first <= self._base:
+            return
+        self._base = first
         self._beyond = {number for number in self._beyond if number >= self._base}
         self._advance()
 
@@ -73,7 +90,9 @@ class Received:
 
 @dataclass(slots=True)
 class Remote:
-    """Another participant. readers: of responses, by GUID, with their topic; acked: by writer of ours."""
+    """Another participant. readers: of responses, by GUID, with their topic; requesters: writers of requests, by GUID;
+    acked: by writer of ours.
+    """
 
     prefix: bytes
     meta: list[tuple[str, int]]
@@ -81,6 +100,7 @@ class Remote:
     heard_s: float
     lease_s: float
     readers: dict[bytes, str] = field(default_factory=dict)
+    requesters: dict[bytes, RtpsService] = field(default_factory=dict)
     received: dict[bytes, Received] = field(default_factory=dict)
     acked: dict[bytes, int] = field(default_factory=dict)
 
@@ -122,7 +142,7 @@ class ServiceRequest:
 class RtpsServices:
     """Serves in a domain, in a thread of its own; `come` is called there with each request, for `respond` later.
 
-    local: on this machine alone. malformed: submessages that could not be understood.
+    local: on this machine alone. refused: submessages that could not be understood, or are beyond what is taken.
 
     Raises OSError where the network cannot be had.
     """
@@ -136,14 +156,13 @@ class RtpsServices:
         self._services: list[RtpsService] = []
         self._descriptions: dict[bytes, list[bytes]] = {writer: [] for writer, _ in _SEDP}
         self._remotes: dict[bytes, Remote] = {}
-        self._requesters: dict[bytes, RtpsService] = {}
         self._lock = threading.RLock()
         self._address = LOOPBACK if local else own_address()
         self._bound = LOOPBACK if local else ""
         self._unicast, self._port = self._bind_unicast()
         self._multicast = self._join()
         self._announced = 0
-        self.malformed = 0
+        self.refused = 0
         self._next_s = self._beat_s = 0.0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rtps", daemon=True)
@@ -222,14 +241,14 @@ class RtpsServices:
 
     def _run(self) -> None:
         while not self._over.is_set():
-            ends, _, _ = select.select([self._unicast, self._multicast], [], [], 0.05)
-            for end in ends:
-                self._read(end)
+            wait_readable((self._unicast.fileno(), self._multicast.fileno()), 0.05)
+            self._read(self._unicast)
+            self._read(self._multicast)
             with self._lock:
                 self._keep_up(time.monotonic())
 
     def _read(self, end: socket.socket) -> None:
-        while not self._over.is_set():
+        for _ in range(MOST_AT_ONCE):
             try:
                 received = end.recv(65536)
             except OSError:
@@ -242,8 +261,8 @@ class RtpsServices:
                     if destination in (self._prefix, b"\0" * rtps.PREFIX_BYTES):
                         try:
                             self._take_in(packet.prefix, packet.vendor, part)
-                        except (struct.error, IndexError, ValueError):  # no list of parameters as it should be
-                            self.malformed += 1
+                        except (struct.error, IndexError, ValueError):
+                            self.refused += 1
 
     def _send(self, to: list[tuple[str, int]], parts: list[bytes], prefix: bytes = b"") -> None:
         message = rtps.packet(self._prefix, parts, prefix)
@@ -343,8 +362,8 @@ class RtpsServices:
         remote.heard_s = time.monotonic()
         if part.kind == rtps.ACKNACK:
             self._on_acknack(remote, part)
-        elif part.writer in dict(_SEDP):
-            self._on_writer(remote, part, dict(_SEDP)[part.writer], remote.meta, self._on_endpoint)
+        elif part.writer in _SEDP_READERS:
+            self._on_writer(remote, part, _SEDP_READERS[part.writer], remote.meta, self._on_endpoint)
         elif (service := self._service_of(remote, part)) is not None:
             come = lambda remote, part: self._come(_request(service, remote, vendor, part))  # noqa: E731
             self._on_writer(remote, part, service.reader, remote.user or remote.meta, come)
@@ -355,7 +374,7 @@ class RtpsServices:
             return
         order, values = rtps.number_order(part.payload), rtps.read_parameters(part.payload)
         meta, user = (
-            [place for value in values.get(pid, []) if (place := rtps.read_locator(value, order)) is not None]
+            [place for value in values.get(pid, []) if (place := rtps.read_locator(value, order))][:MOST_LOCATORS]
             for pid in (rtps.PID_META_UNICAST, rtps.PID_DEFAULT_UNICAST)
         )
         lease_s = struct.unpack(f"{order}iI", values.get(rtps.PID_LEASE, [b"\0\0\0\x14\0\0\0\0"])[0][:8])[0]
@@ -363,13 +382,16 @@ class RtpsServices:
         if known is not None:
             known.heard_s = time.monotonic()
         elif meta:
+            if len(self._remotes) >= MOST_PARTICIPANTS:
+                del self._remotes[min(self._remotes.values(), key=lambda one: one.heard_s).prefix]
+                self.refused += 1
             remote = Remote(prefix, meta, user, time.monotonic(), max(float(lease_s), 1.0))
             self._remotes[prefix] = remote
             self._send(meta, [self._announcement()])
             self._tell_endpoints(remote)
 
     def _on_acknack(self, remote: Remote, part: Submessage) -> None:
-        confirmed = part.first - 1
+        confirmed = max(part.first - 1, 0)
         for writer, reader in _SEDP:
             if part.writer == writer:
                 remote.acked[writer] = confirmed
@@ -384,7 +406,7 @@ class RtpsServices:
 
     def _service_of(self, remote: Remote, part: Submessage) -> RtpsService | None:
         """Whose requests the writer of `part` writes."""
-        known = self._requesters.get(remote.prefix + part.writer)
+        known = remote.requesters.get(remote.prefix + part.writer)
         return known or next((one for one in self._services if one.reader == part.reader), None)
 
     def _on_writer(
@@ -396,13 +418,15 @@ class RtpsServices:
         sample: Callable[[Remote, Submessage], object],
     ) -> None:
         """Each sample once; what is missing is asked for."""
+        _check_room(remote.received, part.writer)
         received = remote.received.setdefault(part.writer, Received())
         if part.kind == rtps.DATA:
             if received.add(part.first):
                 sample(remote, part)
         elif part.kind == rtps.GAP:
-            for number in (*range(part.first, min(part.last, part.first + MOST_IN_GAP)), *part.numbers):
-                received.add(number)
+            received.skip(part.first, part.last)
+            for number in part.numbers:
+                received.skip(number, number + 1)
         elif part.kind == rtps.HEARTBEAT:
             received.skip_to(part.first)
             base, missing = received.missing(part.last)
@@ -416,14 +440,22 @@ class RtpsServices:
         guid = values.get(rtps.PID_ENDPOINT_GUID, [part.inline.get(rtps.PID_KEY, b"")])[0][:16]
         if part.inline.get(rtps.PID_STATUS, b"\0")[-1] & 3:
             remote.readers.pop(guid, None)
-            self._requesters.pop(guid, None)
+            remote.requesters.pop(guid, None)
             return
         topic = rtps.read_text(values.get(rtps.PID_TOPIC, [b""])[0], order)
         for service in self._services:
             if part.writer == rtps.PUBLICATIONS_WRITER and topic == service.request_topic:
-                self._requesters[guid] = service
+                _check_room(remote.requesters, guid)
+                remote.requesters[guid] = service
             elif part.writer == rtps.SUBSCRIPTIONS_WRITER and topic == service.response_topic:
+                _check_room(remote.readers, guid)
                 remote.readers[guid] = topic
+
+
+def _check_room(table: Mapping[bytes, object], key: bytes) -> None:
+    """Raises ValueError where a participant has more than it may."""
+    if key not in table and len(table) >= MOST_ENDPOINTS:
+        raise ValueError(f"more than {MOST_ENDPOINTS} endpoints of a participant")
 
 
 def _request(service: RtpsService, remote: Remote, vendor: bytes, part: Submessage) -> ServiceRequest:

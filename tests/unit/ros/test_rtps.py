@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import socket
 import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ros2 import own_domain
 
+from tests.patience import wait_until
 from xitl_cli.ros import rtps
-from xitl_cli.ros.rtps_services import Received
+from xitl_cli.ros.rtps_services import MOST_AHEAD, MOST_ENDPOINTS, MOST_PARTICIPANTS, Received, RtpsServices
 
 PREFIX, OTHER = bytes(range(12)), bytes(range(12, 24))
 READER, WRITER = b"\0\0\1\4", b"\0\0\1\3"
@@ -65,6 +71,14 @@ def test_a_locator_is_of_udp_over_ipv4() -> None:
     assert rtps.read_locator(shared_memory) is None
 
 
+@pytest.mark.parametrize("kind", [rtps.PAD, rtps.INFO_TIMESTAMP])
+def test_a_submessage_without_a_body_is_not_the_last(kind: int) -> None:
+    """DDSI-RTPS 2.3, 9.4.5.1.3: length 0 is to the end of the message, but for these two."""
+    empty = struct.pack("<BBH", kind, 3, 0)
+    _, part = only_part(rtps.packet(PREFIX, [empty, rtps.heartbeat(READER, WRITER, 1, 5, 9)]))
+    assert (part.first, part.last) == (1, 5)
+
+
 @given(st.binary(max_size=200))
 def test_bytes_from_outside_raise_nothing(noise: bytes) -> None:
     rtps.read_packet(noise)
@@ -82,3 +96,115 @@ def test_samples_are_had_once_and_missing_ones_are_known(order: tuple[int, ...])
     assert base == missing[0]
     received.skip_to(5)
     assert received.missing(5) == (5, [5])
+
+
+def test_a_gap_is_not_asked_for_and_a_wide_one_takes_no_room() -> None:
+    received = Received()
+    received.skip(1, 2**62)
+    assert received.missing(2**62) == (2**62, [2**62])
+    received = Received()
+    for start in range(10, 10**6, 100):
+        received.skip(start, 2**62)
+    assert received.missing(12) == (1, list(range(1, 10)))
+    assert len(received._beyond) <= rtps.MOST_BITS
+
+
+def test_a_sample_far_ahead_is_had_once_and_those_far_behind_are_given_up() -> None:
+    received = Received()
+    assert received.add(10 * MOST_AHEAD)
+    assert not received.add(10 * MOST_AHEAD)
+    assert received.add(9 * MOST_AHEAD + 1)
+    assert not received.add(9 * MOST_AHEAD)
+    for number in range(10**6, 10**6 + 5 * MOST_AHEAD, 2):
+        assert received.add(number)
+    assert len(received._beyond) <= MOST_AHEAD
+
+
+ANNOUNCED = rtps.data(
+    rtps.NO_ENTITY,
+    rtps.SPDP_WRITER,
+    1,
+    rtps.PARAMETERS_LE + rtps.parameters([(rtps.PID_META_UNICAST, rtps.locator("127.0.0.1", 9))] * 100),
+)
+
+
+class Peer:
+    """Another participant, by hand: `say` sends submessages as that of this prefix."""
+
+    def __init__(self, services: RtpsServices) -> None:
+        self._to = ("127.0.0.1", services._port)
+        self._end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def say(self, *parts: bytes, prefix: bytes = PREFIX) -> None:
+        with suppress(OSError):
+            self._end.sendto(rtps.packet(prefix, parts), self._to)
+
+    def close(self) -> None:
+        self._end.close()
+
+
+@pytest.fixture
+def services() -> Iterator[RtpsServices]:
+    made = RtpsServices(own_domain(), lambda request: None, local=True)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def peer(services: RtpsServices) -> Iterator[Peer]:
+    made = Peer(services)
+    yield made
+    made.close()
+
+
+def remote_of(services: RtpsServices) -> Any:
+    wait_until(lambda: PREFIX in services._remotes)
+    return services._remotes[PREFIX]
+
+
+def test_who_has_more_endpoints_than_may_be_is_refused_and_counted(services: RtpsServices, peer: Peer) -> None:
+    service = services.serve("/arm", "std_srvs/srv/SetBool")
+    peer.say(ANNOUNCED)
+    remote = remote_of(services)
+    assert len(remote.meta) < 100
+    for number in range(MOST_ENDPOINTS + 10):
+        peer.say(rtps.data(service.reader, struct.pack(">I", number), 1, b"\0\1\0\0"))
+        wait_until(lambda number=number: len(remote.received) + services.refused == number + 1)  # type: ignore[misc]
+    assert len(remote.received) == MOST_ENDPOINTS
+
+
+def test_of_too_many_participants_who_was_not_heard_for_longest_is_forgotten(
+    services: RtpsServices, peer: Peer
+) -> None:
+    for number in range(MOST_PARTICIPANTS + 5):
+        prefix = struct.pack(">III", 1, 2, number)
+        peer.say(ANNOUNCED, prefix=prefix)
+        wait_until(lambda prefix=prefix: prefix in services._remotes)  # type: ignore[misc]
+    assert len(services._remotes) == MOST_PARTICIPANTS
+    assert services.refused == 5
+    assert struct.pack(">III", 1, 2, 0) not in services._remotes
+
+
+def test_an_acknack_from_before_the_first_sample_asks_for_no_more_than_there_is(
+    services: RtpsServices, peer: Peer
+) -> None:
+    services.serve("/arm", "std_srvs/srv/SetBool")
+    peer.say(ANNOUNCED)
+    remote = remote_of(services)
+    peer.say(rtps.acknack(rtps.PUBLICATIONS_READER, rtps.PUBLICATIONS_WRITER, -(2**62), [], 1))
+    wait_until(lambda: rtps.PUBLICATIONS_WRITER in remote.acked)
+    services.serve("/finish", "std_srvs/srv/Trigger")
+    assert remote.acked[rtps.PUBLICATIONS_WRITER] == 0
+
+
+def test_what_a_participant_asked_by_is_forgotten_with_it(services: RtpsServices, peer: Peer) -> None:
+    service = services.serve("/arm", "std_srvs/srv/SetBool")
+    peer.say(ANNOUNCED)
+    remote = remote_of(services)
+    values = [(rtps.PID_TOPIC, rtps.text(service.request_topic)), (rtps.PID_ENDPOINT_GUID, PREFIX + WRITER)]
+    described = rtps.PARAMETERS_LE + rtps.parameters(values)
+    peer.say(rtps.data(rtps.PUBLICATIONS_READER, rtps.PUBLICATIONS_WRITER, 1, described))
+    wait_until(lambda: remote.requesters == {PREFIX + WRITER: service})
+    gone = [(rtps.PID_STATUS, b"\0\0\0\3")]
+    peer.say(rtps.data(rtps.NO_ENTITY, rtps.SPDP_WRITER, 2, b"", gone))
+    wait_until(lambda: not services._remotes)
