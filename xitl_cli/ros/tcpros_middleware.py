@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -34,6 +35,7 @@ from xitl_cli.ros.tcpros.wire import (
 
 MOST_CONNECTIONS = 256
 ANSWER_S = 15.0
+ACCEPT_AGAIN_S = 0.1
 DESCRIPTION = "robot_description"
 
 
@@ -54,6 +56,7 @@ class ServiceCall:
     def __init__(self, request: bytes) -> None:
         self.request = request
         self.answered = threading.Event()
+        self.given_up = False
         self.response: bytes | None = None
         self.error = "nobody answered in time"
 
@@ -87,8 +90,8 @@ class TcprosMiddleware:
         self._host = host
         self._listener = socket.create_server((bound, 0))
         self._port: int = self._listener.getsockname()[1]
-        node = "/".join(part for part in ("", spec.namespace.strip("/"), node_name) if part or part == "")
-        self._registrar = Registrar(uri, node.replace("//", "/"), self._notes)
+        node = "/".join(part for part in (spec.namespace.strip("/"), node_name) if part)
+        self._registrar = Registrar(uri, f"/{node}", self._notes)
         self._registrar.set_parameter(SIM_TIME, True)
         self._slave = SlaveServer(host, bound, self, uri)
         self._registrar.start(self._slave.uri)
@@ -174,14 +177,14 @@ class TcprosMiddleware:
     # What the Slave API asks: see SlaveNode
 
     def publications(self) -> list[tuple[str, str]]:
-        return [(each.topic, each.kind.name) for each in self._publishers.values()]
+        return [(each.topic, each.kind.name) for each in tuple(self._publishers.values())]
 
     def subscriptions(self) -> list[tuple[str, str]]:
-        return [(each.topic, each.kind.name) for each in self._subscribers.values()]
+        return [(each.topic, each.kind.name) for each in tuple(self._subscribers.values())]
 
     def connections(self) -> list[tuple[str, str, str]]:
-        out = [(peer, "o", each.topic) for each in self._publishers.values() for peer in each.peers]
-        return out + [(peer, "i", each.topic) for each in self._subscribers.values() for peer in each.peers]
+        out = [(peer, "o", each.topic) for each in tuple(self._publishers.values()) for peer in each.peers]
+        return out + [(peer, "i", each.topic) for each in tuple(self._subscribers.values()) for peer in each.peers]
 
     def place_of(self, topic: str) -> tuple[str, int] | None:
         return (self._host, self._port) if topic in self._publishers else None
@@ -214,8 +217,10 @@ class TcprosMiddleware:
         while not self._closed:
             try:
                 connection, place = self._listener.accept()
-            except OSError:
-                return
+            except OSError:  # also of one that was gone again, or of too many open files
+                if not self._closed:
+                    time.sleep(ACCEPT_AGAIN_S)
+                continue
             if len(self._connections) >= MOST_CONNECTIONS:
                 shut(connection)
                 self._notes.refuse("connections", f"more than {MOST_CONNECTIONS} connections at once are refused")
@@ -240,7 +245,8 @@ class TcprosMiddleware:
             else:
                 raise TcprosError(f"it asked for the topic {topic!r}, which is not published here")
         except TcprosError as error:
-            about = asked.get("topic") or asked.get("service") or "connections"
+            ours = (*self._publishers, *self._services)
+            about = next((name for key in ("topic", "service") if (name := asked.get(key)) in ours), "connections")
             self._notes.refuse(about, f"{about}: the peer at {peer} is refused: {error}")
             with contextlib.suppress(OSError):
                 connection.sendall(encode_header({"error": str(error)}))
@@ -277,7 +283,7 @@ class TcprosMiddleware:
             with self._arrived:
                 self._inbox.append(partial(self._answer, service, waiting))
                 self._arrived.notify()
-            waiting.answered.wait(ANSWER_S)
+            waiting.given_up = not waiting.answered.wait(ANSWER_S)
             response = waiting.response
             good = response is not None
             connection.sendall(bytes([good]) + block(waiting.error.encode() if response is None else response))
@@ -285,6 +291,8 @@ class TcprosMiddleware:
                 return
 
     def _answer(self, service: OfferedService, waiting: ServiceCall) -> None:
+        if waiting.given_up:  # the peer was told so
+            return
         try:
             request = from_ros1(waiting.request, f"{service.type_name}_Request")
             waiting.response = to_ros1(service.answer(request), f"{service.type_name}_Response")

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 from xmlrpc.client import ServerProxy
-from xmlrpc.server import SimpleXMLRPCServer
+from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import numpy as np
 import pytest
@@ -18,9 +18,11 @@ from tests.doubles.ros_master import FakeMaster
 from tests.free_ports import free_port
 from tests.patience import PATIENCE_S
 from xitl_cli.profile.schema.ros import RosSpec
+from xitl_cli.ros import tcpros_middleware as middleware_module
 from xitl_cli.ros.definitions import deserialize, ros1_definition, ros2_types, serialize
 from xitl_cli.ros.middleware import LATCHED, RELIABLE, QosProfile
 from xitl_cli.ros.tcpros import master as master_module
+from xitl_cli.ros.tcpros import publishing as publishing_module
 from xitl_cli.ros.tcpros import subscribing as subscribing_module
 from xitl_cli.ros.tcpros.wire import TcprosError, block, encode_header, parse_header, receive_block, receive_header
 from xitl_cli.ros.tcpros_middleware import TcprosMiddleware
@@ -261,6 +263,147 @@ def test_a_hostile_publisher_is_refused_and_counted(
         each.close()
     api.shutdown()
     api.server_close()
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        5,
+        [],
+        ["TCPROS"],
+        ["TCPROS", "127.0.0.1", "a port"],
+        ["TCPROS", "127.0.0.1", 99_999],
+        ["TCPROS", "." + "x" * 300, 1],
+        ["UDPROS", "127.0.0.1", 1],
+    ],
+)
+def test_a_publisher_without_a_place_is_refused_and_counted(
+    master: FakeMaster, nodes: Callable[[str], TcprosMiddleware], place: Any
+) -> None:
+    node = nodes("xitl")
+    with SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as api:
+        api.register_function(lambda *_: [1, "", place], "requestTopic")
+        threading.Thread(target=api.serve_forever, args=(0.02,), daemon=True).start()
+        uri = f"http://127.0.0.1:{api.server_address[1]}"
+        master.publishers["/thrust"] = [("/hostile", uri)]
+        node.subscribe("/thrust", FLOAT, RELIABLE, lambda cdr: None)
+        wait(lambda: node.losses().refused == {"/thrust": 1})
+        api.shutdown()
+    assert uri in node.problems()[0]
+
+
+@pytest.mark.parametrize("value", [5, None, [5], [["x"]], {"a": 1}, "nothing"])
+def test_a_master_that_answers_nonsense_is_said_and_asked_again(
+    master: FakeMaster, nodes: Callable[[str], TcprosMiddleware], value: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def answer(method: str, arguments: tuple[Any, ...]) -> list[Any]:
+        asked.append(method)
+        return [1, "", value]
+
+    with monkeypatch.context() as hostile:
+        hostile.setattr(master, "_dispatch", answer)
+        node = nodes("xitl")
+        node.subscribe("/thrust", FLOAT, RELIABLE, lambda cdr: None)
+        node.advertise("/speed", FLOAT, RELIABLE)
+        wait(lambda: asked.count("getPid") > 3)
+    master.number = 7  # another master from here on
+    wait(lambda: master.subscribers.get("/thrust") and master.publishers.get("/speed"))
+
+
+def test_a_page_in_place_of_a_master_is_said_once_and_asked_again() -> None:
+    asked = 0
+
+    class Page(SimpleXMLRPCRequestHandler):
+        def do_POST(self) -> None:  # noqa: N802
+            nonlocal asked
+            asked += 1
+            self.send_error(404)
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    with SimpleXMLRPCServer(("127.0.0.1", 0), Page) as page:
+        threading.Thread(target=page.serve_forever, args=(0.02,), daemon=True).start()
+        node = TcprosMiddleware(RosSpec(master=f"ros1://127.0.0.1:{page.server_address[1]}"))
+        wait(lambda: asked > 3)
+        (said,) = node.problems()
+        assert "404" in said
+        node.close()
+        page.shutdown()
+
+
+def test_peers_that_ask_for_anything_are_told_of_once(nodes: Callable[[str], TcprosMiddleware]) -> None:
+    node = nodes("xitl")
+    for number in range(20):
+        asked = {"topic": f"/{number}" * 10_000} if number % 2 else {"service": f"/{number}" * 10_000}
+        with socket.create_connection(("127.0.0.1", node._port), PATIENCE_S) as peer:
+            peer.sendall(encode_header(asked))
+            assert "not" in receive_header(peer)["error"]
+    assert node.losses().refused == {"connections": 20}
+    (said,) = node.problems()
+    assert len(said) < 500
+
+
+def test_more_subscribers_than_a_topic_takes_are_refused(
+    nodes: Callable[[str], TcprosMiddleware], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publishing_module, "MOST_SUBSCRIBERS", 2)
+    node = nodes("xitl")
+    node.advertise("/thrust", FLOAT, RELIABLE)
+    with connect(node, "/thrust", md5sum="*") as one, connect(node, "/thrust", md5sum="*") as two:
+        for each in (one, two):
+            assert "error" not in receive_header(each)
+        wait(lambda: len(node.connections()) == 2)
+        with connect(node, "/thrust", md5sum="*") as third:
+            assert "2 subscribers" in receive_header(third)["error"]
+        assert node.losses().refused == {"/thrust": 1}
+
+
+def test_a_call_that_was_answered_with_nobody_is_not_carried_out_later(
+    nodes: Callable[[str], TcprosMiddleware], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(middleware_module, "ANSWER_S", 0.05)
+    node = nodes("xitl")
+    carried_out: list[bytes] = []
+
+    def answer(request: bytes) -> bytes:
+        carried_out.append(request)
+        return cdr(f"{SET_BOOL}_Response", success=True, message="")
+
+    node.serve("/arm", SET_BOOL, answer)
+
+    def call() -> bytes:
+        """Whether it was good."""
+        with socket.create_connection(("127.0.0.1", node._port), PATIENCE_S) as connection:
+            connection.sendall(encode_header({"service": "/arm", "md5sum": "*"}) + block(b"\x01"))
+            receive_header(connection)
+            return connection.recv(1)
+
+    assert call() == b"\0"
+    node.spin(0.0)
+    assert not carried_out
+
+
+def test_a_connection_that_fails_to_be_accepted_is_not_the_last(
+    nodes: Callable[[str], TcprosMiddleware], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = nodes("xitl")
+    node.advertise("/thrust", FLOAT, RELIABLE)
+    accept, failures = socket.socket.accept, [1]
+
+    def failing(listener: socket.socket) -> Any:
+        if failures and listener is node._listener:
+            failures.pop()
+            raise OSError(24, "Too many open files")
+        return accept(listener)
+
+    monkeypatch.setattr(socket.socket, "accept", failing)
+    for _ in range(3):
+        with connect(node, "/thrust", md5sum="*") as peer:
+            assert receive_header(peer)["topic"] == "/thrust"
+    assert not failures
 
 
 def test_a_subscriber_that_does_not_read_loses_messages_and_holds_nobody_up(

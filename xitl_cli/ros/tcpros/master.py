@@ -47,10 +47,15 @@ def call(uri: str, method: str, *arguments: Any) -> Any:
     except (OSError, http.client.HTTPException, ExpatError) as error:
         raise MasterAwayError(str(error) or type(error).__name__) from error
     except (TypeError, ValueError) as error:
-        raise MasterRefusedError(f"{method} was answered with what is no answer of ROS") from error
+        raise nonsense(method) from error
     if code != 1:
-        raise MasterRefusedError(str(status))
+        raise MasterRefusedError(str(status)[:200])
     return value
+
+
+def nonsense(method: str) -> MasterRefusedError:
+    """Of a method that was answered otherwise than ROS has it."""
+    return MasterRefusedError(f"{method} was answered with what is no answer of ROS")
 
 
 def master_uri(master: str) -> str:
@@ -71,7 +76,7 @@ def own_host(uri: str) -> str:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # nothing is sent
             probe.connect((place.hostname or "localhost", place.port or 11311))
             return str(probe.getsockname()[0])
-    except OSError:
+    except (OSError, ValueError):  # ValueError: of a port that is none
         return "127.0.0.1"
 
 
@@ -101,7 +106,7 @@ class Registrar:
         self._thread.start()
 
     def add_publisher(self, topic: str, type_name: str) -> None:
-        self._want(("registerPublisher", topic, type_name), self._others)
+        self._want(("registerPublisher", topic, type_name), None)
 
     def add_subscriber(self, topic: str, type_name: str, publishers: Callable[[list[str]], None]) -> None:
         """publishers: called with the URIs of those that there are."""
@@ -166,7 +171,10 @@ class Registrar:
 
     def _look(self) -> None:
         """Tell the master what it does not know yet."""
-        master_id = self._ask("getPid")
+        try:
+            master_id = self._ask("getPid")
+        except MasterRefusedError as error:  # a page of somebody else
+            raise MasterAwayError(str(error)) from error
         if not self._named:
             self._choose_name()
         if master_id != self._master_id:
@@ -197,15 +205,17 @@ class Registrar:
         if method == "registerPublisher":
             self._look_for_others(name)
         elif then is not None:
+            if not isinstance(found, list) or not all(isinstance(uri, str) for uri in found):
+                raise nonsense(method)
             then(found)
-
-    def _others(self, found: Any) -> None:
-        """Of a publisher the master gives the subscribers, which come by themselves."""
 
     def _look_for_others(self, topic: str) -> None:
         """Tell of other nodes that publish the same."""
-        publishers, _, _ = self._ask("getSystemState")
-        others = sorted({str(node) for name, nodes in publishers if name == topic for node in nodes} - {self.node})
+        try:
+            publishers, _, _ = self._ask("getSystemState")
+            others = sorted({str(node) for name, nodes in publishers if name == topic for node in nodes} - {self.node})
+        except (TypeError, ValueError) as error:
+            raise nonsense("getSystemState") from error
         shared = topic in ("/tf", "/tf_static")  # for all who know a frame
         if others and not shared:
             self._notes.tell(
@@ -215,7 +225,7 @@ class Registrar:
 
     def _choose_name(self) -> None:
         try:
-            there = self._ask("lookupNode", self.node)
+            there = str(self._ask("lookupNode", self.node))
             call(there, "getPid", self.node)
         except (MasterRefusedError, MasterAwayError):
             there = ""  # nobody of this name, or one that is gone

@@ -5,6 +5,9 @@ from __future__ import annotations
 import threading
 from collections import Counter
 
+MOST_SAID = 400
+"""Characters: what peers call themselves and ask for may be of any length."""
+
 
 class NodeNotes:
     """dropped: messages that did not fit, for readers or from writers that are faster. refused: messages and peers."""
@@ -22,7 +25,7 @@ class NodeNotes:
         with self._lock:
             if key not in self._told:
                 self._told.add(key)
-                self._sentences.append(sentence)
+                self._sentences.append(sentence[:MOST_SAID])
 
     def forget(self, again: str) -> None:
         with self._lock:

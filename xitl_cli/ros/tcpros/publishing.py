@@ -13,6 +13,7 @@ from xitl_cli.ros.tcpros.wire import Header, Ros1Type, TcprosError, block, encod
 
 LOOK_S = 2.0
 MOST_QUEUED_BYTES = 64 << 20
+MOST_SUBSCRIBERS = 128
 ANY = "*"
 
 
@@ -103,7 +104,7 @@ class TopicPublisher:
                     link.offer(data)
 
     def accept(self, connection: socket.socket, asked: Header, node: str) -> None:
-        """Add a subscriber by its header. Raises TcprosError where it wants another type, and OSError."""
+        """Add a subscriber by its header. Raises TcprosError of one of another type or too many, and OSError."""
         peer = asked.get("callerid", "a node without a name")
         md5, name = asked.get("md5sum", ""), asked.get("type", "")
         if md5 not in (ANY, self.kind.md5) or name not in (ANY, "", self.kind.name):
@@ -111,6 +112,8 @@ class TopicPublisher:
                 f"{peer} asked for {name or 'a type without a name'} with the MD5 {md5 or '(none)'}, "
                 f"{self.topic} is {self.kind.name} with {self.kind.md5}"
             )
+        if len(self.peers) >= MOST_SUBSCRIBERS:
+            raise TcprosError(f"{self.topic} has {MOST_SUBSCRIBERS} subscribers, and takes no more")
         connection.sendall(
             encode_header(
                 {

@@ -92,10 +92,14 @@ class PublisherLink:
     def _receive(self) -> None:
         """Until the publisher closes."""
         own, name = self._subscriber, self._subscriber.node()
-        protocol, *place = call(self._uri, "requestTopic", name, own.topic, [[TCPROS]])
-        if protocol != TCPROS or len(place) != 2:
-            raise TcprosError(f"it offers {protocol}, not {TCPROS}")
-        self._connection = connection = socket.create_connection((str(place[0]), int(place[1])), HEADER_S)
+        answer = call(self._uri, "requestTopic", name, own.topic, [[TCPROS]])
+        try:
+            protocol, host, port = answer
+            if protocol != TCPROS or not 0 < int(port) < 65536:
+                raise ValueError(answer)
+            self._connection = connection = socket.create_connection((str(host), int(port)), HEADER_S)
+        except (TypeError, ValueError) as error:  # of a host that is none too
+            raise TcprosError(f"it offers {str(answer)[:80]}, not {TCPROS} at a host and a port") from error
         if self._over.is_set():
             return
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
