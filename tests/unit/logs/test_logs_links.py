@@ -86,6 +86,52 @@ def test_losses_of_a_recording_add_up_whatever_is_out_of_order(
     assert (late > 0) == bool((np.diff(middle) < 0).any())
 
 
+@pytest.mark.parametrize("behind", [1, 5, 50, 127])
+def test_what_came_by_two_links_is_not_lost(behind: int) -> None:
+    """Each frame again by the slower link."""
+    sent = np.arange(behind, 3000)
+    lost, late, repeated = told(np.stack([sent, sent - behind], axis=1).ravel())
+    assert sum(lost) == 0
+    assert late + repeated == len(sent)
+
+
+@pytest.mark.parametrize("first", [0, 1, 200])
+def test_a_sender_that_began_anew_costs_less_than_a_round(first: int) -> None:
+    numbers = np.concatenate([np.arange(1234), np.arange(first, first + 1000)])
+    stamps_ns = (np.arange(len(numbers)) * 0.02 * SECOND).astype(np.int64)
+    stamps_ns[1234:] += 10 * SECOND
+    lost, late, repeated = missing_frames(numbers % 256, frames_due(stamps_ns))
+    assert lost.sum() < 256
+    assert np.flatnonzero(lost).tolist() == [1234]
+    assert (late, repeated) == (0, 0)
+
+
+@given(
+    rate_hz=st.floats(0.2, 400.0),
+    stretches=st.lists(
+        st.tuples(st.integers(0, 1500), st.integers(50, 400), st.sampled_from([0.0, 0.0, 30.0])), max_size=8
+    ),
+    first=st.integers(0, 255),
+    seed=st.integers(0, 2**32),
+)
+def test_a_recording_never_tells_more_than_was_lost_and_says_where_it_may_be_more(
+    rate_hz: float, stretches: list[tuple[int, int, float]], first: int, seed: int
+) -> None:
+    """Some lost, some that arrive, each at its time more or less, and some time for which nothing is sent."""
+    rng = np.random.default_rng(seed)
+    numbers, times_s = [np.arange(first, first + 400)], [np.arange(400) / rate_hz]
+    for lost, present, silent_s in stretches:
+        begin, begin_s = numbers[-1][-1] + lost + 1, times_s[-1][-1] + lost / rate_hz + silent_s
+        numbers.append(np.arange(begin, begin + present))
+        times_s.append(begin_s + (np.arange(1, present + 1) + rng.uniform(-0.5, 0.5, present)) / rate_hz)
+    due = frames_due((np.concatenate(times_s) * SECOND).astype(np.int64))
+    lost, late, repeated = missing_frames(np.concatenate(numbers) % 256, due)
+    really = sum(each for each, _, _ in stretches)
+    assert (late, repeated) == (0, 0)
+    assert lost.sum() <= really
+    assert lost.sum() == really or due.max() >= 128
+
+
 def _telemetry(rows: np.ndarray) -> MadeLog:
     table = MadeTable(
         "ATTITUDE",

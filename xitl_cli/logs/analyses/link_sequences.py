@@ -28,6 +28,7 @@ JOINED_NS = 50_000_000
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 WINDOW_NS = 1_000_000_000
 ROUND = 256
+IN_A_ROW = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +143,12 @@ def senders(log: Log) -> list[Sender]:
 
 
 def frames_due(stamp_ns: Stamps) -> Floats:
-    """(N,) how many frames the sender usually sends in the time before each: by the median second with any."""
-    _, counts = np.unique(stamp_ns // WINDOW_NS, return_counts=True)
-    return np.diff(stamp_ns, prepend=stamp_ns[:1]) * (float(np.median(counts)) / WINDOW_NS)
+    """(N,) how many frames the sender usually sends in the time before each: by the median time of `IN_A_ROW`."""
+    run = min(IN_A_ROW, len(stamp_ns) - 1)
+    if run < 1:
+        return np.zeros(len(stamp_ns))
+    usual_ns = float(np.median(stamp_ns[run:] - stamp_ns[:-run])) / run
+    return np.diff(stamp_ns, prepend=stamp_ns[:1]) / max(usual_ns, 1.0)
 
 
 def missing_frames(sequence: Stamps, due: Floats) -> tuple[Stamps, int, int]:

@@ -11,8 +11,13 @@ import pytest
 from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.memory import MemoryTransport, memory_pair
+from sim_core.geodesy import LocalFrame
+from xitl_cli.profile import load_profile
+from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.links.inbox import AgentInbox
 from xitl_cli.run.links.link_accounts import LinkAccounts, link_state
 from xitl_cli.run.links.link_timing import LockstepTiming
+from xitl_cli.run.links.peer import AgentOptions, InProcessAgent
 
 Fate = Callable[[], int]
 
@@ -185,6 +190,27 @@ def test_what_goes_out_between_the_making_of_the_status_and_its_sending_counts(p
     actuators = pair.stop(extra)[1]
     assert actuators.sent == 400 + extra + 2
     assert actuators.lost == 300
+
+
+def test_the_host_tells_its_totals_and_the_agent_what_it_misses(monkeypatch: pytest.MonkeyPatch) -> None:
+    inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, False, lambda stamp_ns, estimate: None)
+    connection = AgentConnection("agent", load_profile("hitl-loopback").runnable(), inbox)
+    peer = InProcessAgent(AgentOptions())
+    connection.reach(peer)
+    heartbeat = dialect.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3)
+    connection.request_time()
+    connection.receive()
+    with monkeypatch.context() as unplugged:
+        unplugged.setattr(connection.link.transport, "send", lambda data: True)
+        for _ in range(700):
+            connection.send(heartbeat)
+    connection.request_time()
+    connection.receive()
+    connection.send(dialect.MAVLink_xitl_run_message(0, b"", dialect.XITL_RUN_COMMAND_HELLO, 0, 2))
+    connection.receive()
+    peer.close()
+    assert inbox.view.status.frames_lost == 700
+    assert connection.links()[0].gaps == 700
 
 
 def test_without_an_answer_to_the_stop_what_arrived_stays_unknown(pair: Pair) -> None:
