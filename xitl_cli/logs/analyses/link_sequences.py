@@ -37,7 +37,6 @@ class Sender:
     late, repeated: numbers that went back, and that came twice.
     """
 
-    link: str
     system: int
     component: int
     stamp_ns: Stamps
@@ -48,8 +47,7 @@ class Sender:
 
     @property
     def name(self) -> str:
-        via = f" on {self.link}" if self.link else ""
-        return f"system {self.system}, component {self.component}{via}"
+        return f"system {self.system}, component {self.component}"
 
     @property
     def ratio(self) -> float:
@@ -138,7 +136,7 @@ def senders(log: Log) -> list[Sender]:
         due = frames_due(stamp_ns)
         lost, late, repeated = missing_frames(sequence[order], due)
         at_least = float(due.max()) >= ROUND / 2
-        found.append(Sender("", system_id, component_id, stamp_ns, lost, at_least, late, repeated))
+        found.append(Sender(system_id, component_id, stamp_ns, lost, at_least, late, repeated))
     return sorted(found, key=lambda each: -len(each.stamp_ns))
 
 
