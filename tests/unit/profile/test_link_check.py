@@ -119,14 +119,14 @@ def test_the_link_of_a_standby_is_checked_too(write: Write) -> None:
 
 
 def test_a_bus_with_both_agents_carries_the_traffic_of_both(write: Write) -> None:
-    """One agent takes 43 % of classic CAN at 1 Mbit/s, two take 87 %."""
+    """One agent takes 44 % of classic CAN at 1 Mbit/s, two take 87 %."""
     bus = "can://socketcan/can0?bitrate=1000000"
     assert problem_of(write, bus, "board") == ""
     own = f"  standby: {{runs: board, link: '{bus.replace('can0', 'can1')}&peer=3'}}\n"
     assert problem_of(write, bus, "board", own) == ""
     shared = f"  standby: {{runs: board, link: '{bus}&peer=3'}}\n"
     sentence = problem_of(write, bus, "board", shared)
-    assert "wanted are 39806 bytes/s for 2 agents (imu 400 Hz × 48 = 19200, " in sentence
+    assert "wanted are 39966 bytes/s for 2 agents (imu 400 Hz × 48 = 19200, " in sentence
     assert "use bitrate=1000000&fd=true&data_bitrate=2000000" in sentence
     lower = re.search(r"lower sensors\.imu\.rate_hz to ([0-9.]+)", sentence)
     assert lower is not None
@@ -136,8 +136,8 @@ def test_a_bus_with_both_agents_carries_the_traffic_of_both(write: Write) -> Non
 def test_a_serial_line_that_is_too_slow_says_so_with_the_arithmetic(write: Write) -> None:
     assert problem_of(write, "serial://pty?baud=115200") == (
         "autopilot.link = 'serial://pty?baud=115200' carries 11520 bytes/s each way, of which 80% can be planned with "
-        "(9216); what goes to the agent is 13290 bytes/s (imu 200 Hz × 48 = 9600, gnss 5 Hz × 58 = 290, "
-        "magnetometer 50 Hz × 32 = 1600, barometer 50 Hz × 28 = 1400, timesync 10 Hz × 40 = 400); "
+        "(9216); what goes to the agent is 13330 bytes/s (imu 200 Hz × 48 = 9600, gnss 5 Hz × 58 = 290, "
+        "magnetometer 50 Hz × 32 = 1600, barometer 50 Hz × 28 = 1400, timesync 10 Hz × 44 = 440); "
         "lower sensors.imu.rate_hz to 100 or use baud=230400 or more"
     )
 
@@ -158,9 +158,9 @@ def test_what_the_sentence_advises_is_enough(write: Write, link: str) -> None:
 def test_a_bus_that_is_too_slow_counts_both_ways(write: Write) -> None:
     sentence = problem_of(write, "can://slcan/pty?bitrate=250000")
     assert sentence.startswith(
-        "autopilot.link = 'can://slcan/pty?bitrate=250000' carries 11418 bytes/s of such frames both"
+        "autopilot.link = 'can://slcan/pty?bitrate=250000' carries 11443 bytes/s of such frames both"
     )
-    assert "wanted are 19903 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
+    assert "wanted are 19983 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
     assert "actuators 50 Hz × 74 = 3700" in sentence
 
 
