@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, fields
+from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -575,18 +576,7 @@ class VesselSpec(Specification):
     @property
     def demi_hulls(self) -> tuple[DemiHull, ...]:
         """All of them; those of `hull` as two with a round section, port first."""
-        hull = self.hull
-        if hull is None:
-            return self.hulls
-        return tuple(
-            DemiHull(
-                length_m=hull.length_m,
-                keel_frd_m=(0.0, side * hull.centreline_m, hull.keel_below_cg_m),
-                section=HullSection(radius_m=hull.radius_m),
-                strips=hull.strips,
-            )
-            for side in (-1.0, 1.0)
-        )
+        return self.hulls if self.hull is None else _round_demi_hulls(self.hull)
 
     @property
     def hulls_key(self) -> str:
@@ -643,3 +633,16 @@ class VesselSpec(Specification):
         counts = (("propeller", len(self.propellers)), ("steering", gears), ("rudder", len(self.rudders)))
         plural = {"propeller": "s", "steering": "", "rudder": "s"}
         return ", ".join(f"{count} {kind}{plural[kind] if count > 1 else ''}" for kind, count in counts if count)
+
+
+@lru_cache(maxsize=16)  # a vessel asks for them a dozen times while it is checked and made
+def _round_demi_hulls(hull: Hull) -> tuple[DemiHull, ...]:
+    return tuple(
+        DemiHull(
+            length_m=hull.length_m,
+            keel_frd_m=(0.0, side * hull.centreline_m, hull.keel_below_cg_m),
+            section=HullSection(radius_m=hull.radius_m),
+            strips=hull.strips,
+        )
+        for side in (-1.0, 1.0)
+    )
