@@ -11,6 +11,12 @@ from tests.forked_xitl import run_xitl
 
 FOLDER = "XITL_TEST_RUNS"  # in the environment; tests/conftest.py makes it and removes it
 ENOUGH_S = 300.0
+FAULTS = """\
+extends: hitl-loopback
+faults:
+  cut: {from_s: 1.0, until_s: 2.0, link: {cut: true}}
+  jump: {from_s: 4.0, agent: {clock_offset_s: 0.5}}
+"""
 
 
 def recorded_run(profile: str = "sitl", duration_s: float = 30.0, *overrides: str) -> Path:
@@ -26,3 +32,10 @@ def recorded_run(profile: str = "sitl", duration_s: float = 30.0, *overrides: st
             done = run_xitl([*words, "--out", "run", "--json"], folder, os.environ, ENOUGH_S)
             assert done.returncode == 0, done.stderr
     return folder / "run"
+
+
+def recorded_faults() -> Path:
+    """6 s in real time: from 1 to 2 s the link to the agent is cut, at 4 s its clock leaps 0.5 s ahead."""
+    profile = Path(os.environ[FOLDER]) / "faulty.yaml"
+    profile.write_text(FAULTS, encoding="utf-8")
+    return recorded_run(str(profile), 6.0)

@@ -12,13 +12,7 @@ from typing import Any
 import pytest
 
 from tests.recorded import LOGS
-
-FAULTS = """
-extends: [hitl-loopback]
-faults:
-  cut: {from_s: 1.0, until_s: 2.0, link: {cut: true}}
-  jump: {from_s: 4.0, agent: {clock_offset_s: 0.5}}
-"""
+from tests.recorded_run import recorded_faults
 
 
 def analysed(*files: Path) -> dict[str, Any]:
@@ -33,12 +27,8 @@ def keys(found: dict[str, Any], *severities: str) -> set[str]:
 
 
 @pytest.mark.realtime
-def test_a_cut_link_and_a_clock_that_leapt_are_reported_with_their_times(tmp_path: Path) -> None:
-    profile = tmp_path / "faulty.yaml"
-    profile.write_text(FAULTS)
-    run = tmp_path / "run"
-    command = [sys.executable, "-m", "xitl_cli.main", "sim", "-p", str(profile), "--duration", "7", "--out", str(run)]
-    subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+def test_a_cut_link_and_a_clock_that_leapt_are_reported_with_their_times() -> None:
+    run = recorded_faults()
     found = analysed(run / "autopilot.bin", run / "run.mcap")
     assert {"time_bases.step", "scheduler.deadlines_missed", "links.loss", "links.silence", "sensors.gap"} <= keys(
         found, "notice", "warning", "critical"

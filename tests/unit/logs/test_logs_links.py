@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_log import MadeLog, MadeTable
 
-from tests.recorded_run import recorded_run
+from tests.recorded_run import recorded_faults, recorded_run
 from xitl_cli.logs import open_log
 from xitl_cli.logs.analyses import faults, links, scheduler, time_bases
 from xitl_cli.logs.analyses.link_sequences import frames_due, missing_frames
@@ -20,13 +19,6 @@ from xitl_cli.logs.clocks.alignment import align_logs
 from xitl_cli.logs.model.sections import Section, Severity
 
 SECOND = 1_000_000_000
-FAULTS = """\
-extends: hitl-loopback
-clock: {duration_s: 6.0}
-faults:
-  cut: {from_s: 1.0, until_s: 2.0, link: {cut: true}}
-  jump: {from_s: 4.0, agent: {clock_offset_s: 0.5}}
-"""
 
 
 def told(numbers: np.ndarray, rate_hz: float = 20.0) -> tuple[list[int], int, int]:
@@ -213,20 +205,14 @@ def test_the_counts_of_both_ends_come_before_what_the_receiver_misses(
     assert [sentence.startswith(said) for sentence in sentences] == [True] if said else not sentences
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    profile = tmp_path_factory.mktemp("faulty") / "faulty.yaml"
-    profile.write_text(FAULTS)
-    return recorded_run(str(profile), 6.0)
-
-
 def _section(found: Section | None) -> Section:
     assert found is not None
     return found
 
 
 @pytest.mark.realtime
-def test_what_was_injected_is_what_is_found(run: Path) -> None:
+def test_what_was_injected_is_what_is_found() -> None:
+    run = recorded_faults()
     known = json.loads((run / "summary.json").read_text())
     with open_log(run / "run.mcap") as host, open_log(run / "autopilot.bin") as own:
         injected = _section(faults.analyse(host))
