@@ -14,7 +14,6 @@ DOUBLE = TESTS / "doubles" / "replayed_rover.py"
 CAPTURE = TESTS / "data" / "captures" / "sitl-ardupilot.xz"
 CAPTURED_CROSS_TRACK_RMS_M = 0.42
 DEATH = 60_000  # of 1200 frames a second: under way
-pytestmark = pytest.mark.realtime
 
 
 def run(folder: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -33,6 +32,7 @@ def _paths() -> list[str]:
     return [path for path in (str(TESTS.parent), os.environ.get("PYTHONPATH", "")) if path]
 
 
+@pytest.mark.realtime
 def test_the_mission_that_was_captured_is_sailed_again(tmp_path: Path) -> None:
     done = run(tmp_path)
     assert done.returncode == 0, done.stderr
@@ -57,6 +57,7 @@ def test_the_mission_that_was_captured_is_sailed_again(tmp_path: Path) -> None:
     assert result["estimation"]["position_rms_m"] < 0.5
 
 
+@pytest.mark.paced
 def test_an_autopilot_that_dies_under_way_ends_the_run_with_its_last_words(tmp_path: Path) -> None:
     done = run(tmp_path, XITL_REPLAY_DIES=str(DEATH))
     assert done.returncode == 2
