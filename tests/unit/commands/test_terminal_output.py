@@ -31,21 +31,22 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return capsys.readouterr().out
 
 
-@pytest.mark.parametrize("width", [80, 40])
 @pytest.mark.parametrize("arguments", COMMANDS, ids=" ".join)
 def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off(
-    width: int, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("COLUMNS", str(width))
-    text = printed(capsys, *arguments)
-    assert "…" not in text
-    left_to_the_terminal = arguments[0] == "firmware"  # a path stays one word
-    assert left_to_the_terminal or max(map(len, text.splitlines())) <= width
-    monkeypatch.setenv("COLUMNS", "400")
-    wide = printed(capsys, *arguments)
-    if arguments[0] != "wdri":  # whose matrix is told in words where there is no room for it
-        said = {*" ".join(text.split()).replace(",", " ").split(), "name"}  # a paragraph needs no heading of its own
-        assert {word for word in wide.replace(",", " ").split() if len(word) <= width} <= said
+    texts = {}
+    for width in (400, 80, 40):
+        monkeypatch.setenv("COLUMNS", str(width))
+        texts[width] = printed(capsys, *arguments)
+    wide = texts.pop(400)
+    for width, text in texts.items():
+        assert "…" not in text
+        left_to_the_terminal = arguments[0] == "firmware"  # a path stays one word
+        assert left_to_the_terminal or max(map(len, text.splitlines())) <= width
+        if arguments[0] != "wdri":  # whose matrix is told in words where there is no room for it
+            said = {*" ".join(text.split()).replace(",", " ").split(), "name"}  # a paragraph needs no heading
+            assert {word for word in wide.replace(",", " ").split() if len(word) <= width} <= said
 
 
 def made(width: int = 80, colour: bool = False) -> tuple[Console, io.StringIO]:
