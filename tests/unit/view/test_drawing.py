@@ -145,10 +145,6 @@ def test_a_vessel_that_no_scene_has_is_a_plain_boat(drawing: SceneDrawing) -> No
     assert node(drawing, "/vessels/other/0") is not None
 
 
-def test_nothing_outside_is_asked_for(drawing: SceneDrawing) -> None:
-    assert drawing._server._share_tunnel is None
-
-
 def test_water_takes_up_waves_that_somebody_raises_and_lies_flat_again(drawing: SceneDrawing) -> None:
     draw(drawing, 0.0, AT_START)
     assert len(node(drawing, "/water").vertices) == 4

@@ -101,6 +101,19 @@ def test_the_page_has_its_title_and_a_word_for_who_has_no_webgl(own: ViewAddress
         assert "xitl-no-webgl" in body
 
 
+def test_no_page_may_have_it_shown_through_a_machine_elsewhere() -> None:
+    """As viser's own server does for any page that asks."""
+    from viser._messages import ShareUrlDisconnect, ShareUrlRequest
+
+    usual = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    ours = make_server(*listen("127.0.0.1", None), "test")
+    asked = {ShareUrlRequest, ShareUrlDisconnect}
+    answered = [asked & server._websock_server._incoming_handlers.keys() for server in (usual, ours)]
+    for server in (usual, ours):
+        server.stop()
+    assert answered == [asked, set()]
+
+
 def test_a_port_that_is_taken() -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
