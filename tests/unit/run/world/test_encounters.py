@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from xitl_cli.profile.schema.world import EncountersSpec as Keys
 from xitl_cli.run.world.encounters import DebrisEncounter, DebrisEncounters, MissionLegs, draw_encounters
 
 PLACES = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0))
-SPEED_MPS = 2.5
+SPEED_MPS, STEP_S, LATE_S = 2.5, 0.02, 40.0
 OPEN = Waterway(Capsules.joined(()))
 
 
@@ -24,13 +25,14 @@ def current(north_mps: float, east_mps: float) -> Callable[[np.ndarray], np.ndar
     return lambda places: np.array([[north_mps, east_mps, 0.0]])
 
 
-def sailed(encounters: DebrisEncounters, legs: MissionLegs, step_s: float = 0.02) -> list[tuple[float, Launch]]:
+def sailed(encounters: DebrisEncounters, legs: MissionLegs, begun_s: float = 0.0) -> list[tuple[float, Launch]]:
     """Along the legs at the mission's speed: how far, and what is launched there."""
     launches = []
-    for number in range(int(legs.length_m / SPEED_MPS / step_s)):
-        along_m = number * step_s * SPEED_MPS
+    for number in range(int(legs.length_m / SPEED_MPS / STEP_S)):
+        along_m = number * STEP_S * SPEED_MPS
+        now_ns = round((begun_s + number * STEP_S) * 1e9)
         north, east = legs.place(along_m, 0.0).tolist()
-        for launch in encounters.due(round(number * step_s * 1e9), (north, east), 0 if along_m < 100.0 else 1):
+        for launch in encounters.due(now_ns, (north, east), 0 if along_m < 100.0 else 1):
             launches.append((along_m, launch))
     return launches
 
@@ -101,9 +103,11 @@ def test_nothing_comes_while_the_vessel_heads_nowhere_or_there_is_none() -> None
 def test_a_vessel_that_is_late_meets_the_same() -> None:
     legs = MissionLegs(PLACES)
     wanted = draw_encounters(Keys(count=5), legs.length_m, default_rng(9))
-    quick, slow = (
-        sailed(DebrisEncounters(wanted, legs, SPEED_MPS, current(0.3, 0.0), OPEN), legs, step_s)
-        for step_s in (0.02, 0.01)
+    punctual, late = (
+        sailed(DebrisEncounters(wanted, legs, SPEED_MPS, current(0.3, 0.0), OPEN), legs, begun_s)
+        for begun_s in (0.0, LATE_S)
     )
-    for (_, one), (_, other) in zip(quick, slow, strict=True):
-        assert (one.north_m, one.east_m) == pytest.approx((other.north_m, other.east_m), abs=0.05)
+    assert len(punctual) == 5
+    for (along_m, one), (late_along_m, other) in zip(punctual, late, strict=True):
+        assert (late_along_m, replace(other, at_ns=one.at_ns)) == (along_m, one)
+        assert other.at_ns - one.at_ns == LATE_S * 1e9
