@@ -59,11 +59,14 @@ def test_json_is_written_whole(tmp_path: Path) -> None:
 def test_only_a_log_that_the_agent_numbered_is_renamed(tmp_path: Path) -> None:
     for name, content in (("mine.bin", b"mine"), ("00000001.BIN", b"log"), ("LASTLOG.TXT", b"1")):
         (tmp_path / name).write_bytes(content)
-    directory.keep_dataflash(tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {
-        "mine.bin": b"mine",
-        "autopilot.bin": b"log",
-    }
+    for _ in range(2):
+        directory.keep_dataflash(tmp_path)
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {
+            "mine.bin": b"mine",
+            directory.DATAFLASH: b"log",
+        }
+    directory.create(tmp_path, overwrite=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.bin"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -10,7 +10,6 @@ import pytest
 from agent.options import parse
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.profile import ground_stations_of
-from xitl_cli.run.core import directory
 from xitl_cli.run.links.peer import AgentOptions, options_from_profile, own_options
 from xitl_cli.run.links.setup import embedded_parameters
 
@@ -93,13 +92,3 @@ def test_nothing_given_is_nothing_said(tmp_path: Path) -> None:
     profile = load_profile("sitl", ["recording.dataflash=false"]).runnable()
     assert options_from_profile(profile, tmp_path) == AgentOptions()
     assert AgentOptions().arguments() == []
-
-
-def test_the_agents_log_gets_its_name_and_an_old_one_is_part_of_the_old_run(tmp_path: Path) -> None:
-    (tmp_path / "00000007.BIN").write_bytes(b"log")
-    (tmp_path / "LASTLOG.TXT").write_text("7")
-    directory.keep_dataflash(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == [directory.DATAFLASH]
-    directory.keep_dataflash(tmp_path)
-    directory.create(tmp_path, overwrite=True)
-    assert list(tmp_path.iterdir()) == []

@@ -15,7 +15,6 @@ from xitl_cli.replay.motor_schedule import MotorSchedule
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, GroundStationDriver, MissionDriver, ReplayDriver, ScriptDriver
-from xitl_cli.run.nodes.mission_score import MissionScore
 
 S = 1_000_000_000
 TICK = 20_000_000
@@ -326,15 +325,6 @@ def test_a_mission_in_pieces_goes_on_counting(boat: Boat) -> None:
     boat.beat(AUTO, armed=True)
     _download(boat, driver, now_ns + 2 * S, _items())
     assert driver.progress().reached == 1
-
-
-def test_a_score_starts_again_with_another_mission_only() -> None:
-    score = MissionScore([(10.0, 0.0)])
-    score.add((0.0, 2.0), 0, 1)
-    score.follow(((10.0, 0.0),))
-    assert score.completed
-    score.follow(((10.0, 0.0), (20.0, 0.0)))
-    assert (score.total, score.reached, score.cross_track_rms_m) == (2, 0, None)
 
 
 PX4_AUTO, PX4_HOLD = 4 << 16 | 4 << 24, 4 << 16 | 3 << 24

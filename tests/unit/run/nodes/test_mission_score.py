@@ -31,6 +31,15 @@ def test_mission_score_of_a_track_offset_by_a_constant() -> None:
     assert score.completed
 
 
+def test_a_score_starts_again_with_another_mission_only() -> None:
+    score = MissionScore([(10.0, 0.0)])
+    score.add((0.0, 2.0), 0, 1)
+    score.follow(((10.0, 0.0),))
+    assert score.completed
+    score.follow(((10.0, 0.0), (20.0, 0.0)))
+    assert (score.total, score.reached, score.cross_track_rms_m) == (2, 0, None)
+
+
 def test_a_mission_without_waypoints_is_never_complete() -> None:
     assert not MissionScore([]).completed
 
