@@ -11,8 +11,6 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from python39 import strict_zip
-
 from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
@@ -120,8 +118,10 @@ class Boat:
 
     def roll_pitch(self) -> tuple[float, float, float, float]:
         """Roll, pitch and their rates."""
-        t = self.time_ns * 1e-9
         a = self.roll_amplitude_rad
+        if not a:
+            return 0.0, 0.0, 0.0, 0.0
+        t = self.time_ns * 1e-9
         w1, w2 = 2.0 * math.pi / 2.3, 2.0 * math.pi / 3.1
         return (
             a * math.sin(w1 * t),
@@ -132,6 +132,8 @@ class Boat:
 
     def down(self) -> tuple[float, float, float]:
         """Down, its rate and acceleration."""
+        if not self.heave_amplitude_m:
+            return 0.0, 0.0, 0.0
         t, w, a = self.time_ns * 1e-9, 2.0 * math.pi / 2.7, self.heave_amplitude_m
         return a * math.sin(w * t), a * w * math.cos(w * t), -a * w * w * math.sin(w * t)
 
@@ -146,10 +148,12 @@ class Boat:
 
     def to_body(self, v: Vector3) -> Vector3:
         """NED to FRD by three elementary turns."""
-        roll, pitch, _, _ = self.roll_pitch()
-        cy, sy, cp, sp = math.cos(self.yaw_rad), math.sin(self.yaw_rad), math.cos(pitch), math.sin(pitch)
-        cr, sr = math.cos(roll), math.sin(roll)
+        cy, sy = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         x, y, z = v[0] * cy + v[1] * sy, -v[0] * sy + v[1] * cy, v[2]
+        if not self.roll_amplitude_rad:
+            return x, y, z
+        roll, pitch, _, _ = self.roll_pitch()
+        cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
         x, z = x * cp - z * sp, x * sp + z * cp
         return (x, y * cr + z * sr, -y * sr + z * cr)
 
@@ -158,8 +162,12 @@ def _drag(coefficients: tuple[float, float], speed: float) -> float:
     return coefficients[0] * speed + coefficients[1] * speed * abs(speed)
 
 
-def _spoilt(true: Vector3, bias: Vector3, white: Callable[[], float]) -> Vector3:
-    return (true[0] + bias[0] + white(), true[1] + bias[1] + white(), true[2] + bias[2] + white())
+def _spoilt(true: Vector3, bias: Vector3, gauss: Callable[[float, float], float], deviation: float) -> Vector3:
+    return (
+        true[0] + bias[0] + gauss(0.0, deviation),
+        true[1] + bias[1] + gauss(0.0, deviation),
+        true[2] + bias[2] + gauss(0.0, deviation),
+    )
 
 
 class Sensors:
@@ -189,8 +197,8 @@ class Sensors:
         force = boat.to_body((boat.acc_ne_mps2[0], boat.acc_ne_mps2[1], boat.down()[2] - GRAVITY_MPS2))
         return ImuMeasurement(
             boat.time_ns,
-            tuple(w + b + gauss(0.0, noise.gyro_density * root) for w, b in strict_zip(boat.gyro(), noise.gyro_bias)),
-            tuple(f + b + gauss(0.0, noise.accel_density * root) for f, b in strict_zip(force, noise.accel_bias)),
+            _spoilt(boat.gyro(), noise.gyro_bias, gauss, noise.gyro_density * root),
+            _spoilt(force, noise.accel_bias, gauss, noise.accel_density * root),
         )
 
     def gnss(self, boat: Boat) -> GnssMeasurement:
@@ -212,9 +220,9 @@ class Sensors:
         )
 
     def magnetometer(self, boat: Boat) -> MagnetometerMeasurement:
-        gauss, sigma = self.rng.gauss, self.noise.field_gauss
+        field_frd_gauss = boat.to_body(FIELD_NED_GAUSS)
         return MagnetometerMeasurement(
-            boat.time_ns, tuple(m + gauss(0.0, sigma) for m in boat.to_body(FIELD_NED_GAUSS))
+            boat.time_ns, _spoilt(field_frd_gauss, (0.0, 0.0, 0.0), self.rng.gauss, self.noise.field_gauss)
         )
 
     def barometer(self, boat: Boat) -> BarometerMeasurement:
