@@ -136,8 +136,8 @@ class ObstacleDetector:
         """Learn how far water returns light, and how high its waves are."""
         rings, sectors = TUNED.reach_rings, TUNED.reach_sectors
         low = (range_m < rings) & (np.abs(height_m) < TUNED.reach_low_m)
-        ring = range_m[low].astype(np.int64)
-        sector = np.floor(np.arctan2(points[low, 1], points[low, 0]) / _SECTOR_RAD).astype(np.int64) + sectors // 2
+        ring = range_m[low].astype(np.intp)
+        sector = np.floor(np.arctan2(points[low, 1], points[low, 0]) / _SECTOR_RAD).astype(np.intp) + sectors // 2
         seen = (sector >= 0) & (sector < sectors)
         now = np.bincount(ring[seen] * sectors + sector[seen], minlength=rings * sectors)
         self._low = self._low * TUNED.reach_forget_gain + now.reshape(rings, sectors)
