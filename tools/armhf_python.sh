@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Unpack Debian's Python for ARMv7 into a folder, to run the packaged agent with qemu-arm-static (tests/e2e/test_arm.py).
+# Unpack Debian's Python and numpy for ARMv7 into a folder, to run the packaged agent with qemu-arm-static (tests/e2e/test_arm.py).
 # Nothing is installed: apt works on lists and a package database of its own. Each suite is fetched once.
 #
 #   tools/armhf_python.sh [SUITE...]        bullseye has Python 3.9, the oldest that the agent runs on; bookworm 3.11
@@ -33,11 +33,11 @@ fetch() { # SUITE: its packages from this machine's own mirror to $work/cache/ar
     )
     apt-get "${options[@]}" update &&
         apt-get "${options[@]}" install --yes --download-only --no-install-recommends \
-            python3-minimal libpython3-stdlib > /dev/null
+            python3-minimal libpython3-stdlib python3-numpy > /dev/null
 }
 
 for suite in "${@:-bullseye}"; do
-    if [ -x "$root/$suite/usr/bin/python3" ]; then
+    if [ -d "$root/$suite/usr/lib/python3/dist-packages/numpy" ]; then
         echo "$root/$suite is there"
         continue
     fi
@@ -47,6 +47,8 @@ for suite in "${@:-bullseye}"; do
     for package in "$work"/cache/archives/*.deb; do
         dpkg-deb -x "$package" "$work/tree"
     done
+    libraries=$work/tree/usr/lib/arm-linux-gnueabihf
+    ln -s blas/libblas.so.3 lapack/liblapack.so.3 "$libraries" # as Debian's alternatives would, were the packages installed
     rm -rf "${root:?}/$suite"
     mv "$work/tree" "$root/$suite"
     echo "$root/$suite is ready"

@@ -85,7 +85,7 @@ class CompanionRole(Role):
             from agent.companion.perception import Perception
         except ImportError as error:
             self._unavailable = True
-            self.add_event(_WARNING, f"No perception: {error}; pip install numpy kiss-icp")
+            self.add_event(_WARNING, f"No perception: {error}; pip install 'numpy>=1.21' kiss-icp")
             return None
         settings = self._settings
         avoidance = ObstacleAvoidance(

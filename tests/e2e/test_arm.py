@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,8 +45,8 @@ def arm(request: pytest.FixtureRequest, archive: Path) -> Iterator[Run]:
         pytest.skip("needs qemu-arm-static (apt install qemu-user-static)")
     root = ROOT / request.param
     python = (root / "usr/bin/python3").resolve() if root.is_dir() else root
-    if not python.is_file():
-        pytest.skip(f"needs an armhf Python in {root} (tools/armhf_python.sh {request.param})")
+    if not python.is_file() or not (root / "usr/lib/python3/dist-packages/numpy").is_dir():
+        pytest.skip(f"needs an armhf Python with numpy in {root} (tools/armhf_python.sh {request.param})")
     started: list[subprocess.Popen[str]] = []
 
     def start(*arguments: str) -> subprocess.Popen[str]:
@@ -111,6 +112,32 @@ def test_a_lockstep_run_on_armv7_is_the_run_on_this_machine(
     with closing(log.filehandle), closing(log.data_map):
         kinds = {message.get_type() for message in iter(log.recv_msg, None)}
     assert {"FMT", "PM", "IMU", "ATT"} <= kinds
+
+
+@pytest.mark.slow
+def test_a_companion_with_debians_numpy_sees_on_armv7_what_it_sees_on_this_machine(
+    arm: Run, xitl: Xitl, tmp_path: Path, free_port: int, request: pytest.FixtureRequest
+) -> None:
+    pytest.importorskip("embreex", reason="xitl[perception] is not installed")
+    link = f"tcp://127.0.0.1:{free_port}"
+    agent = arm("--role", "companion", "--link", link)
+    assert agent.stdout is not None
+    assert f"waits at {link}" in agent.stdout.readline()
+
+    def seen(runs: str) -> dict[str, Any]:
+        words = ("--set", f"companion.runs={runs}", "--set", f"companion.link={link}", "--duration", "8", "--out", runs)
+        ran = xitl("sim", "sitl-perception", "--set", "companion.parameters={ODO_ENABLE: 0, MAP_ENABLE: 0}", *words)
+        assert ran.returncode == 0, ran.stderr
+        companion: dict[str, Any] = summary(tmp_path / runs)["companion"]
+        return companion
+
+    there = seen("board")
+    if request.node.callspec.params["arm"] == "bullseye":
+        assert there["clouds"] == 0
+        assert any("numpy>=1.21" in warning for warning in there["warnings"])
+        return
+    assert there["clouds"] > 70
+    assert there == seen("in-process")
 
 
 @pytest.mark.slow

@@ -126,5 +126,5 @@ def test_without_numpy_it_is_there_and_says_why_it_is_blind(monkeypatch: pytest.
     companion.clouds(2)
     said = "".join(texts(companion.said))
     assert said.startswith("No perception: ")
-    assert said.endswith("pip install numpy kiss-icp")
+    assert said.endswith("pip install 'numpy>=1.21' kiss-icp")
     assert len(of("XITL_TICK", companion.said)) == 10
