@@ -70,6 +70,16 @@ def patient(page: Any) -> Any:
     return page
 
 
+def unhurried(page: Any) -> Any:
+    """The same, of a scene: a frame a second, as drawing in software would keep every processor busy all the time."""
+    page.add_init_script(
+        "const draw = window.requestAnimationFrame.bind(window);"
+        "window.requestAnimationFrame = (frame) => setTimeout(() => draw(frame), 1000);"
+        "window.cancelAnimationFrame = clearTimeout;"
+    )
+    return patient(page)
+
+
 @pytest.fixture
 def logs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Xitl:
     """Run `xitl logs ARGUMENTS` in a temporary directory, in this process: a new one takes longer than the work."""

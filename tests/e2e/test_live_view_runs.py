@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import newest_time_s, patient
+from conftest import newest_time_s, unhurried
 
 from tests.patience import PATIENCE_S, wait_until
 
@@ -142,7 +142,7 @@ def seconds(page: Any) -> float:
 
 def test_a_browser_sees_the_vessel_move_by_day_and_by_night(started: Callable[..., Viewed], browser: Any) -> None:
     run = started("sitl", "--pace", "0.5", "--set", "view.rate_hz=5", "--view")  # on its way for a slow browser, too
-    page = patient(browser.new_page(viewport={"width": 960, "height": 540}))
+    page = unhurried(browser.new_page(viewport={"width": 960, "height": 540}))
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
 

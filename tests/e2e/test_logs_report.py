@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 sys.path.append(str(Path(__file__).parents[1] / "unit" / "logs"))
-from conftest import patient
+from conftest import patient, unhurried
 from expression_cases import made_signals
 from report_samples import SECONDS, sample_report
 
@@ -297,7 +297,7 @@ def test_a_log_is_replayed_in_its_report(driver: Any, tmp_path: Path) -> None:
     assert told.exit_code == 0, told.output
     software = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     started = driver.chromium.launch(executable_path=str(CHROMIUM), args=software)
-    page = patient(started.new_context(offline=True, viewport={"width": 640, "height": 480}).new_page())
+    page = unhurried(started.new_context(offline=True, viewport={"width": 640, "height": 480}).new_page())
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.goto(path.as_uri())

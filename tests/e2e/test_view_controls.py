@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import differences, patient, payloads
+from conftest import differences, payloads, unhurried
 
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.profile import load_profile
@@ -30,7 +30,7 @@ def page_at(url: str) -> Iterator[Any]:
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(SOFTWARE))
-        page = patient(browser.new_page(viewport={"width": 900, "height": 600}))
+        page = unhurried(browser.new_page(viewport={"width": 900, "height": 600}))
         page.goto(url)
         yield page
         browser.close()

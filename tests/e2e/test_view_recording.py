@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import patient
+from conftest import unhurried
 
 from tests.recorded_run import recorded_run
 from xitl_cli.view.pictures import picture
@@ -48,7 +48,7 @@ def browser() -> Iterator[Any]:
 
 def opened(browser: Any, url: str, offline: bool) -> tuple[Any, list[str]]:
     """The page, and what it asked for elsewhere or complained about."""
-    page = patient(browser.new_context(viewport={"width": 800, "height": 500}, offline=offline).new_page())
+    page = unhurried(browser.new_context(viewport={"width": 800, "height": 500}, offline=offline).new_page())
     wrong: list[str] = []
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.on("request", lambda request: wrong.append(request.url) if elsewhere(request.url, url) else None)
