@@ -218,6 +218,8 @@ def _realism(summary: dict[str, Any]) -> tuple[str, str]:
         text += f"\nclaimed, but nothing was carried: {', '.join(graph['missing'])}"
     if graph["unclaimed"]:
         text += f"\ncarried, but not claimed: {', '.join(graph['unclaimed'])}"
+    if graph["overclaimed"]:
+        text += f"\nclaimed real, but virtual: {', '.join(graph['overclaimed'])}"
     return "profile", text
 
 

@@ -165,5 +165,6 @@ def _show(result: Wdri, run: MeasuredRun | None) -> None:
             ("claimed by the profile", f"{run.claimed_wdri:.4f}"),
             ("claimed, but nothing was carried", ", ".join(run.missing) or "-"),
             ("carried, but not claimed", ", ".join(run.unclaimed) or "-"),
+            ("claimed real, but virtual", ", ".join(run.overclaimed) or "-"),
         ]
     show_facts(console, facts)

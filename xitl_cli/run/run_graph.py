@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 from xitl_cli.errors import UserError
 from xitl_cli.graph.graph import Graph, Vertex, build_graph
 from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic, Pair, measured_graph
-from xitl_cli.graph.wdri import VertexCount, Wdri, graph_wdri, profile_wdri
+from xitl_cli.graph.wdri import VertexCount, Wdri, graph_from_profile, graph_wdri, profile_wdri
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.schema.graph import COMPLETE
@@ -25,12 +25,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRun:
-    """The WDRI of a run as it was, the one its profile claims, and the links in which they differ."""
+    """The WDRI of a run as it was, the one its profile claims, and the links and nodes in which they differ."""
 
     wdri: Wdri
     claimed_wdri: float
     missing: tuple[str, ...]
     unclaimed: tuple[str, ...]
+    overclaimed: tuple[str, ...]
 
     def as_json(self) -> dict[str, object]:
         """As Wdri, with the rest beside it."""
@@ -39,6 +40,7 @@ class MeasuredRun:
             "claimed_wdri": self.claimed_wdri,
             "missing": list(self.missing),
             "unclaimed": list(self.unclaimed),
+            "overclaimed": list(self.overclaimed),
         }
 
 
@@ -80,7 +82,14 @@ def graph_section(
         },
         "missing": [link for link in claimed_links if link not in measured_links],
         "unclaimed": [link for link in measured_links if link not in claimed_links],
+        "overclaimed": list(_overclaimed(claimed.graph, graph)),
     }
+
+
+def _overclaimed(claimed: Graph, measured: Graph) -> tuple[str, ...]:
+    """Nodes that are real in the one graph and virtual in the other."""
+    real = {vertex.name for vertex in claimed.vertices if vertex.kind == "real"}
+    return tuple(vertex.name for vertex in measured.vertices if vertex.kind == "virtual" and vertex.name in real)
 
 
 def _measured_wdri(graph: Graph, profile: RunProfile) -> Wdri | None:
@@ -184,7 +193,8 @@ def measured_run(
     if vertices is None and isinstance(count, int):
         count = max(count, graph.present())
     reference = (profile.graph.reference or COMPLETE) if reference is None else reference
-    return MeasuredRun(graph_wdri(graph, reference, count, str(folder)), claimed, missing, unclaimed)
+    overclaimed = _overclaimed(graph_from_profile(profile.graph), graph)
+    return MeasuredRun(graph_wdri(graph, reference, count, str(folder)), claimed, missing, unclaimed, overclaimed)
 
 
 def _summary(path: Path) -> dict[str, Any]:

@@ -95,6 +95,15 @@ def test_kinds_come_from_what_the_board_announced() -> None:
     assert section(nodes=[node(kind="real")])["measured"]["wdri"] > section()["measured"]["wdri"]
 
 
+def test_a_board_that_is_none_is_no_real_node_whatever_the_profile_claims(tmp_path: Path) -> None:
+    found = section("hitl-beaglebone", nodes=[node(kind="virtual")])
+    assert found["overclaimed"] == ["LS", "LC", "LA"]
+    assert found["measured"]["wdri"] == section("hitl-virtual-board")["claimed"]["wdri"]
+    assert measured_run(run_directory(tmp_path, found)).overclaimed == ("LS", "LC", "LA")
+    assert section("hitl-beaglebone", nodes=[node(kind="real")])["overclaimed"] == []
+    assert section("hitl-virtual-board")["overclaimed"] == []
+
+
 def test_a_companion_is_the_high_level() -> None:
     companion = seen("HS,HC,HA", "real", to_agent={}, from_agent={HEARTBEAT: 3}, estimates=0, efforts=0)
     graph = measured_graph([seen(), companion], [])

@@ -177,6 +177,12 @@ def test_the_timing_of_an_emulated_board_is_told_as_such(tmp_path: Path, machine
     assert ("an emulated board's timing is its emulator's" in " ".join(shown(tmp_path, made).split())) is told
 
 
+@pytest.mark.parametrize(("kind", "told"), [("virtual", True), ("real", False)])
+def test_nodes_claimed_real_that_were_virtual_are_told(tmp_path: Path, kind: str, told: bool) -> None:
+    made = sections(nodes=[NodeReport("LS,LC,LA", "emulated armv7l board", "1", None, 0, kind=kind)])
+    assert ("claimed real, but virtual: LS, LC, LA" in " ".join(shown(tmp_path, made).split())) is told
+
+
 @pytest.mark.parametrize("width", [80, 40, 24])
 def test_nothing_of_the_report_is_cut_off(tmp_path: Path, width: int) -> None:
     text = shown(tmp_path, eventful(), verbose=True, width=width)
