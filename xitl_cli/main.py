@@ -184,7 +184,8 @@ def _board(group: typer.Typer) -> None:
     group.command("start")(board.start)
     group.command("stop")(board.stop)
     group.command("list")(board.list_boards)
-    group.command("ssh", context_settings={"ignore_unknown_options": True})(board.ssh)
+    for command in (board.ssh, board.enter):  # what follows the name is the command's
+        group.command(command.__name__, context_settings={"allow_interspersed_args": False})(command)
     group.command("console")(board.console)
     group.command("put")(board.put)
     group.command("compare")(board.compare)

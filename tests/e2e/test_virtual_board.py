@@ -11,15 +11,17 @@ import re
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from conftest import command, environment, summary
 
-from xitl_cli.board.emulator import cut_power, running, stopped, unplugged
+from xitl_cli.board.emulator import cut_power, running, shut_down, stopped, unplugged
 from xitl_cli.board.life import create, remove, start
-from xitl_cli.board.places import EmulatedBoard
+from xitl_cli.board.network import check_network
+from xitl_cli.board.places import NAMESPACE, EmulatedBoard, the_board
 from xitl_cli.board.tools import FOR_MAKING, find_program
 from xitl_cli.errors import UserError
 from xitl_cli.logs.formats import open_log
@@ -54,9 +56,40 @@ def board() -> Iterator[EmulatedBoard]:
             raise
         pytest.skip(f"no board can be made here: {error}")
     try:
-        yield start(name, None, LIMIT_S, lambda doing: None)[0]
+        yield booted(name)
     finally:
         remove(name, images=False)
+
+
+def booted(name: str, network: str | None = None) -> EmulatedBoard:
+    return start(name, None, network, LIMIT_S, lambda doing: None)[0]
+
+
+def why_not_apart(board: EmulatedBoard) -> str:
+    """Why it cannot be started in a network namespace of its own here; empty where it can."""
+    try:
+        check_network(replace(board, network=NAMESPACE))
+    except UserError as error:
+        return str(error)
+    return ""
+
+
+@pytest.fixture
+def apart(board: EmulatedBoard) -> EmulatedBoard:
+    """The board in a network namespace of its own; started anew where it was not."""
+    now = the_board(board.name)
+    if now.network == NAMESPACE:
+        return now
+    if why_not := why_not_apart(board):
+        pytest.skip(why_not)
+    shut_down(now)
+    return booted(board.name, NAMESPACE)
+
+
+def reaching(name: str, *words: str) -> list[str]:
+    """The command of xitl where the ports of the board are."""
+    whole = command(*words)
+    return command("board", "enter", name, *whole) if the_board(name).network == NAMESPACE else whole
 
 
 def there(board: EmulatedBoard, *words: str) -> str:
@@ -81,17 +114,20 @@ def sail(
     duration_s: float,
     disturb: Sequence[tuple[float, Callable[[], object]]] = (),
     link: str = "",
+    profile: str = "hitl-virtual-board",
 ) -> tuple[int, str]:
     """A run on the board, each disturbance at its time of the run; its exit code and what it said."""
-    link = link or f"udp://127.0.0.1:{board.autopilot_port}"
-    words = ["sim", "--profile", "hitl-virtual-board", "--duration", str(duration_s), "--out", "run"]
-    words += ["--set", f"autopilot.link={link}", "--set", "autopilot.connect_timeout_s=60"]
+    words = ["sim", "--profile", profile, "--duration", str(duration_s), "--out", "run"]
+    if profile == "hitl-virtual-board":
+        words += ["--set", f"autopilot.link={link or link_to(board)}"]
+    words += ["--set", "autopilot.connect_timeout_s=60"]
     words += ["--set", "sensors.imu.rate_hz=100"]  # half as many frames: the board keeps up beside what else runs here
     due = list(disturb)
     said = []
     with subprocess.Popen(
-        command(*words), cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    ) as ran:
+        reaching(board.name, *words),
+        cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as ran:  # fmt: skip
         assert ran.stdout is not None
         for line in ran.stdout:
             said.append(line)
@@ -101,6 +137,11 @@ def sail(
         code = ran.wait(LIMIT_S)
     assert not due, "".join(said)
     return code, "".join(said)
+
+
+def link_to(board: EmulatedBoard) -> str:
+    now = the_board(board.name)
+    return f"udp://{now.address}:{now.autopilot_port}"
 
 
 def assert_all_accounted(run: dict[str, Any]) -> None:
@@ -198,7 +239,7 @@ def test_a_power_cut_costs_the_last_second(board: EmulatedBoard, tmp_path: Path)
 
     code, said = sail(tmp_path, board, 600.0, [(10.0, cut)])
     ran_on = running(board)
-    start(board.name, None, LIMIT_S, lambda doing: None)
+    booted(board.name, None if why_not_apart(board) else NAMESPACE)
     assert code == 2, said
     assert "stopped answering" in said
     assert ran_on is None
@@ -214,6 +255,19 @@ def test_a_power_cut_costs_the_last_second(board: EmulatedBoard, tmp_path: Path)
     with open_log(tmp_path / "run" / "run.mcap") as recording:
         assert recording.health.damaged == 0
         assert not recording.health.unclosed
+
+
+def test_the_profile_of_a_real_board_sails_in_a_namespace_of_its_own(apart: EmulatedBoard, tmp_path: Path) -> None:
+    deploy(apart, "udp://usb0:14660", tmp_path)
+    code, said = sail(tmp_path, apart, 12.0, profile="hitl-beaglebone")
+    assert code == 0, said
+    assert "claimed real, but virtual: LS, LC, LA" in " ".join(said.split())
+    run = summary(tmp_path / "run")
+    assert_all_accounted(run)
+    assert {link["name"]: link["received"] > 0 for link in run["links"]} == {"sensors": True, "actuators": True}
+    assert [node["kind"] for node in run["nodes"]] == ["virtual"]
+    assert run["graph"]["overclaimed"] == ["LS", "LC", "LA"]
+    assert run["graph"]["measured"]["wdri"] < run["graph"]["claimed"]["wdri"]
 
 
 def test_a_run_over_the_second_serial_line(board: EmulatedBoard, tmp_path: Path) -> None:
@@ -236,9 +290,10 @@ def test_an_ardupilot_on_a_fresh_board_sails_with_all_its_checks_on(board: Emula
     words = ["agent", "deploy", f"board:{board.name}", "--service", "--config", str(config)]
     subprocess.run(command(*words), env=environment(), check=True)
     words = ["sim", "--profile", "hitl-ardupilot-linux", "--out", "run"]
-    words += ["--set", f"autopilot.link=udp://127.0.0.1:{board.autopilot_port}"]
+    words += ["--set", f"autopilot.link={link_to(board)}"]
     words += ["--set", f"autopilot.arm_timeout_s={LIMIT_S}", "--duration", str(2.0 * LIMIT_S)]
-    done = subprocess.run(command(*words), cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+    words = reaching(board.name, *words)
+    done = subprocess.run(words, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
     run = summary(tmp_path / "run")
     assert run["mission"]["waypoints_reached"] == run["mission"]["waypoints_total"], done.stdout + done.stderr
     assert_all_accounted(run)

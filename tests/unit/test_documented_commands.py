@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -136,7 +137,7 @@ def check_xitl(command: Command, words: list[str], whole: bool, profile: bool) -
         context = type(node).context_class(node, info_name=node.name, parent=context)
         node, path, words = node.commands[words[0]], [*path, words[0]], words[1:]
     words = [word for word in words if word != "…"]
-    context = type(node).context_class(node, info_name=node.name, parent=context)
+    context = type(node).context_class(node, info_name=node.name, parent=context, **node.context_settings)
     try:
         given, operands, _ = node.make_parser(context).parse_args(list(words))
     except USAGE_ERROR as error:
@@ -146,6 +147,8 @@ def check_xitl(command: Command, words: list[str], whole: bool, profile: bool) -
     if whole and not any(PLACEHOLDER.fullmatch(word) for word in operands):
         required = [param for param in node.params if param.param_type_name == "argument" and param.required]
         assert all(given.get(param.name) not in (None, ()) for param in required), f"{command}: lacks an operand"
+    if path == ["board", "enter"] and given["command"]:
+        check_command(Command(command.page, command.line, shlex.join(given["command"])), whole, profile)
     if path == ["init"] and whole:
         init(Path(given["path"]))
     if path == ["campaign", "run"] and profile and not PLACEHOLDER.fullmatch(given["plan"]):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from xitl_cli.board import recipe
+from xitl_cli.board import network, recipe
 from xitl_cli.board.console import ConsoleFile
 from xitl_cli.board.monitor import EmulatorMonitor
+from xitl_cli.board.namespace import emulator_process
 from xitl_cli.board.places import EmulatedBoard, the_board
 from xitl_cli.board.tools import find_program, last_words
 from xitl_cli.errors import UserError
@@ -41,27 +41,22 @@ def sockets(board: EmulatedBoard) -> tuple[Path, Path]:
 
 
 def board_arguments(board: EmulatedBoard, kernel: Path) -> list[str]:
-    """The whole command that boots a board in the background; its ports are on the loopback interface alone."""
+    """The whole command that boots a board in the background, in the namespace that it is started in."""
     monitor, console = sockets(board)
-    forwarded = [("tcp", board.ssh_port, 22), ("tcp", board.mavlink_port, recipe.MAVLINK_PORT)]
-    for port, inside in zip((board.autopilot_port, board.companion_port), recipe.BOARD_PORTS, strict=True):
-        forwarded += [("udp", port, inside), ("tcp", port, inside)]
-    rules = [f"hostfwd={kind}:127.0.0.1:{port}-{recipe.BOARD_ADDRESS}:{inside}" for kind, port, inside in forwarded]
-    network = f"user,id=net,net={recipe.NETWORK},host={recipe.HOST_ADDRESS},ipv6=off,{','.join(rules)}"
     return [
         *machine_arguments(
             board.cores, board.memory_mib, kernel, board.early, f"rw quiet console={recipe.CONSOLE_DEVICE}"
         ),
         "-drive", f"if=none,id=disk,format=qcow2,file={_escaped(board.disk)}",
         "-device", "virtio-blk-device,drive=disk",
-        "-netdev", network, "-device", "virtio-net-device,netdev=net,id=nic",
+        "-netdev", network.backend(board), "-device", "virtio-net-device,netdev=net,id=nic",
         "-device", "virtio-rng-device",
         "-chardev", f"socket,id=console,path={_escaped(console)},server=on,wait=off,logfile={_escaped(board.console)}",
         "-serial", "chardev:console",
         "-chardev", "pty,id=uart", "-device", "pci-serial,chardev=uart",
         "-qmp", f"unix:{_escaped(monitor)},server=on,wait=off",
         "-rtc", "base=utc",
-        "-name", f"xitl-board-{board.name}", "-pidfile", str(_pid_file(board)), "-daemonize",
+        "-name", f"xitl-board-{board.name}", "-pidfile", str(board.pid_file), "-daemonize",
     ]  # fmt: skip
 
 
@@ -69,41 +64,45 @@ def _escaped(path: Path) -> str:
     return str(path).replace(",", ",,")
 
 
-def _pid_file(board: EmulatedBoard) -> Path:
-    return board.folder / "emulator.pid"
-
-
 def running(board: EmulatedBoard) -> int | None:
     """The process of its emulator, None where it does not run."""
-    try:
-        pid = int(_pid_file(board).read_text())
-        command = Path(f"/proc/{pid}/cmdline").read_bytes()
-    except (OSError, ValueError):
-        return None
-    return pid if str(_pid_file(board)).encode() in command.split(b"\0") else None
+    return emulator_process(board.pid_file)
+
+
+def the_process(board: EmulatedBoard) -> int:
+    """As `running`. Raises UserError where it does not run."""
+    pid = running(board)
+    if pid is None:
+        raise UserError(f"{board.name}: does not run; start it: xitl board start {board.name}")
+    return pid
 
 
 def the_running_board(name: str) -> EmulatedBoard:
     """Raises UserError where there is none of that name, or it does not run."""
     board = the_board(name)
-    if running(board) is None:
-        raise UserError(f"{name}: does not run; start it: xitl board start {name}")
+    the_process(board)
+    return board
+
+
+def the_reached_board(name: str, command: str) -> EmulatedBoard:
+    """As `the_running_board`, where its ports are reached from here; command: what to do in its namespace otherwise."""
+    board = the_board(name)
+    if not network.is_reached(board, the_process(board)):
+        raise UserError(f"{name}: is in a network namespace of its own; enter it: xitl board enter {name} {command}")
     return board
 
 
 def boot(board: EmulatedBoard, kernel: Path) -> None:
-    """Start its emulator in the background. Raises UserError: a port in use, a disk that cannot be opened."""
+    """Start its emulator in the background. Raises UserError, as for a disk that cannot be opened."""
     monitor, console = sockets(board)
     if len(str(monitor)) > _LONGEST_SOCKET:
         raise UserError(
             f"{monitor}: too long for the path of a socket; set XITL_CACHE to a folder whose path is shorter"
         )
-    for port in (board.ssh_port, board.autopilot_port, board.companion_port, board.mavlink_port):
-        _check_free(board, port)
     board.console.write_bytes(b"")
-    command = board_arguments(board, kernel)
+    program, *arguments = board_arguments(board, kernel)
     done = subprocess.run(
-        [find_program(command[0]) or command[0], *command[1:]],
+        network.started_in(board, [find_program(program) or program, *arguments]),
         stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False,
     )  # fmt: skip
     if done.returncode:
@@ -115,20 +114,6 @@ def boot(board: EmulatedBoard, kernel: Path) -> None:
         for device in asked.do("query-chardev"):
             if device["label"] == "uart":
                 board.serial.symlink_to(device["filename"].removeprefix("pty:"))
-
-
-def _check_free(board: EmulatedBoard, port: int) -> None:
-    for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
-        with socket.socket(socket.AF_INET, kind) as probe:
-            if kind == socket.SOCK_STREAM:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:
-                raise UserError(
-                    f"{board.name}: port {port} of 127.0.0.1 is in use by another program; end it, or start the board "
-                    "on others with --port N"
-                ) from None
 
 
 def wait_until_up(board: EmulatedBoard, limit_s: float, progress: Progress) -> float:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
 
-from xitl_cli.board.places import EmulatedBoard
+from xitl_cli.board import namespace
+from xitl_cli.board.places import NAMESPACE, EmulatedBoard
 from xitl_cli.board.tools import checked_run
 
 LOGIN_KEY, HOST_KEY, KNOWN = "id_ed25519", "ssh_host_ed25519_key", "known_hosts"
@@ -22,11 +25,11 @@ def make_keys(folder: Path, name: str) -> None:
 
 def write_ssh_config(board: EmulatedBoard) -> None:
     """Settings for `ssh -F`, under which the board is known by its name, and by its key."""
-    folder = board.folder.absolute()
+    folder = board.folder
     public = (folder / f"{HOST_KEY}.pub").read_text(encoding="utf-8").split()
     (folder / KNOWN).write_text(f"{board.name} {' '.join(public[:2])}\n", encoding="utf-8")
     settings = {
-        "HostName": "127.0.0.1",
+        "HostName": board.address,
         "Port": board.ssh_port,
         "User": "root",
         "HostKeyAlias": board.name,
@@ -39,6 +42,9 @@ def write_ssh_config(board: EmulatedBoard) -> None:
         "BatchMode": "yes",
         "LogLevel": "ERROR",
     }
+    if board.network == NAMESPACE:
+        words = shlex.join([sys.executable, "-IS", namespace.__file__, str(board.pid_file)])
+        settings |= {"ProxyCommand": f"{words.replace('%', '%%')} %h %p", "ProxyUseFdpass": "yes"}
     lines = [f"Host {board.name}", *(f"  {name} {value}" for name, value in settings.items())]
     board.ssh_config.write_text("\n".join(lines) + "\n", encoding="utf-8")
 

@@ -11,9 +11,12 @@ from xitl_cli.board import recipe
 from xitl_cli.board.emulator import boot, cut_power, running, wait_until_up
 from xitl_cli.board.image import BoardImage, cpio_archive, find_image, make_image, make_overlay
 from xitl_cli.board.keys import make_keys, seed_files, write_ssh_config
+from xitl_cli.board.network import check_network
 from xitl_cli.board.places import (
     FIRST_PORT,
+    FORWARDED,
     LAST_PORT,
+    NAMESPACE,
     PORTS_EACH,
     EmulatedBoard,
     board_folder,
@@ -49,7 +52,6 @@ def create(
     board = EmulatedBoard(name, suite, image.version, cores, memory_mib, _free_ports() if port is None else port)
     make_keys(folder, name)
     _make_disk(board, image)
-    write_ssh_config(board)
     write_record(board)
     return board
 
@@ -73,11 +75,23 @@ def _seed(board: EmulatedBoard) -> bytes:
     return gzip.compress(cpio_archive({f"seed/{path}": file for path, file in seed_files(board).items()}), mtime=0)
 
 
-def start(name: str, port: int | None, limit_s: float, progress: Progress) -> tuple[EmulatedBoard, float | None]:
-    """Boot a board and wait until it is up; the seconds that took, None where it was running already."""
-    board = the_board(name)
+def start(
+    name: str, port: int | None, network: str | None, limit_s: float, progress: Progress
+) -> tuple[EmulatedBoard, float | None]:
+    """Boot a board and wait until it is up; the seconds that took, None where it was running already.
+
+    port, network: as they were the last time where they are None. Raises UserError.
+    """
+    kept = the_board(name)
+    if network not in (None, FORWARDED, NAMESPACE):
+        raise UserError(f"--network {network}: no network of boards; use {FORWARDED} or {NAMESPACE}")
+    board = replace(kept, port=port or kept.port, network=network or kept.network)
     require(FOR_RUNNING)
-    if running(board) is not None:
+    if running(kept) is not None:
+        if board != kept:
+            raise UserError(
+                f"{name}: runs already, with another port or network; stop it first: xitl board stop {name}"
+            )
         wait_until_up(board, limit_s, progress)
         return board, None
     image = find_image(board.suite)
@@ -86,10 +100,9 @@ def start(name: str, port: int | None, limit_s: float, progress: Progress) -> tu
             f"{name}: was made with image {board.suite}-{board.image}, and this xitl uses "
             f"{board.suite}-{recipe.recipe_version()}; make it anew: xitl board remove {name}, xitl board create {name}"
         )
-    if port is not None and port != board.port:
-        board = replace(board, port=port)
-        write_ssh_config(board)
-        write_record(board)
+    check_network(board)
+    write_ssh_config(board)
+    write_record(board)
     boot(board, image.kernel)
     return board, wait_until_up(board, limit_s, progress)
 

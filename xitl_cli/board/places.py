@@ -7,17 +7,20 @@ import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from xitl_cli.board.recipe import BOARD_ADDRESS, SERVICE_PORTS
 from xitl_cli.cache import cache_root
 from xitl_cli.errors import UserError
 
 RECORD = "board.json"
 PORTS_EACH, FIRST_PORT, LAST_PORT = 10, 14700, 14990
+FORWARDED, NAMESPACE = "forwarded", "namespace"
+"""How a board is reached: by ports of 127.0.0.1 that its emulator forwards, or in a network namespace of its own."""
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,30}")
 
 
 def boards_root() -> Path:
     """The folder of all boards; it need not exist."""
-    return cache_root() / "boards"
+    return cache_root().absolute() / "boards"
 
 
 def images_root() -> Path:
@@ -27,7 +30,10 @@ def images_root() -> Path:
 
 @dataclass(frozen=True, slots=True)
 class EmulatedBoard:
-    """One board. port: the first of its ports on this machine. image: the version of the recipe it was made by."""
+    """One board. image: the version of the recipe it was made by.
+
+    port: the first of its ports on this machine where they are forwarded. network: FORWARDED or NAMESPACE.
+    """
 
     name: str
     suite: str
@@ -35,6 +41,7 @@ class EmulatedBoard:
     cores: int
     memory_mib: int
     port: int
+    network: str = FORWARDED
 
     @property
     def folder(self) -> Path:
@@ -42,24 +49,33 @@ class EmulatedBoard:
         return board_folder(self.name)
 
     @property
+    def address(self) -> str:
+        """Where its ports are: of this machine where they are forwarded, its own in its namespace."""
+        return BOARD_ADDRESS if self.network == NAMESPACE else "127.0.0.1"
+
+    @property
     def ssh_port(self) -> int:
-        """Of this machine, for the board's ssh server."""
-        return self.port
+        """Of its ssh server."""
+        return self._ports()[0]
 
     @property
     def autopilot_port(self) -> int:
-        """Of this machine, for the autopilot's agent on the board, port 14660 there."""
-        return self.port + 1
+        """Of the autopilot's agent."""
+        return self._ports()[1]
 
     @property
     def companion_port(self) -> int:
-        """Of this machine, for the companion's agent on the board, port 14661 there."""
-        return self.port + 2
+        """Of the companion's agent."""
+        return self._ports()[2]
 
     @property
     def mavlink_port(self) -> int:
-        """Of this machine, for an ArduPilot on the board, port 5762 there."""
-        return self.port + 3
+        """Of an ArduPilot, for ground stations."""
+        return self._ports()[3]
+
+    def _ports(self) -> tuple[int, ...]:
+        forwarded = tuple(range(self.port, self.port + len(SERVICE_PORTS)))
+        return SERVICE_PORTS if self.network == NAMESPACE else forwarded
 
     @property
     def disk(self) -> Path:
@@ -80,6 +96,11 @@ class EmulatedBoard:
     def console(self) -> Path:
         """What its console said since it was started."""
         return self.folder / "console.log"
+
+    @property
+    def pid_file(self) -> Path:
+        """The process of its emulator while it runs."""
+        return self.folder / "emulator.pid"
 
     @property
     def serial(self) -> Path:

@@ -76,6 +76,8 @@ BOARD_PORTS = (14660, 14661)
 """Where an agent on the board listens: the autopilot's, the companion's."""
 MAVLINK_PORT = 5762
 """Where an ArduPilot on the board listens for ground stations."""
+SSH_PORT = 22
+SERVICE_PORTS = (SSH_PORT, *BOARD_PORTS, MAVLINK_PORT)
 DISK_MIB = 3072
 CONSOLE_DEVICE = "ttyAMA0"
 SETUP_DONE = "xitl-setup: done"

@@ -21,17 +21,18 @@ FOR_MAKING = {
     "ssh-keygen": "openssh-client",
     "tar": "tar",
 }
+FOR_NAMESPACE = {"ip": "iproute2", "nsenter": "util-linux", "setpriv": "util-linux", "unshare": "util-linux"}
 _ALSO = "/usr/sbin:/sbin"  # where only root's PATH leads
 _LAST_LINES = 3
 
 
-def require(programs: dict[str, str]) -> None:
-    """Raises UserError that names the packages of all that are missing."""
-    missing = {package: name for name, package in programs.items() if find_program(name) is None}
+def require(programs: dict[str, str], what: str = "an emulated board") -> None:
+    """Raises UserError that names the packages of all that are missing; what: that needs them."""
+    missing = {name: package for name, package in programs.items() if find_program(name) is None}
     if missing:
         raise UserError(
-            f"an emulated board needs {_list(missing.values())}, which this machine has not; install it, on Debian or "
-            f"Ubuntu: apt install {' '.join(sorted(missing))}"
+            f"{what} needs {_list(missing)}, which this machine has not; install it, on Debian or Ubuntu: "
+            f"apt install {' '.join(sorted(set(missing.values())))}"
         )
 
 

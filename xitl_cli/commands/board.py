@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +24,7 @@ Seconds = Annotated[float, typer.Option("--for", metavar="S", min=0.0, max=3600.
 Port = Annotated[
     int | None, typer.Option(min=1024, max=65525, help="First of its ten ports on 127.0.0.1 (default: the first free).")
 ]
+Command = Annotated[list[str] | None, typer.Argument(metavar="[COMMAND]...", help="What to run there.")]
 
 
 def create(
@@ -47,13 +49,20 @@ def create(
 def start(
     name: Name,
     port: Port = None,
+    network: Annotated[
+        str | None,
+        typer.Option(
+            metavar="forwarded|namespace",
+            help="Ports of 127.0.0.1, or a network namespace of its own where it is 192.168.7.2 (default: as before).",
+        ),
+    ] = None,
     timeout: Annotated[float, typer.Option(metavar="S", min=5, help="How long it may take to come up.")] = 180.0,
 ) -> None:
     """Boot a board, wait until ssh lets us in, and print its address and the commands that use it."""
     from xitl_cli.board.life import start as begin
 
     with _telling() as tell:
-        board, took_s = begin(name, port, timeout, tell)
+        board, took_s = begin(name, port, network, timeout, tell)
     _say(f"{name}: {'runs already' if took_s is None else f'up after {took_s:.0f} s'}")
     for label, command in _commands(board):
         _say(f"  {label:<11}{command}")
@@ -155,7 +164,7 @@ def remove(
 def list_boards(as_json: Json = False) -> None:
     """List the boards that there are, and whether they run."""
     from xitl_cli.board.emulator import running
-    from xitl_cli.board.places import board_names, the_board
+    from xitl_cli.board.places import FORWARDED, board_names, the_board
     from xitl_cli.commands.terminal import show_rows, terminal
 
     boards = [the_board(name) for name in board_names()]
@@ -167,10 +176,11 @@ def list_boards(as_json: Json = False) -> None:
                 "cores": one.cores,
                 "memory_mib": one.memory_mib,
                 "running": running(one) is not None,
-                "ssh": f"127.0.0.1:{one.ssh_port}",
-                "autopilot": f"127.0.0.1:{one.autopilot_port}",
-                "companion": f"127.0.0.1:{one.companion_port}",
-                "mavlink": f"127.0.0.1:{one.mavlink_port}",
+                "network": one.network,
+                "ssh": f"{one.address}:{one.ssh_port}",
+                "autopilot": f"{one.address}:{one.autopilot_port}",
+                "companion": f"{one.address}:{one.companion_port}",
+                "mavlink": f"{one.address}:{one.mavlink_port}",
                 "serial": str(one.serial),
                 "folder": str(one.folder),
             }
@@ -188,26 +198,56 @@ def list_boards(as_json: Json = False) -> None:
             one.suite,
             str(one.cores),
             f"{one.memory_mib} MiB",
-            f"{one.port}–{one.mavlink_port}",
+            f"{one.address}:{one.port}–{one.mavlink_port}"
+            if one.network == FORWARDED
+            else f"{one.address}, {one.network}",
             f"{_used_mib(one)} MiB",
         ]
         for one in boards
     ]
-    show_rows(terminal(), ("board", "", "suite", "cores", "memory", "ports", "on disk"), table, text=(0, 1, 2))
+    show_rows(
+        terminal(),
+        ("board", "", "suite", "cores", "memory", "network", "on disk"),
+        table,
+        text=(0, 1, 2, 5),
+    )
 
 
-def ssh(
-    name: Name,
-    command: Annotated[list[str] | None, typer.Argument(metavar="[COMMAND]...", help="What to run there.")] = None,
-) -> None:
+def ssh(name: Name, command: Command = None) -> None:
     """Log in to a board as root, or run a command there."""
     from xitl_cli.board.emulator import the_running_board
     from xitl_cli.board.tools import FOR_RUNNING, require
 
     board = the_running_board(name)
     require(FOR_RUNNING)
+    _become(["ssh", "-F", str(board.ssh_config), board.name, *_given(command)])
+
+
+def enter(name: Name, command: Command = None) -> None:
+    """Run a command of this machine in the network namespace of a board, or a shell. Exit code: the command's."""
+    from xitl_cli.board.emulator import the_process
+    from xitl_cli.board.network import entering
+    from xitl_cli.board.places import the_board
+    from xitl_cli.errors import UserError
+
+    board = the_board(name)
+    words = _given(command) or [os.environ.get("SHELL", "/bin/sh")]
+    entered = entering(board, the_process(board), words)
+    if shutil.which(words[0]) is None:
+        raise UserError(f"{words[0]}: there is no such command on this machine; check its name, or give its path")
+    if not command:
+        _say(f"in the network of {name}, which is {board.address} there; exit leaves")
+    _become(entered)
+
+
+def _given(command: list[str] | None) -> list[str]:
+    """Without the -- that may stand before it."""
+    words = command or []
+    return words[1:] if words[:1] == ["--"] else words
+
+
+def _become(words: list[str]) -> None:
     sys.stdout.flush()
-    words = ["ssh", "-F", str(board.ssh_config), board.name, *(command or [])]
     os.execvp(words[0], words)
 
 
@@ -222,15 +262,23 @@ def console(name: Name) -> None:
 
 
 def _commands(board: EmulatedBoard) -> Iterator[tuple[str, str]]:
-    from xitl_cli.board.places import FIRST_PORT
-    from xitl_cli.board.recipe import BOARD_ADDRESS, BOARD_PORTS, INTERFACE
+    from xitl_cli.board.places import FIRST_PORT, NAMESPACE
+    from xitl_cli.board.recipe import BOARD_ADDRESS, BOARD_PORTS, HOST_ADDRESS, INTERFACE
 
     name = board.name
-    yield "address", f"127.0.0.1, ssh port {board.ssh_port}; {BOARD_ADDRESS} in its own network"
+    if board.network == NAMESPACE:
+        address = f"{BOARD_ADDRESS} in a network namespace of its own, this machine {HOST_ADDRESS} there"
+        sail = f"xitl board enter {name} xitl sim --profile hitl-beaglebone"
+    else:
+        address = f"{board.address}, ssh port {board.ssh_port}; {BOARD_ADDRESS} in its own network"
+        given = (
+            "" if board.port == FIRST_PORT else f" --set autopilot.link=udp://{board.address}:{board.autopilot_port}"
+        )
+        sail = f"xitl sim --profile hitl-virtual-board{given}"
+    yield "address", address
     yield "log in", f"xitl board ssh {name}"
     yield "deploy", f"xitl agent deploy board:{name} --service --link udp://{INTERFACE}:{BOARD_PORTS[0]}"
-    given = "" if board.port == FIRST_PORT else f" --set autopilot.link=udp://127.0.0.1:{board.autopilot_port}"
-    yield "sail", f"xitl sim --profile hitl-virtual-board{given}"
+    yield "sail", sail
     yield "check", f"xitl doctor board:{name}"
     yield "serial", f"serial://{board.serial}?baud=921600 here, serial:///dev/ttyS0?baud=921600 there"
     yield "stop", f"xitl board stop {name}"

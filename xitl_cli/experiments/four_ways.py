@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from xitl_cli.board.emulator import the_running_board
+from xitl_cli.board.emulator import the_reached_board
 from xitl_cli.experiments.report import told_text
 from xitl_cli.experiments.setup import ExperimentSetup, write_file
 from xitl_cli.experiments.time_series import Floats
@@ -43,8 +43,9 @@ def ways(emulated: str | None, real: str | None) -> Iterator[Way]:
     yield Way("in process", "sitl")
     yield Way("loopback", "hitl-beaglebone-loopback")
     if emulated is not None:
-        port = the_running_board(emulated).autopilot_port
-        yield Way("emulated board", "hitl-virtual-board", f"autopilot: {{link: 'udp://127.0.0.1:{port}'}}\n")
+        board = the_reached_board(emulated, f"xitl board compare {emulated}")
+        link = f"udp://{board.address}:{board.autopilot_port}"
+        yield Way("emulated board", "hitl-virtual-board", f"autopilot: {{link: {link!r}}}\n")
     if real is not None:
         yield Way("real board", "hitl-beaglebone", f"autopilot: {{link: {real!r}}}\n")
 

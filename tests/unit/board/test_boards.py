@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import socket
 import struct
@@ -11,11 +12,24 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+import typer.main
 
 from tests.free_ports import free_port
-from xitl_cli.board import autopilot, emulator, image, life, packages, recipe, tools
-from xitl_cli.board.places import EmulatedBoard, board_folder, board_names, find_board, the_board, write_record
+from xitl_cli.board import autopilot, emulator, image, keys, life, namespace, network, packages, recipe, tools
+from xitl_cli.board.places import (
+    FORWARDED,
+    NAMESPACE,
+    EmulatedBoard,
+    board_folder,
+    board_names,
+    find_board,
+    the_board,
+    write_record,
+)
+from xitl_cli.commands.board import _commands
 from xitl_cli.errors import UserError
+from xitl_cli.experiments.four_ways import ways
+from xitl_cli.main import _app
 
 
 @pytest.fixture(autouse=True)
@@ -136,13 +150,14 @@ def bootable(board: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> EmulatedB
     folder.mkdir(parents=True)
     facts = {"suite": "bookworm", "version": recipe.recipe_version(), "kernel_release": "6.1", "packages": 3}
     (folder / "image.json").write_text(json.dumps(facts))
+    (board.folder / f"{keys.HOST_KEY}.pub").write_text("ssh-ed25519 AAAA boat\n")
     moved = replace(board, port=free_port(10))
     write_record(moved)
     return moved
 
 
-def begin(limit_s: float = 0.0) -> None:
-    life.start("boat", None, limit_s, lambda doing: None)
+def begin(port: int | None = None, chosen: str | None = None) -> None:
+    life.start("boat", port, chosen, 0.0, lambda doing: None)
 
 
 def test_a_board_made_with_another_image_is_not_started(bootable: EmulatedBoard) -> None:
@@ -193,6 +208,197 @@ def test_the_emulator_listens_on_this_machine_alone(bootable: EmulatedBoard) -> 
     assert len(forwarded) == 6
     assert all(":127.0.0.1:" in part for part in forwarded)
     assert not any("0.0.0.0" in word for word in words)
+
+
+# -- network
+
+
+@pytest.fixture
+def apart(bootable: EmulatedBoard) -> EmulatedBoard:
+    """A board that was last started in a network namespace of its own."""
+    board = replace(bootable, network=NAMESPACE)
+    write_record(board)
+    return board
+
+
+def test_a_record_from_before_there_were_networks_has_forwarded_ports(board: EmulatedBoard) -> None:
+    record = board.folder / "board.json"
+    known = json.loads(record.read_text())
+    del known["network"]
+    record.write_text(json.dumps(known))
+    assert the_board("boat").network == FORWARDED
+
+
+def test_a_board_in_a_namespace_has_its_own_address_and_ports(apart: EmulatedBoard) -> None:
+    ports = (apart.ssh_port, apart.autopilot_port, apart.companion_port, apart.mavlink_port)
+    assert (apart.address, ports) == ("192.168.7.2", (22, 14660, 14661, 5762))
+    words = emulator.board_arguments(apart, Path("vmlinuz"))
+    assert words[words.index("-netdev") + 1] == "tap,id=net,ifname=tap0,script=no,downscript=no"
+    assert not any("hostfwd" in word for word in words)
+
+
+def started(board: EmulatedBoard, monkeypatch: pytest.MonkeyPatch, chosen: str | None = None) -> EmulatedBoard:
+    """The board as it is started, and as it is on record then."""
+    booted: list[EmulatedBoard] = []
+    monkeypatch.setattr(life, "check_network", lambda board: None)
+    monkeypatch.setattr(life, "boot", lambda board, kernel: booted.append(board))
+    monkeypatch.setattr(life, "wait_until_up", lambda *given: 0.0)
+    begin(chosen=chosen)
+    assert booted == [the_board("boat")]
+    return booted[0]
+
+
+def test_a_board_is_started_in_the_network_that_it_had_before(
+    bootable: EmulatedBoard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert started(bootable, monkeypatch) == bootable
+    assert started(bootable, monkeypatch, NAMESPACE).network == NAMESPACE
+    assert started(bootable, monkeypatch).network == NAMESPACE
+    assert started(bootable, monkeypatch, FORWARDED) == bootable
+
+
+def test_a_network_that_cannot_be_made_is_not_kept(bootable: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(network, "TUN", "/dev/no-such-device")
+    with pytest.raises(UserError, match="boat: /dev/no-such-device cannot be opened"):
+        begin(chosen=NAMESPACE)
+    assert the_board("boat") == bootable
+
+
+def test_a_network_that_there_is_not(bootable: EmulatedBoard) -> None:
+    with pytest.raises(UserError, match="--network bridge: no network of boards; use forwarded or namespace"):
+        begin(chosen="bridge")
+
+
+@pytest.mark.parametrize(("port", "chosen"), [(15000, None), (None, NAMESPACE)])
+def test_a_board_that_runs_keeps_its_network(
+    bootable: EmulatedBoard, monkeypatch: pytest.MonkeyPatch, port: int | None, chosen: str | None
+) -> None:
+    monkeypatch.setattr(life, "running", lambda board: 1)
+    monkeypatch.setattr(life, "wait_until_up", lambda *given: 0.0)
+    begin(bootable.port, FORWARDED)
+    with pytest.raises(UserError, match="boat: runs already, with another port or network; stop it first"):
+        begin(port, chosen)
+    assert the_board("boat") == bootable
+
+
+def test_ssh_goes_through_the_namespace(apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
+    def settings(board: EmulatedBoard) -> dict[str, str]:
+        keys.write_ssh_config(board)
+        lines = board.ssh_config.read_text().splitlines()
+        return dict(line.split(maxsplit=1) for line in lines)
+
+    monkeypatch.setattr(namespace, "__file__", "/a b/100%/namespace.py")
+    found = settings(apart)
+    assert (found["HostName"], found["Port"], found["ProxyUseFdpass"]) == ("192.168.7.2", "22", "yes")
+    assert found["ProxyCommand"].endswith(f" -IS '/a b/100%%/namespace.py' {apart.pid_file} %h %p")
+    forwarded = settings(replace(apart, network=FORWARDED))
+    assert (forwarded["HostName"], forwarded["Port"]) == ("127.0.0.1", str(apart.port))
+    assert "ProxyCommand" not in forwarded
+
+
+@pytest.mark.parametrize(("name", "todo"), [("missing", "modprobe tun"), ("forbidden", "let this user read and write")])
+def test_a_tun_device_that_cannot_be_opened(
+    apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, todo: str
+) -> None:
+    def refuse(path: str, flags: int) -> int:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(network, "TUN", str(tmp_path / name))
+    if name == "forbidden":
+        monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(
+        UserError, match=rf"{name} cannot be opened \(.*\); {todo}.*, or .*: xitl board start boat --network forwarded$"
+    ):
+        begin()
+
+
+def test_a_namespace_that_is_not_allowed(apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(words: list[str], what: str, todo: str) -> str:
+        assert words[:4] == ["unshare", "--user", "--map-current-user", "--keep-caps"]
+        raise UserError(f"{what} (unshare failed: Operation not permitted); {todo}")
+
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(network, "TUN", "/dev/null")
+    monkeypatch.setattr(network, "checked_run", run)
+    with pytest.raises(UserError, match=r"no network namespace can be made here \(.*\); start it as root, allow user"):
+        begin()
+
+
+def test_programs_that_only_a_namespace_needs(apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tools, "find_program", lambda name: None if name in tools.FOR_NAMESPACE else "/bin/x")
+    with pytest.raises(
+        UserError,
+        match=r"a board in a network namespace of its own needs ip, nsenter, setpriv and unshare, which this machine "
+        r"has not; .* apt install iproute2 util-linux$",
+    ):
+        begin()
+
+
+def test_a_board_with_forwarded_ports_has_nothing_to_enter(board: EmulatedBoard) -> None:
+    with pytest.raises(
+        UserError, match=r"boat: has forwarded ports .*; xitl board stop boat, then .* start boat --network namespace"
+    ):
+        network.entering(board, 1, ["true"])
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[str]:
+    """What `xitl board …` becomes, where the board's emulator is this very process."""
+    became: list[list[str]] = []
+    monkeypatch.setattr(emulator, "running", lambda board: os.getpid())
+    monkeypatch.setattr(os, "execvp", lambda program, command: became.append(command))
+    monkeypatch.setattr(tools, "find_program", lambda name: "/bin/x")
+    typer.main.get_command(_app()).main(["board", *words], standalone_mode=False)
+    return became[0]
+
+
+@pytest.mark.parametrize("given", ["sh -h", "sh --for 3 --verbose", "sh -- -c x"])
+def test_what_follows_the_name_is_the_commands(
+    apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch, given: str
+) -> None:
+    words = given.split()
+    assert typed(monkeypatch, "enter", "boat", *words) == words
+    assert typed(monkeypatch, "enter", "boat", "--", *words) == words
+    assert typed(monkeypatch, "ssh", "boat", *words)[-len(words) - 1 :] == ["boat", *words]
+
+
+def test_a_shell_where_no_command_is_given(
+    apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("SHELL", "/bin/sh")
+    assert typed(monkeypatch, "enter", "boat") == ["/bin/sh"]
+    assert "in the network of boat, which is 192.168.7.2 there" in capsys.readouterr().out
+    with pytest.raises(UserError, match="no-such-command: there is no such command on this machine; check its name"):
+        typed(monkeypatch, "enter", "boat", "no-such-command")
+
+
+def test_what_a_start_prints_fits_the_network(bootable: EmulatedBoard) -> None:
+    forwarded, apart = (dict(_commands(replace(bootable, network=one))) for one in (FORWARDED, NAMESPACE))
+    assert forwarded["sail"].startswith("xitl sim --profile hitl-virtual-board --set autopilot.link=udp://127.0.0.1:")
+    assert apart["sail"] == "xitl board enter boat xitl sim --profile hitl-beaglebone"
+    assert apart["address"].startswith("192.168.7.2 in a network namespace of its own")
+    assert forwarded["deploy"] == apart["deploy"]
+
+
+def test_what_needs_the_ports_of_a_board_is_told_to_enter_its_namespace(
+    apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(emulator, "running", lambda board: os.getpid())
+    (*_, way) = ways("boat", None)
+    assert "udp://192.168.7.2:14660" in way.keys
+    monkeypatch.setattr(network, "shares_network", lambda pid: False)
+    with pytest.raises(UserError, match=r"boat: is in a network .*: xitl board enter boat xitl board compare boat$"):
+        list(ways("boat", None))
+
+
+def test_a_namespace_of_another_user(apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(pid: int) -> bool:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(network, "shares_network", refuse)
+    with pytest.raises(
+        UserError, match=r"boat: its network namespace cannot be seen \(Permission denied\); be the user"
+    ):
+        network.entering(apart, 1, ["true"])
 
 
 def test_what_needs_a_running_board_says_so(board: EmulatedBoard) -> None:
