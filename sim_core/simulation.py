@@ -163,6 +163,7 @@ def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) 
     return WaterMotion(
         lambda places: environment.current.velocity_ned_mps(varies, places),
         lambda places: environment.surface_ned_z_m(time_ns * 1e-9, places),
+        environment.water.density_kgpm3,
     )
 
 

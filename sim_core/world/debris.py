@@ -1,7 +1,7 @@
 """Bodies adrift: trunks, branches, rafts of plants and animals; how deep they float, how they are carried and turned.
 
     make_body(BodyKind.TRUNK, length_m=None) -> Body
-    debris = launched(no_debris(), Launch(...), current_ned_mps, surface_down_m)
+    debris = launched(no_debris(), Launch(...), current_ned_mps, surface_down_m, water_kgpm3)
     debris = drift(debris, dt_ns, current_ned_mps, surface_down_m, push)
 
 Proportions of a body are those of the usual size scaled by the length. Its axes: forward along its length, right, down,
@@ -25,6 +25,7 @@ import numpy as np
 from numpy import float64
 from numpy.typing import NDArray
 
+from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.world.geometry import HIDE, LEAVES, WOOD, Material, Mesh, cylinder, ellipsoid, merged, moved
 from sim_core.world.plan import Capsules, Numbers
@@ -72,7 +73,7 @@ def _mean_depth_m(depth_m: Array) -> Array:
     return wet
 
 
-WATER_KGPM3 = 997.8
+USUAL_WATER_KGPM3 = Water().density_kgpm3
 Point = tuple[float, float, float]
 
 
@@ -104,7 +105,8 @@ class Body:
     """One thing afloat.
 
     middle_below_surface_m: depth of the middle at rest; draught_m, height_m: how far it reaches below and above the
-    surface. In plan it is a capsule: all points within radius_m of an axis of +-half_axis_m along forward.
+    surface. In plan it is a capsule: all points within radius_m of an axis of +-half_axis_m along forward. drag_kgpm:
+    1/2 rho C_d A along and across.
     """
 
     kind: BodyKind
@@ -117,12 +119,15 @@ class Body:
     height_m: float
     half_axis_m: float
     radius_m: float
+    drag_kgpm: tuple[float, float]
     swim_mps: float
 
 
 @lru_cache(maxsize=256)
-def make_body(kind: BodyKind, length_m: float | None = None) -> Body:
-    """A body of a kind, of the usual length unless given. The same arguments give the same object and mesh.
+def make_body(kind: BodyKind, length_m: float | None = None, water_kgpm3: float = USUAL_WATER_KGPM3) -> Body:
+    """A body of a kind, of the usual length unless given, afloat in water of a density.
+
+    The same arguments give the same object and mesh.
 
     Raises ValueError for a length that is no length.
     """
@@ -133,8 +138,10 @@ def make_body(kind: BodyKind, length_m: float | None = None) -> Body:
     mesh, half_axis_m, radius_m = _SHAPES[kind](scale, _MATERIAL[kind])
     low = float(mesh.vertices_m[:, 2].min())
     mass_kg = _DENSITY_KGPM3[kind] * volume_below_m3(mesh, low)
-    waterline = waterline_m(mesh, mass_kg / WATER_KGPM3)
+    waterline = waterline_m(mesh, mass_kg / water_kgpm3)
+    draught_m = float(mesh.vertices_m[:, 2].max()) - waterline
     width_m = 2.0 * radius_m
+    drag_m2 = DRAG_ALONG * width_m * draught_m, DRAG_ACROSS * (2.0 * half_axis_m + width_m) * draught_m
     return Body(
         kind=kind,
         length_m=length,
@@ -142,10 +149,11 @@ def make_body(kind: BodyKind, length_m: float | None = None) -> Body:
         mass_kg=mass_kg,
         yaw_inertia_kgm2=mass_kg * (length**2 + width_m**2) / 12.0,
         middle_below_surface_m=-waterline,
-        draught_m=float(mesh.vertices_m[:, 2].max()) - waterline,
+        draught_m=draught_m,
         height_m=waterline - low,
         half_axis_m=half_axis_m,
         radius_m=radius_m,
+        drag_kgpm=(0.5 * water_kgpm3 * drag_m2[0], 0.5 * water_kgpm3 * drag_m2[1]),
         swim_mps=_SWIM_MPS.get(kind, 0.0),
     )
 
@@ -244,8 +252,8 @@ class DebrisState:
 class Figures:
     """What does not change of B bodies, side by side.
 
-    masses_kg (B, 2): along and across, with the added ones. drag_kgpm (B, 2): 1/2 rho C_d A along and across.
-    inertia_kgm2, half_axis_m, radius_m, draught_m, middle_m (below the surface), swim_mps: (B,). phases_rad (B, 2).
+    masses_kg (B, 2): along and across, with the added ones. drag_kgpm (B, 2): as of `Body`. inertia_kgm2, half_axis_m,
+    radius_m, draught_m, middle_m (below the surface), swim_mps: (B,). phases_rad (B, 2).
     """
 
     masses_kg: Array
@@ -263,17 +271,14 @@ class Figures:
         def column(name: str) -> Array:
             return np.array([getattr(body, name) for body in bodies], dtype=float64)
 
-        mass, draught, width = column("mass_kg"), column("draught_m"), 2.0 * column("radius_m")
-        length = 2.0 * column("half_axis_m") + width
-        dynamic = 0.5 * WATER_KGPM3
         number = np.arange(len(bodies))
         return cls(
-            masses_kg=np.outer(mass, (1.0 + ADDED_ALONG, 1.0 + ADDED_ACROSS)),
-            drag_kgpm=dynamic * np.column_stack([DRAG_ALONG * width * draught, DRAG_ACROSS * length * draught]),
+            masses_kg=np.outer(column("mass_kg"), (1.0 + ADDED_ALONG, 1.0 + ADDED_ACROSS)),
+            drag_kgpm=column("drag_kgpm").reshape(-1, 2),
             inertia_kgm2=column("yaw_inertia_kgm2") * (1.0 + ADDED_ACROSS),
             half_axis_m=column("half_axis_m"),
             radius_m=column("radius_m"),
-            draught_m=draught,
+            draught_m=column("draught_m"),
             middle_m=column("middle_below_surface_m"),
             swim_mps=column("swim_mps"),
             phases_rad=2.0 * math.pi * np.column_stack([number * _GOLDEN % 1.0, number * _GOLDEN**2 % 1.0]),
@@ -294,9 +299,15 @@ def no_debris(time_ns: int = 0) -> DebrisState:
     return DebrisState(time_ns, (), none, none, np.empty(0), np.empty(0), 0, Figures.from_bodies(()))
 
 
-def launched(debris: DebrisState, launch: Launch, current_ned_mps: Array, surface_down_m: float) -> DebrisState:
+def launched(
+    debris: DebrisState,
+    launch: Launch,
+    current_ned_mps: Array,
+    surface_down_m: float,
+    water_kgpm3: float = USUAL_WATER_KGPM3,
+) -> DebrisState:
     """With one body more, that drifts with the (3,) current already. Raises ValueError for an impossible length."""
-    body = make_body(launch.kind, launch.length_m)
+    body = make_body(launch.kind, launch.length_m, water_kgpm3)
     bodies = (*debris.bodies, body)
     place = [launch.north_m, launch.east_m, surface_down_m + body.middle_below_surface_m]
     swimming = [body.swim_mps * math.cos(launch.heading_rad), body.swim_mps * math.sin(launch.heading_rad), 0.0]

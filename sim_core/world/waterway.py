@@ -62,6 +62,7 @@ class WaterMotion:
 
     current_ned_mps: Callable[[Array], Array]
     surface_down_m: Callable[[Array], Array]
+    density_kgpm3: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +188,8 @@ def launch_body(debris: DebrisState, launch: Launch, water: WaterMotion) -> Debr
     """One body more, now. Raises ValueError for an impossible length."""
     place = np.array([[launch.north_m, launch.east_m, 0.0]])
     current = water.current_ned_mps(place)[0]
-    return launched(debris, launch, current, float(water.surface_down_m(place[:, :2])[0]))
+    surface_down_m = float(water.surface_down_m(place[:, :2])[0])
+    return launched(debris, launch, current, surface_down_m, water.density_kgpm3)
 
 
 def _launch_due(waterway: Waterway, debris: DebrisState, time_ns: int, water: WaterMotion) -> DebrisState:

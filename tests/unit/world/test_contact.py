@@ -10,7 +10,7 @@ from asv import ASV
 
 from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.spec import CurrentSpec
+from sim_core.environment.spec import CurrentSpec, Water
 from sim_core.simulation import Simulation, SimulationState, initial, launch, step
 from sim_core.world import contact
 from sim_core.world.contact import (
@@ -21,7 +21,7 @@ from sim_core.world.contact import (
     pressed_n,
     wrench_frd,
 )
-from sim_core.world.debris import BodyKind, Launch
+from sim_core.world.debris import BodyKind, Launch, make_body
 from sim_core.world.plan import Capsules, box_capsules, touches
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import OPEN_WATER, Waterway
@@ -280,3 +280,13 @@ def test_each_vessel_of_several_feels_its_own() -> None:
     for _ in range(1200):
         alone = step(simulation, alone, np.full((1, 2), 0.6), rng)
     assert state.vessel.motion.pos_ned_m[0] == pytest.approx(alone.vessel.motion.pos_ned_m[0], abs=1e-9)
+
+
+def test_what_drifts_floats_in_the_water_of_the_vessel() -> None:
+    brackish = Environment(water=Water(density_kgpm3=1010.0))
+    trunk = Launch(0, BodyKind.TRUNK, 30.0, 0.0)
+    waterway = Waterway(Capsules.joined(()), launches=(trunk,))
+    simulation, rng = Simulation.from_spec(ASV, brackish, 0.0025, waterway), np.random.default_rng(0)
+    state = step(simulation, initial(simulation, np.zeros((1, 2)), np.zeros(1), rng), np.zeros((1, 2)), rng)
+    state = launch(simulation, state, trunk)
+    assert state.debris.bodies == (make_body(BodyKind.TRUNK, None, 1010.0),) * 2

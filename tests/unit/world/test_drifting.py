@@ -116,7 +116,7 @@ FAR_OFF = Kinematics(
 def carried(waterway: Waterway, current: tuple[float, float], seconds: float) -> Afloat:
     hull = np.zeros((2, 3)), np.full(1, 0.2)
     outline = Outline(*hull, 100.0, 1.0, *hull)
-    water = WaterMotion(lambda places: np.array([[*current, 0.0]]), lambda places: np.zeros(len(places)))
+    water = WaterMotion(lambda places: np.array([[*current, 0.0]]), lambda places: np.zeros(len(places)), 997.8)
     afloat = STILL
     for step in range(round(seconds * 1e9 / DT_NS)):
         afloat = waterway_step(waterway, outline, afloat, StepTimes(step * DT_NS, DT_NS, DT_NS), FAR_OFF, water)

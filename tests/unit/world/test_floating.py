@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim_core.world.debris import USUAL_LENGTH_M, WATER_KGPM3, BodyKind, make_body, volume_below_m3, waterline_m
+from sim_core.world.debris import USUAL_LENGTH_M, BodyKind, make_body, volume_below_m3, waterline_m
 from sim_core.world.geometry import WOOD, Mesh, box, cylinder, ellipsoid
 
 trimesh = pytest.importorskip("trimesh")
@@ -45,14 +45,14 @@ def test_an_ellipsoid_is_wet_by_a_cap() -> None:
 
 
 @pytest.mark.parametrize("kind", BodyKind)
-@pytest.mark.parametrize("scale", [0.5, 1.0, 1.4])
-def test_a_body_displaces_its_weight(kind: BodyKind, scale: float) -> None:
-    body = make_body(kind, scale * USUAL_LENGTH_M[kind])
+@pytest.mark.parametrize(("scale", "water_kgpm3"), [(0.5, 998.0), (1.0, 1025.0), (1.4, 998.0)])
+def test_a_body_displaces_its_weight(kind: BodyKind, scale: float, water_kgpm3: float) -> None:
+    body = make_body(kind, scale * USUAL_LENGTH_M[kind], water_kgpm3)
     whole = solid(body.mesh)
     assert whole.is_watertight
     assert whole.is_winding_consistent
     displaced = volume_below_m3(body.mesh, -body.middle_below_surface_m)
-    assert displaced * WATER_KGPM3 == pytest.approx(body.mass_kg, rel=1e-9)
+    assert displaced * water_kgpm3 == pytest.approx(body.mass_kg, rel=1e-9)
     assert body.draught_m + body.height_m == pytest.approx(np.ptp(whole.vertices[:, 2]))
 
 

@@ -153,7 +153,7 @@ class RiverNode(RunNode):
     def refusal(self, one: Launch) -> str | None:
         """Why it cannot be put into the water: no such body, land, a vessel, or too many; None where it can."""
         try:
-            body = make_body(one.kind, one.length_m)
+            body = make_body(one.kind, one.length_m, self._plant.simulation.environment.water.density_kgpm3)
         except ValueError as error:
             return str(error)
         if len(self._plant.state.debris.bodies) >= MOST_BODIES:
@@ -201,7 +201,7 @@ def river_from_profile(profile: RunProfile, seeds: Seeds, plant: Plant, progress
         mission.speed_mps,
         lambda place: current.velocity_ned_mps(np.zeros(1), place),
         waterway,
-        -profile.environment.water.level_m,
+        simulation.environment.water,
     )
     port = None if debris.control is None else LaunchPort(debris.control)
     return RiverNode(plant, encounters, port, profile.recording.scene, progress)

@@ -16,6 +16,7 @@ from numpy import bool_, float64
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from sim_core.environment.spec import Water
 from sim_core.world.debris import USUAL_LENGTH_M, Body, BodyKind, Launch, make_body
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile.schema.world import EncountersSpec
@@ -105,14 +106,14 @@ class DebrisEncounters:
         speed_mps: float,
         current_ned_mps: Callable[[Array], Array],
         waterway: Waterway,
-        water_down_m: float = 0.0,
+        water: Water,
     ) -> None:
         self._left = list(encounters)
         self._legs = legs
         self._speed_mps = speed_mps
         self._current_ned_mps = current_ned_mps
         self._waterway = waterway
-        self._water_down_m = water_down_m
+        self._water, self._water_down_m = water, -water.level_m
         self.no_room = 0
 
     def due(self, now_ns: int, place_ne_m: Point, target: int | None) -> list[Launch]:
@@ -131,7 +132,7 @@ class DebrisEncounters:
 
     def _launch(self, now_ns: int, encounter: DebrisEncounter, along_m: float) -> Launch | None:
         """From as far up the current as nothing is in its way; None where it would not fit on the leg itself."""
-        body = make_body(encounter.kind, encounter.length_m)
+        body = make_body(encounter.kind, encounter.length_m, self._water.density_kgpm3)
         meeting = self._legs.place(encounter.along_m, encounter.right_m)
         left_s = max(encounter.along_m - along_m, 0.0) / self._speed_mps
         current = self._current_ned_mps(np.array([[*meeting, 0.0]]))[0, :2]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
+from sim_core.environment.spec import Water
 from sim_core.world.debris import BodyKind, Launch, make_body
 from sim_core.world.plan import Capsules
 from sim_core.world.waterway import Waterway
@@ -19,6 +20,7 @@ from xitl_cli.run.world.encounters import DebrisEncounter, DebrisEncounters, Mis
 PLACES = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0))
 SPEED_MPS, STEP_S, LATE_S = 2.5, 0.02, 40.0
 OPEN = Waterway(Capsules.joined(()))
+WATER = Water(level_m=0.0)
 
 
 def current(north_mps: float, east_mps: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -41,7 +43,7 @@ def sailed(encounters: DebrisEncounters, legs: MissionLegs, begun_s: float = 0.0
 def test_it_drifts_onto_the_leg_as_the_vessel_gets_there(velocity: tuple[float, float]) -> None:
     legs = MissionLegs(PLACES)
     wanted = draw_encounters(Keys(count=6, off_m=0.5), legs.length_m, default_rng(3))
-    launches = sailed(DebrisEncounters(wanted, legs, SPEED_MPS, current(*velocity), OPEN), legs)
+    launches = sailed(DebrisEncounters(wanted, legs, SPEED_MPS, current(*velocity), OPEN, WATER), legs)
     assert len(launches) == 6
     for encounter, (along_m, launch) in zip(wanted, launches, strict=True):
         left_s = (encounter.along_m - along_m) / SPEED_MPS
@@ -72,7 +74,7 @@ def test_it_is_launched_nearer_where_something_stands_in_its_way() -> None:
     wall = Capsules(np.array([[-50.0, -6.0]]), np.array([[200.0, -6.0]]), np.array([0.4]), ("log boom",))
     legs = MissionLegs(PLACES)
     one = DebrisEncounter(50.0, 50.0, 0.0, BodyKind.ANIMAL, 1.2, 0.0)
-    met = DebrisEncounters([one], legs, SPEED_MPS, current(0.0, 0.5), Waterway(wall))
+    met = DebrisEncounters([one], legs, SPEED_MPS, current(0.0, 0.5), Waterway(wall), WATER)
     (launch,) = met.due(0, (0.0, 0.0), 0)
     assert -5.0 < launch.east_m < -3.0  # clear of it by half a metre and the animal's own size
     assert met.no_room == 0
@@ -86,6 +88,7 @@ def test_it_is_left_out_where_there_is_no_room() -> None:
         SPEED_MPS,
         current(0.0, 0.0),
         Waterway(wall),
+        WATER,
     )
     assert met.due(0, (0.0, 0.0), 0) == []
     assert met.no_room == 1
@@ -94,17 +97,17 @@ def test_it_is_left_out_where_there_is_no_room() -> None:
 def test_nothing_comes_while_the_vessel_heads_nowhere_or_there_is_none() -> None:
     legs = MissionLegs(PLACES)
     met = DebrisEncounters(
-        draw_encounters(Keys(count=3), legs.length_m, default_rng(1)), legs, SPEED_MPS, current(0.0, 0.0), OPEN
+        draw_encounters(Keys(count=3), legs.length_m, default_rng(1)), legs, SPEED_MPS, current(0.0, 0.0), OPEN, WATER
     )
     assert met.due(0, (99.0, 0.0), None) == []
-    assert DebrisEncounters((), legs, SPEED_MPS, current(0.0, 0.0), OPEN).due(0, (99.0, 0.0), 0) == []
+    assert DebrisEncounters((), legs, SPEED_MPS, current(0.0, 0.0), OPEN, WATER).due(0, (99.0, 0.0), 0) == []
 
 
 def test_a_vessel_that_is_late_meets_the_same() -> None:
     legs = MissionLegs(PLACES)
     wanted = draw_encounters(Keys(count=5), legs.length_m, default_rng(9))
     punctual, late = (
-        sailed(DebrisEncounters(wanted, legs, SPEED_MPS, current(0.3, 0.0), OPEN), legs, begun_s)
+        sailed(DebrisEncounters(wanted, legs, SPEED_MPS, current(0.3, 0.0), OPEN, WATER), legs, begun_s)
         for begun_s in (0.0, LATE_S)
     )
     assert len(punctual) == 5
