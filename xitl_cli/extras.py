@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.util import find_spec
 
+from xitl_cli.errors import UserError
+
 
 @dataclass(frozen=True, slots=True)
 class Extra:
@@ -18,6 +20,11 @@ class Extra:
     def missing(self) -> tuple[str, ...]:
         """Those of its packages that are not installed."""
         return tuple(package for package in self.packages if find_spec(package) is None)
+
+    def require(self, who: str) -> None:
+        """Raise UserError, with what to type, where a package is missing. who: with its verb, `a map needs`."""
+        if self.missing:
+            raise UserError(f"{who} {' and '.join(self.missing)}, not installed here; {self.pip_line}")
 
     @property
     def pip_line(self) -> str:

@@ -38,6 +38,7 @@ def base_install(directory: Path, *arguments: str) -> subprocess.CompletedProces
         ("perception", ("map", "run.mcap")),
         ("campaign", ("campaign", "environments")),
         ("figures", ("paper", "wdri", "--report")),
+        ("report", ("board", "compare")),
         ("perception", ("sim", "sitl-perception", "--duration", "1")),
     ],
 )

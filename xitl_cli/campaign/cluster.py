@@ -52,8 +52,7 @@ class SchedulerAwayError(UserError):
 
 def check_installed() -> None:
     """Raise UserError when packages of the extra are missing."""
-    if missing := CAMPAIGN.missing:
-        raise UserError(f"a campaign needs {' and '.join(missing)}, not installed here; {CAMPAIGN.pip_line}")
+    CAMPAIGN.require("a campaign needs")
 
 
 class DaskWorkers:

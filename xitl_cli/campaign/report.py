@@ -75,19 +75,12 @@ def summary_sections(table: ResultTable) -> list[Section]:
 
 def write_report(table: ResultTable) -> Path:
     """report.html in the campaign's folder: one page that needs no network. Raises LogError."""
+    from xitl_cli.logs.report.html import write_sections
+
     path = table.folder / REPORT
     name = str(table.about.get("name", table.folder.name))
     write_sections(path, f"Campaign {name}", subtitle(table), campaign_sections(table))
     return path
-
-
-def write_sections(path: Path, title: str, below: str, sections: Sequence[Section]) -> None:
-    """A page of sections. Raises LogError where plotly is not installed or the page cannot be written."""
-    from xitl_cli.logs.clocks.time_line import TimeLine
-    from xitl_cli.logs.report.html import write_page
-    from xitl_cli.logs.report.page import Page, PagePart
-
-    write_page(Page(title, below, tuple(PagePart(section, TimeLine()) for section in sections)), path)
 
 
 def subtitle(table: ResultTable) -> str:

@@ -139,7 +139,11 @@ def compare(
     from xitl_cli.commands.terminal import show_rows, terminal
     from xitl_cli.experiments.four_ways import PAGE, sail, table, ways, write_page
     from xitl_cli.experiments.setup import ExperimentSetup
+    from xitl_cli.extras import REPORT
+    from xitl_cli.logs.report.html import refuse_other
 
+    REPORT.require("the page needs")
+    refuse_other(out / PAGE)
     chosen = list(ways(name, board))
     sailed = sail(ExperimentSetup(out, seed, duration, overwrite, tell=_say), chosen)
     write_page(sailed, out / PAGE)

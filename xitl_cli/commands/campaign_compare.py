@@ -32,15 +32,14 @@ def compare(
 
     Differences with intervals and a paired t test; pass rates by McNemar's test; p-values for all of them together.
     """
-    if missing := CAMPAIGN.missing:
-        raise UserError(f"a comparison needs {' and '.join(missing)}, not installed here; {CAMPAIGN.pip_line}")
+    CAMPAIGN.require("a comparison needs")
     if (b is None) == (by is None):
         raise UserError("compare: give a second folder, or --by with an axis of the first; one of the two")
     from xitl_cli.campaign.compare import compare_by, compare_tables
-    from xitl_cli.campaign.report import comparison_section, write_sections
+    from xitl_cli.campaign.report import comparison_section
     from xitl_cli.campaign.results import ResultTable
     from xitl_cli.commands.sections import sections_document, show_sections
-    from xitl_cli.logs.report.html import refuse_other
+    from xitl_cli.logs.report.html import refuse_other, write_sections
 
     if report is not None:
         refuse_other(report)

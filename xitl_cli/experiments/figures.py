@@ -9,7 +9,6 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xitl_cli.errors import UserError
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, told_text
 from xitl_cli.experiments.setup import write_file
 from xitl_cli.extras import FIGURES
@@ -45,8 +44,7 @@ STYLE: dict[Any, Any] = {
 
 def check_figures_installed() -> None:
     """Raise UserError, with what to type, where figures cannot be drawn."""
-    if FIGURES.missing:
-        raise UserError(f"figures need {' and '.join(FIGURES.missing)}, which is not installed; {FIGURES.pip_line}")
+    FIGURES.require("figures need")
 
 
 def mark_paper(axes: Axes, value: float, text: str, across: bool = True) -> None:

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from xitl_cli.board.emulator import the_reached_board
 from xitl_cli.experiments.report import told_text
-from xitl_cli.experiments.setup import ExperimentSetup, write_file
-from xitl_cli.experiments.time_series import Floats
+from xitl_cli.experiments.setup import ExperimentSetup
+from xitl_cli.experiments.time_series import Floats, true_path_ne_m
 from xitl_cli.logs import open_log
+from xitl_cli.logs.model.sections import Grid, Plot, Section, Trace
 
 PAGE = "four-ways.html"
-_COLOURS = ("#1b6ca8", "#c2571a", "#3a8f4d", "#8a3ab9")
+EMULATED = "An emulated board is no hardware: its nodes weigh as virtual ones, and its timing is its emulator's."
 _KEPT = {True: "yes", False: "no", None: "lockstep"}
-_WIDTH, _HEIGHT = 640, 420
-_STYLE = (
-    "body{font:15px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
-    "table{border-collapse:collapse}td,th{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #ccc}"
-    "td:first-child,th:first-child{text-align:left}svg{width:100%;height:auto}"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +50,9 @@ def sail(setup: ExperimentSetup, chosen: Sequence[Way]) -> list[Way]:
         text = f"# {way.title}\nextends: {way.extends}\ndescription: The same mission, {way.title}\n{way.keys}"
         given = {"clock.seed": setup.seed, "clock.duration_s": setup.duration_s}
         result = setup.run_profile(f"{number}-{way.title.replace(' ', '-')}", text, given)
-        sailed.append(Way(way.title, way.extends, way.keys, result.summary, _path_ne_m(result.recording)))
+        with open_log(result.recording) as log:
+            sailed.append(Way(way.title, way.extends, way.keys, result.summary, true_path_ne_m(log)))
     return sailed
-
-
-def _path_ne_m(recording: Path) -> Floats:
-    with open_log(recording) as log:
-        found: Floats = np.asarray(log.tables["/truth/state"].values("position_ned_m"), dtype=np.float64)[:, :2]
-        return found
 
 
 def table(sailed: Sequence[Way]) -> list[list[str]]:
@@ -109,38 +96,14 @@ def _milli(value_us: float | None) -> float | None:
 
 
 def write_page(sailed: Sequence[Way], path: Path) -> None:
-    """One page with the paths and the table; nothing is loaded from elsewhere."""
-    head, *rows = [["", *(way.title for way in sailed)], *table(sailed)]
-    lines = ["".join(f"<th>{escape(cell)}</th>" for cell in head)]
-    lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
-    body = "".join(f"<tr>{line}</tr>\n" for line in lines)
-    write_file(
-        path,
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>The same mission</title>'
-        f"<style>{_STYLE}</style></head><body><h1>The same mission, {len(sailed)} ways</h1>\n"
-        f"{_drawn_paths(sailed)}\n<table>{body}</table>\n"
-        "<p>An emulated board is no hardware: its nodes weigh as virtual ones, and its timing is its emulator's.</p>"
-        "</body></html>\n",
-    )
+    """One page with the paths and the table; nothing is loaded from elsewhere. Raises LogError."""
+    from xitl_cli.logs.report.html import write_sections
 
-
-def _drawn_paths(sailed: Sequence[Way]) -> str:
-    """Paths over ground from above, north up, one scale for both directions."""
-    paths = [way.path_ne_m for way in sailed if way.path_ne_m is not None and len(way.path_ne_m)]
-    if not paths:
-        return "<p>No positions were recorded.</p>"
-    together = np.concatenate(paths)
-    low, high = together.min(axis=0), together.max(axis=0)
-    scale = 0.9 * min(_WIDTH / max(high[1] - low[1], 1.0), _HEIGHT / max(high[0] - low[0], 1.0))
-    middle = (low + high) / 2.0
-    drawn = []
-    for way, colour, row in zip(sailed, _COLOURS, range(len(sailed)), strict=False):
-        points = np.zeros((0, 2)) if way.path_ne_m is None else way.path_ne_m[:: max(1, len(way.path_ne_m) // 800)]
-        placed = (points - middle) * scale
-        corners = " ".join(f"{_WIDTH / 2 + east:.1f},{_HEIGHT / 2 - north:.1f}" for north, east in placed)
-        drawn.append(f'<polyline points="{corners}" fill="none" stroke="{colour}" stroke-width="1.5"/>')
-        drawn.append(f'<text x="8" y="{18 + 18 * row}" fill="{colour}" font-size="14">{escape(way.title)}</text>')
-    metres = 10.0 ** np.floor(np.log10(_WIDTH / scale / 3.0))
-    drawn.append(f'<path d="M8 {_HEIGHT - 8}h{metres * scale:.1f}" stroke="#444" stroke-width="3"/>')
-    drawn.append(f'<text x="8" y="{_HEIGHT - 14}" font-size="12">{metres:g} m</text>')
-    return f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="paths from above">{"".join(drawn)}</svg>'
+    known = [(way.title, *way.path_ne_m.T) for way in sailed if way.path_ne_m is not None and len(way.path_ne_m)]
+    paths = tuple(Trace(title, east, north) for title, north, east in known)
+    plots = (Plot("paths", "Paths over ground", "north (m)", paths, "map", "east (m)"),) if paths else ()
+    rows = tuple((name, *values) for name, *values in table(sailed))
+    grid = Grid("quantities", "What each of them measured", ("", *(way.title for way in sailed)), rows)
+    lacks = () if paths else ("No positions were recorded.",)
+    section = Section("ways", "Side by side", grids=(grid,), plots=plots, lacks=lacks)
+    write_sections(path, f"The same mission, {len(sailed)} ways", EMULATED, [section])

@@ -18,7 +18,7 @@ import xitl_cli.logs.signals as signals
 from xitl_cli.errors import UserError
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup
-from xitl_cli.experiments.time_series import Floats, TimeSeries, time_series
+from xitl_cli.experiments.time_series import Floats, TimeSeries, time_series, true_path_ne_m
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.logs import open_log
@@ -253,7 +253,7 @@ def loop_side(name: str, directory: Path) -> LoopSide:
         begun_s = _mission_s(log)
         return LoopSide(
             name,
-            _path_m(run),
+            true_path_ne_m(run),
             _from(time_series(signals.ground_speed(log)), begun_s),
             _from(time_series(signals.yaw(log)), begun_s),
             {
@@ -320,13 +320,6 @@ def _mission_s(log: Log) -> float | None:
         if span.from_ns < mode.until_ns and mode.from_ns < span.until_ns
     ]
     return min(starts) * 1e-9 if starts else None
-
-
-def _path_m(run: Log) -> Floats:
-    """(N, 2) true north and east."""
-    table = run.tables["/truth/state"]
-    found: Floats = np.asarray(table.values("position_ned_m"), dtype=np.float64)[:, :2]
-    return found
 
 
 def _from(found: TimeSeries | None, begun_s: float | None) -> TimeSeries | None:

@@ -111,12 +111,7 @@ class FusedCloud:
 
 def lidar_sonar_report(setup: ExperimentSetup) -> ExperimentReport:
     """One run. Raises UserError where perception is not installed, and InterruptedRunError."""
-    lacking = [package for package in PERCEPTION.missing if package != "trimesh"]
-    if PERCEPTION.missing:
-        raise UserError(
-            f"lidar and sonar need {' and '.join(lacking or PERCEPTION.missing)}, which is not installed; "
-            f"{PERCEPTION.pip_line}"
-        )
+    PERCEPTION.require("lidar and sonar need")
     duration_s = setup.duration_s or DURATION_S
     write_file(setup.out / _MESH, trunk_mesh())
     result = setup.run_profile("scene", scene_profile(setup.seed, duration_s), timed=True)

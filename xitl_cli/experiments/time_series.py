@@ -48,6 +48,12 @@ def time_series(series: Series | None, column: int | None = None) -> TimeSeries 
     return TimeSeries((series.stamp_ns * 1e-9).astype(np.float64), np.array(values, dtype=np.float64))
 
 
+def true_path_ne_m(run: Log) -> Floats:
+    """(N, 2) north and east over ground of a run's recording."""
+    found: Floats = np.asarray(run.tables["/truth/state"].values("position_ned_m"), dtype=np.float64)[:, :2]
+    return found
+
+
 def first_s(log: Log, name: str, holds: Callable[[Table], NDArray[np.bool_]]) -> float | None:
     """When a row of this table first is so, in seconds of the log's clock; None where that never is."""
     table = log.tables.get(name)

@@ -56,10 +56,7 @@ class ViewAddress:
 
 def check_view_extra() -> None:
     """Raise UserError where viser is not installed."""
-    if VIEW.missing:
-        raise UserError(
-            f"the 3D view cannot do without {' and '.join(VIEW.missing)}, not installed here; {VIEW.pip_line}"
-        )
+    VIEW.require("the 3D view cannot do without")
 
 
 def is_loopback(host: str) -> bool:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Severity
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity
 from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import Overview, Report
@@ -211,6 +211,11 @@ def write(report: Report, path: Path, replay: Replay | None = None) -> None:
 def write_page(page: Page, path: Path) -> None:
     """As `write`: the file is there as a whole or not at all."""
     write_text(path, html(page))
+
+
+def write_sections(path: Path, title: str, subtitle: str, sections: Sequence[Section]) -> None:
+    """A page of sections that are of no log. Raises LogError where plotly is not installed, and as `write`."""
+    write_page(Page(title, subtitle, tuple(PagePart(section, TimeLine()) for section in sections)), path)
 
 
 def refuse_other(path: Path) -> None:
