@@ -18,8 +18,8 @@ from sim_core.frames import Array
 from sim_core.vessel.derivatives import parse_derivative
 from sim_core.vessel.hydrodynamics import has_stern_force, hoerner_coefficient
 from sim_core.vessel.spec import DemiHull, Propeller, VesselSpec
+from sim_core.vessel.windage import AIR_DENSITY_KGPM3
 
-AIR_KGPM3 = 1.2
 _PLACES = 400
 _HEIGHTS = 400
 
@@ -172,7 +172,7 @@ def surge_drag_n(model: VesselSpec, speed_mps: float) -> float:
     if model.damping_linear_matrix is not None:
         linear += model.damping_linear_matrix[0][0]
     quadratic = model.damping_quadratic.surge - named.get("X_uu", 0.0)
-    quadratic += 0.5 * AIR_KGPM3 * model.wind.surge_coefficient * model.wind.frontal_area_m2
+    quadratic += 0.5 * AIR_DENSITY_KGPM3 * model.wind.surge_coefficient * model.wind.frontal_area_m2
     return linear * speed_mps + quadratic * abs(speed_mps) * speed_mps - named.get("X_uuu", 0.0) * speed_mps**3
 
 
@@ -197,7 +197,7 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
         onward = max(math.copysign(1.0, turning) * advance, 0.0)  # against the way its K_T is that at rest
         thrust = rest * (1.0 - onward / (propeller.zero_thrust_speed_mps * abs(turning)))
     elif propeller.medium == "air" and propeller.diameter_m is not None and rest > 0:
-        disc = 2.0 * AIR_KGPM3 * math.pi * propeller.diameter_m**2 / 4.0
+        disc = 2.0 * AIR_DENSITY_KGPM3 * math.pi * propeller.diameter_m**2 / 4.0
         power = rest**1.5 / math.sqrt(disc)
         low, high = 0.0, 3.0 * rest
         for _ in range(60):  # thrust times the speed through the disc is the power of rest
@@ -396,10 +396,10 @@ class HorizontalMotion:
             drag = -0.5 * self._water.density_kgpm3 * coefficient * cross.draft_m * step * np.abs(flow) * flow
             more[1] += float(drag.sum())
             more[5] += float(places @ drag)
-        wind, air = model.wind, 0.5 * AIR_KGPM3 * math.hypot(u, v)
+        wind, air = model.wind, 0.5 * AIR_DENSITY_KGPM3 * math.hypot(u, v)
         x -= air * wind.surge_coefficient * wind.frontal_area_m2 * u
         y -= air * wind.sway_coefficient * wind.lateral_area_m2 * v
-        n -= AIR_KGPM3 * wind.yaw_coefficient * wind.lateral_area_m2 * wind.length_m * u * v
+        n -= AIR_DENSITY_KGPM3 * wind.yaw_coefficient * wind.lateral_area_m2 * wind.length_m * u * v
         turned = dict(zip(self._gears, gears_rad.tolist(), strict=True))
         for number, (propeller, fraction) in enumerate(zip(model.propellers, fractions.tolist(), strict=True)):
             if not fraction:

@@ -114,27 +114,17 @@ def spiral(time_s: Array, rate_radps: Array, steering: Array) -> list[tuple[floa
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """Until the way ahead is lost: along the track, ahead of where the order was given, and to the side."""
+    """From the order on; track_reach_m: along the track. None: more way was kept."""
 
-    time_s: float
-    track_reach_m: float
-    head_reach_m: float
-    side_reach_m: float
+    time_s: float | None
+    track_reach_m: float | None
 
 
-def stopping(
-    time_s: Array, north_m: Array, east_m: Array, yaw_rad: Array, ahead_mps: Array, left: float = 0.0
-) -> Stop | None:
-    """None where more than the share `left` of the way was kept. The order is given at the first instant."""
+def stopping(time_s: Array, north_m: Array, east_m: Array, ahead_mps: Array, left: float = 0.0) -> Stop:
+    """Until the share `left` of the way ahead is left. The order is given at the first instant."""
     index = _first_at(-ahead_mps, -left * float(ahead_mps[0]) - 1e-12)
-    if index is None:
-        return None
-    north, east = north_m - north_m[0], east_m - east_m[0]
-    track = np.concatenate([[0.0], np.hypot(np.diff(north), np.diff(east)).cumsum()])
-    cosine, sine = math.cos(yaw_rad[0]), math.sin(yaw_rad[0])
-    reach = [_at(values, index) for values in (time_s - time_s[0], track, north * cosine + east * sine)]
-    side = _at(east * cosine - north * sine, index)
-    return Stop(*(float(value or 0.0) for value in (*reach, side)))
+    track_m = np.concatenate([[0.0], np.hypot(np.diff(north_m), np.diff(east_m)).cumsum()])
+    return Stop(_at(time_s - time_s[0], index), _at(track_m, index))
 
 
 def time_to_share(time_s: Array, speed_mps: Array, final_mps: float, share: float = 0.95) -> float | None:

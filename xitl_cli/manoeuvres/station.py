@@ -12,6 +12,7 @@ import numpy as np
 from agent.fcu.parameters import Parameters
 from sim_core.environment.spec import CurrentSpec, EnvironmentSpec, Water, WindSpec
 from sim_core.vessel.spec import VesselSpec
+from sim_core.vessel.windage import AIR_DENSITY_KGPM3
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 from xitl_cli.manoeuvres.measures import radius_of_share
@@ -26,12 +27,11 @@ CURRENT_OF_SPEED, WIND_OF_THRUST, MOST_WIND_MPS = 0.1, 0.1, 8.0
 """A tenth of the top speed, and a wind that pushes its side with a tenth of the thrust, but no more than a breeze."""
 ESTIMATE_M = 0.5
 """By which the estimate of the place, which the vessel keeps, may be off."""
-_AIR_KGPM3 = 1.2
 
 
 def station_conditions(model: VesselSpec, top_speed_mps: float, thrust_n: float) -> tuple[float, float]:
     """Current and wind, m/s."""
-    drag = 0.5 * _AIR_KGPM3 * model.wind.sway_coefficient * model.wind.lateral_area_m2
+    drag = 0.5 * AIR_DENSITY_KGPM3 * model.wind.sway_coefficient * model.wind.lateral_area_m2
     wind = math.sqrt(WIND_OF_THRUST * thrust_n / drag) if drag > 0 else MOST_WIND_MPS
     return round(CURRENT_OF_SPEED * top_speed_mps, 2), round(min(wind, MOST_WIND_MPS), 1)
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from sim_core import simulation as world
 from sim_core.environment.environment import Environment
-from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
-from sim_core.environment.waves import WaveField, realise_waves, wave_number
+from sim_core.environment.spec import GRAVITY_MPS2, Water
+from sim_core.environment.waves import WaveField
 from sim_core.frames import Array
 from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel.spec import VesselSpec
@@ -190,11 +190,10 @@ class SeaTrials:
         for vessel, (left, key, what, short) in enumerate(orders_given):
             north, east = track.pos_ned_m[:, vessel, :2].T
             ahead = track.velocity_frd[:, vessel, 0]
-            found = measures.stopping(track.time_s, north, east, track.euler_rad[:, vessel, 2], ahead, left)
-            way_m, time_s = (None, None) if found is None else (found.track_reach_m, found.time_s)
+            found = measures.stopping(track.time_s, north, east, ahead, left)
             facts += [
-                Fact(f"{key}_track_reach_m", f"way, {short}", way_m, "m"),
-                Fact(f"{key}_time_s", f"time, {short}", time_s, "s"),
+                Fact(f"{key}_track_reach_m", f"way, {short}", found.track_reach_m, "m"),
+                Fact(f"{key}_time_s", f"time, {short}", found.time_s, "s"),
             ]
             traces.append(Trace(what, track.time_s, ahead))
         plot = Plot("stopping", "Speed from the order on", "m/s", tuple(traces), "xy", "s")
@@ -264,12 +263,7 @@ def wave_numbers(model: VesselSpec, water: Water) -> tuple[tuple[float, ...], Ar
 def wave_responses(model: VesselSpec, water: Water, step_s: float) -> WaveResponses:
     """Free and at rest but for the waves, which go to the south; one vessel heads north, one east."""
     _, number, omega = wave_numbers(model, water)
-    sea = WaveSpec(spectrum="regular", significant_height_m=1.0, peak_period_s=1.0, direction_deg=180.0)
-    field = realise_waves(sea, water, np.random.default_rng(1))
-    assert isinstance(field, WaveField)
-    assert np.allclose(wave_number(omega, water.depth_m), number)
-    field = replace(
-        field,
+    field = WaveField(
         amplitude_m=WAVE_STEEPNESS / number,
         omega_radps=omega,
         wave_vector_radpm=np.column_stack([-number, 0.0 * number]),

@@ -13,11 +13,12 @@ import numpy as np
 
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water
-from sim_core.frames import Array
+from sim_core.frames import Array, matrix_to_euler
 from sim_core.simulation import Simulation
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Severity, Value
 from xitl_cli.manoeuvres.helm import FULL_STEERING_DEG, Helm
+from xitl_cli.manoeuvres.measures import stopping, time_to_share
 from xitl_cli.manoeuvres.small_motion import NaturalMode, Plane, SmallMotion, small_motion
 from xitl_cli.manoeuvres.track import Instant, Track, sail, spread, start, steady, still_water
 
@@ -160,7 +161,7 @@ def afloat_facts(rest: AtRest) -> Iterator[Fact]:
     keels = np.array([hull.keel_frd_m for hull in model.demi_hulls])
     drafts = keels @ rotation[2] + depth_m
     decks = np.array([hull.height_m for hull in model.demi_hulls]) * rotation[2, 2]
-    roll, pitch = _roll_pitch_deg(rotation)
+    roll, pitch, _ = np.degrees(matrix_to_euler(rotation)).tolist()
     yield Fact("displacement_kg", "displacement", model.mass_kg, "kg")
     yield Fact("draft_m", "draft amidships", _rounded(drafts.max()), "m")
     yield Fact("freeboard_m", "freeboard amidships", _rounded((decks - drafts).min()), "m")
@@ -168,13 +169,6 @@ def afloat_facts(rest: AtRest) -> Iterator[Fact]:
     yield Fact("heel_deg", "heel, to starboard positive", _rounded(roll), "deg")
     yield Fact("gm_transverse_m", "metacentric height, transverse", _rounded(rest.floating.gm_transverse_m), "m")
     yield Fact("gm_longitudinal_m", "metacentric height, longitudinal", _rounded(rest.floating.gm_longitudinal_m), "m")
-
-
-def _roll_pitch_deg(rotation: Array) -> tuple[float, float]:
-    return (
-        math.degrees(math.atan2(rotation[2, 1], rotation[2, 2])),
-        math.degrees(-math.asin(min(max(rotation[2, 0], -1.0), 1.0))),
-    )
 
 
 def _small(rest: AtRest) -> Iterator[Fact]:
@@ -203,8 +197,7 @@ def _under_way(rest: AtRest, runs: _Runs) -> Iterator[Fact]:
         yield Fact(f"speed_at_{name}_percent_mps", f"speed at {name} % throttle", _rounded(speed), "m/s")
     astern = -float(track.velocity_frd[:, full + 1, 0].min())  # before an unstable course is lost
     yield Fact("astern_speed_mps", "top speed astern", _rounded(astern), "m/s")
-    reached = np.flatnonzero(track.velocity_frd[:, full, 0] >= 0.95 * top)
-    time_s = float(track.time_s[reached[0]]) if top > 0 and reached.size else None
+    time_s = time_to_share(track.time_s, track.velocity_frd[:, full, 0], top) if top > 0 else None
     yield Fact("time_to_95_percent_s", "time to 95 % of top speed", _rounded(time_s), "s")
     yield Fact("trim_at_top_speed_deg", "trim there", _rounded(math.degrees(track.euler_rad[-1, full, 1])), "deg")
     stabilities: tuple[tuple[Plane, str, str], ...] = (
@@ -239,19 +232,14 @@ def _turning(runs: _Runs) -> Iterator[Fact]:
 
 def _stopping(runs: _Runs) -> Iterator[Fact]:
     track = runs.stops
-    along = track.velocity_frd[:, :, 0]
-    way = np.hypot(*np.moveaxis(np.diff(track.pos_ned_m[:, :, :2], axis=0), -1, 0)).cumsum(axis=0)
-    for vessel, least, name, text in (
-        (0, 0.0, "crash_stop", "full astern"),
-        (1, 0.1, "coasting", "propellers stopped"),
+    for vessel, left, name, text, until in (
+        (0, 0.0, "crash_stop", "full astern", "until it stands"),
+        (1, 0.1, "coasting", "propellers stopped", "until a tenth is left"),
     ):
-        ends = np.flatnonzero(along[1:, vessel] <= least * along[0, vessel])
-        over = ends[0] if ends.size else None
-        until = "until it stands" if not least else "until a tenth is left"
-        distance = None if over is None else float(way[over, vessel])
-        time_s = None if over is None else float(track.time_s[1:][over])
-        yield Fact(f"{name}_distance_m", f"{text}, distance {until}", _rounded(distance), "m")
-        yield Fact(f"{name}_time_s", f"{text}, time", _rounded(time_s), "s")
+        north, east = track.pos_ned_m[:, vessel, :2].T
+        found = stopping(track.time_s, north, east, track.velocity_frd[:, vessel, 0], left)
+        yield Fact(f"{name}_distance_m", f"{text}, distance {until}", _rounded(found.track_reach_m), "m")
+        yield Fact(f"{name}_time_s", f"{text}, time", _rounded(found.time_s), "s")
 
 
 def _rounded(value: float | None) -> float | None:

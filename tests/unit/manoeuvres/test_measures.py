@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from xitl_cli.manoeuvres.measures import (
+    Stop,
     decay,
     radius_of_share,
     response,
@@ -89,14 +90,11 @@ def test_a_stop_at_constant_deceleration() -> None:
     ahead = 3 - 0.5 * TIME_S
     way = 3 * TIME_S - 0.25 * TIME_S**2
     course = math.radians(30)
-    found = stopping(TIME_S, way * math.cos(course), way * math.sin(course), np.full_like(TIME_S, course), ahead)
-    assert found is not None
-    assert (found.time_s, found.track_reach_m, found.head_reach_m) == pytest.approx((6.0, 9.0, 9.0), rel=1e-6)
-    assert found.side_reach_m == pytest.approx(0.0, abs=1e-9)
-    half = stopping(TIME_S, way, 0 * way, 0 * way, ahead, left=0.5)
-    assert half is not None
+    found = stopping(TIME_S, way * math.cos(course), way * math.sin(course), ahead)
+    assert (found.time_s, found.track_reach_m) == pytest.approx((6.0, 9.0), rel=1e-6)
+    half = stopping(TIME_S, way, 0 * way, ahead, left=0.5)
     assert half.time_s == pytest.approx(3.0)
-    assert stopping(TIME_S, way, 0 * way, 0 * way, 1 + 0 * way) is None
+    assert stopping(TIME_S, way, 0 * way, 1 + 0 * way) == Stop(None, None)
 
 
 def test_time_to_a_share_of_an_exponential() -> None:
