@@ -50,8 +50,8 @@ class Bisection:
     confidence: float
     width: float
     runs_per_point: int
-    points: int = 5
-    most_runs: int = 400
+    points: int
+    most_runs: int
     logarithmic: bool = False
 
     def between(self, low: float, high: float, share: float) -> float:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
-from xitl_cli.campaign.results import ResultTable
+from xitl_cli.campaign.execution import COMPLETED, RAN
+from xitl_cli.campaign.results import ResultTable, is_number
 from xitl_cli.campaign.statistics import PairedDifference, PairedRates, holm, paired_difference, paired_rates
 from xitl_cli.errors import UserError
 
@@ -115,7 +114,7 @@ def compare_sides(
     compared = []
     for figure in figures:
         values = [(one.get(figure), other.get(figure)) for one, other in whole]
-        numbers = [pair for pair in values if all(_is_number(value) for value in pair)]
+        numbers = [pair for pair in values if all(is_number(value) for value in pair)]
         if numbers:
             at_a, at_b = np.array(numbers, dtype=np.float64).T
             compared.append(FigureComparison(figure, paired_difference(at_a, at_b, confidence), None))
@@ -185,18 +184,14 @@ def _both(a: Sequence[str], b: Sequence[str]) -> list[str]:
 def counted_statuses(verdicts: Iterable[str]) -> tuple[str, ...]:
     """Of runs whose figures count. Where completing is asked for, what a run left halfway says would be too good."""
     asked = any(text.split(".")[-1].startswith("completed") or ".completed" in text for text in verdicts)
-    return (COMPLETED,) if asked else (COMPLETED, INCOMPLETE)
+    return (COMPLETED,) if asked else RAN
 
 
 def _ran(row: Row) -> bool:
-    return row.get("status") in (COMPLETED, INCOMPLETE)
+    return row.get("status") in RAN
 
 
 def _text(value: Any) -> str:
-    if _is_number(value):
+    if is_number(value):
         return f"{float(value):.12g}"
     return value if isinstance(value, str) else json.dumps(value, sort_keys=True)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -16,10 +16,9 @@ from typing import Any, Protocol
 
 from xitl_cli.campaign.axes import RunPoint
 from xitl_cli.campaign.execution import (
-    COMPLETED,
     FAILED,
-    INCOMPLETE,
     KILLED,
+    RAN,
     RETRIED,
     Row,
     RunTask,
@@ -240,7 +239,7 @@ class Campaign:
 
     def _check_figures(self, summary: Mapping[str, Any] | None, status: str) -> None:
         """Raises PlanError when the first summary does not have a figure of the plan."""
-        if self._checked or summary is None or status not in (COMPLETED, INCOMPLETE):
+        if self._checked or summary is None or status not in RAN:
             return
         check_figures(self.plan, summary)
         self._checked = True
@@ -299,7 +298,7 @@ def try_first_run(plan: CampaignPlan) -> None:
     )
     if row["status"] == FAILED:
         raise plan.problem("base", f"base: {plan.base.name} does not run: {row['error']}")
-    if row["summary"] is not None and row["status"] in (COMPLETED, INCOMPLETE):
+    if row["summary"] is not None and row["status"] in RAN:
         check_figures(plan, row["summary"])
 
 

@@ -31,7 +31,8 @@ Row: TypeAlias = dict[str, Any]
 
 COMPLETED, INCOMPLETE, FAILED = "completed", "incomplete", "failed"
 CRASHED, TIMEOUT, MEMORY, KILLED = "crashed", "timeout", "memory", "killed"
-STATUSES = (COMPLETED, INCOMPLETE, FAILED, CRASHED, TIMEOUT, MEMORY, KILLED)
+RAN = (COMPLETED, INCOMPLETE)
+"""Statuses of runs that came to an end of their own."""
 RETRIED = (CRASHED, TIMEOUT, MEMORY, KILLED)
 """Statuses that another attempt may mend."""
 

@@ -25,6 +25,8 @@ _CANDIDATES = 5  # failing points that are tried from the nearest on, as one of 
 class Exploration:
     """nominal: where the vessel is at home. points: places in all, of `runs_per_point` runs, `batch` at a time.
 
+    width: of the boundary's interval, at most. most_runs: where it gives up.
+
     The batch is part of the search and not of the cluster: with any number of workers the places are the same.
     """
 
@@ -32,11 +34,11 @@ class Exploration:
     rate: float
     confidence: float
     runs_per_point: int
-    points: int = 96
-    batch: int = 8
-    seed: int = 0
-    width: float = 0.05
-    most_runs: int = 1000
+    points: int
+    batch: int
+    seed: int
+    width: float
+    most_runs: int
 
 
 @dataclass(frozen=True, slots=True)

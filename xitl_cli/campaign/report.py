@@ -17,9 +17,9 @@ from xitl_cli.campaign import pictures
 from xitl_cli.campaign.axes import short, value_text
 from xitl_cli.campaign.bisection import BoundaryFinding, Outcome
 from xitl_cli.campaign.compare import CampaignComparison, counted_statuses
-from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
+from xitl_cli.campaign.execution import RAN
 from xitl_cli.campaign.exploration import ExplorationFinding
-from xitl_cli.campaign.results import ResultTable
+from xitl_cli.campaign.results import ResultTable, is_number
 from xitl_cli.campaign.search import SearchFinding, told_again, verdict
 from xitl_cli.campaign.search_spec import Search, SensitivitySpec
 from xitl_cli.campaign.sensitivity import Elasticity, Sensitivity, elasticities, sensitivities
@@ -105,7 +105,7 @@ def runs_section(table: ResultTable) -> Section:
         counted = tuple((text, len(known), sum(known), rate_text(sum(known), len(known))) for text, known in told)
         grids.append(Grid("verdicts", "Verdicts", ("verdict", "runs", "passed", "rate"), counted))
     findings = []
-    broken = {name: count for name, count in statuses.items() if name not in (COMPLETED, INCOMPLETE)}
+    broken = {name: count for name, count in statuses.items() if name not in RAN}
     if broken:
         said = ", ".join(f"{count} {name}" for name, count in broken.items())
         findings.append(
@@ -127,7 +127,7 @@ def figures_section(table: ResultTable) -> Section:
     for figure in table.figures:
         upper = next((limit.upper for limit in told if limit.figure == figure), True)
         for name, members in groups.items():
-            known = [row for row in members if row.get("status") in statuses and _is_number(row.get(figure))]
+            known = [row for row in members if row.get("status") in statuses and is_number(row.get(figure))]
             if not known:
                 continue
             of = spread(np.array([float(row[figure]) for row in known]))
@@ -144,23 +144,24 @@ def figures_section(table: ResultTable) -> Section:
         whole = tuple(row for rows in by_figure.values() for row in rows)
         grids = (Grid("figures", "All runs", ("figure", *columns), whole),) if whole else ()
     title = "Figures (95 % and worst toward their bad side)"
-    return Section("figures", title, (), (), grids, tuple(_figure_plots(table, told)))
+    counted = [row for row in table.rows if row.get("status") in statuses]
+    return Section("figures", title, (), (), grids, tuple(_figure_plots(table, counted, told)))
 
 
-def _figure_plots(table: ResultTable, told: Sequence[Limit]) -> Iterable[Plot]:
+def _figure_plots(table: ResultTable, counted: Sequence[Row], told: Sequence[Limit]) -> Iterable[Plot]:
     limited = [limit.figure for limit in told]
-    varying = [figure for figure in table.figures if _spread_out(table.column(figure))]
+    varying = [figure for figure in table.figures if _spread_out([row.get(figure) for row in counted])]
     chosen = list(dict.fromkeys([*(one for one in limited if one in varying), *varying]))[:_MOST_PICTURED]
     for figure in chosen:
         at = [limit.value for limit in told if limit.figure == figure]
         for axis in table.axes:
             by_value: dict[str, list[float]] = {}
-            for row in table.rows:
-                if _is_number(row.get(figure)):
+            for row in counted:
+                if is_number(row.get(figure)):
                     by_value.setdefault(value_text(row.get(axis)), []).append(float(row[figure]))
             if 2 <= len(by_value) <= _MOST_GROUPS:
                 yield pictures.boxes(figure, axis, by_value, at)
-        values = [float(row[figure]) for row in table.rows if _is_number(row.get(figure))]
+        values = [float(row[figure]) for row in counted if is_number(row.get(figure))]
         yield pictures.histogram(figure, values, at)
 
 
@@ -353,7 +354,7 @@ def _effects_grid(told: Sensitivity) -> Grid:
 def elasticity_section(table: ResultTable) -> Section:
     """Of a one-at-a-time plan: by how many per cent a figure changes for one per cent of an axis."""
     base = table.about.get("base_values", {})
-    nominal = {axis: float(base[axis]) for axis in table.axes if _is_number(base.get(axis))}
+    nominal = {axis: float(base[axis]) for axis in table.axes if is_number(base.get(axis))}
     grids = []
     for figure in table.figures:
         told = elasticities(nominal, _series(table, figure, nominal), 0.95)
@@ -377,14 +378,14 @@ def _series(
     """For each axis and seed its values with the figure; the run of the base belongs to every axis."""
     series: dict[str, dict[int, list[tuple[float, float]]]] = {axis: {} for axis in nominal}
     for row in table.rows:
-        if row.get("status") not in (COMPLETED, INCOMPLETE) or not _is_number(row.get(figure)):
+        if row.get("status") not in RAN or not is_number(row.get(figure)):
             continue
         varied = [
             axis for axis in table.axes if row.get(axis) is not None and row[axis] != table.about["base_values"][axis]
         ]
         for axis in nominal if not varied else [axis for axis in varied if axis in nominal]:
             value = nominal[axis] if not varied else row[axis]
-            if _is_number(value):
+            if is_number(value):
                 series[axis].setdefault(row["seed"], []).append((float(value), float(row[figure])))
     return series
 
@@ -393,7 +394,7 @@ def map_section(table: ResultTable) -> Section:
     """Pass or fail over the first two axes that are numbers."""
     across, up = _numeric_axes(table)[:2]
     judged = [row for row in table.rows if verdict(row) is not None]
-    judged = [row for row in judged if _is_number(row.get(across)) and _is_number(row.get(up))]
+    judged = [row for row in judged if is_number(row.get(across)) and is_number(row.get(up))]
     if not judged:
         return Section("map", "Pass and fail")
     x, y = (np.array([float(row[axis]) for row in judged]) for axis in (across, up))
@@ -413,13 +414,13 @@ def worst_section(table: ResultTable) -> Section:
     """Runs to look at first, each with the command that repeats it."""
     told = limits(table.verdicts)
     worst = table.worst(_WORST)
-    passing = [row for row in table.rows if row not in worst and told and _is_number(row.get(told[0].figure))]
+    passing = [row for row in table.rows if row not in worst and told and is_number(row.get(told[0].figure))]
     worst += sorted(passing, key=lambda row: _margin(row, told[0]))[: _WORST - len(worst)]
     figure = told[0].figure if told else next((one for one in table.figures if _spread_out(table.column(one))), "")
     rows = tuple(
         (
             row["number"],
-            short(row[figure]) if _is_number(row.get(figure)) else "",
+            short(row[figure]) if is_number(row.get(figure)) else "",
             str(row.get("status")) if not row.get("error") else f"{row['status']}: {row['error']}",
             {True: "yes", False: "no", None: ""}[row.get("passed")],
             row["seed"],
@@ -568,7 +569,7 @@ def _numeric_axes(table: ResultTable) -> list[str]:
 
 def _spread_out(values: Sequence[Any]) -> bool:
     """Numbers, and not one number alone."""
-    return len({float(value) for value in values if _is_number(value)}) > 1
+    return len({float(value) for value in values if is_number(value)}) > 1
 
 
 def _rows(found: BoundaryFinding) -> list[tuple[float, int, int]]:
@@ -592,7 +593,3 @@ def _p_text(value: float | None) -> str:
     if value is None:
         return ""
     return "< 0.0001" if value < 1e-4 else f"= {value:.2g}"
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +22,7 @@ from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any
 
 from agent import __version__
-from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE, Row
+from xitl_cli.campaign.execution import RAN, Row
 from xitl_cli.campaign.plan import SAME_RUNS, CampaignPlan
 from xitl_cli.errors import UserError
 
@@ -99,14 +100,14 @@ class ResultTable:
             off = [
                 abs(row[path] - middle) / max(abs(middle), 1e-9)
                 for path, middle in middles.items()
-                if middle is not None and any(path in text for text in broken) and _is_number(row.get(path))
+                if middle is not None and any(path in text for text in broken) and is_number(row.get(path))
             ]
-            return row["status"] not in (COMPLETED, INCOMPLETE), len(broken), max(off, default=0.0)
+            return row["status"] not in RAN, len(broken), max(off, default=0.0)
 
         return sorted(failed, key=badness, reverse=True)[:count]
 
     def _middle(self, path: str) -> float | None:
-        values = sorted(value for value in self.column(path) if _is_number(value))
+        values = sorted(value for value in self.column(path) if is_number(value))
         return values[len(values) // 2] if values else None
 
     def to_pandas(self) -> pd.DataFrame:
@@ -132,8 +133,9 @@ class ResultTable:
         return path
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+def is_number(value: Any) -> bool:
+    """Whether a figure or a value of an axis is a finite number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _array(pyarrow: Any, values: list[Any]) -> Any:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from xitl_cli.campaign.axes import AxisValue, RunPoint
 from xitl_cli.campaign.bisection import Bisection, BoundaryFinding, bisect
-from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
+from xitl_cli.campaign.execution import RAN
 from xitl_cli.campaign.exploration import Exploration, ExplorationFinding, explore
 from xitl_cli.campaign.search_spec import MOST_RUNS_ONE_AXIS, MOST_RUNS_SEVERAL, Search
 
@@ -63,7 +63,7 @@ def first_points(search: Search) -> Iterator[RunPoint]:
 
 def verdict(row: Row) -> bool | None:
     """Whether a run passed; None where it broke: that says nothing of the vessel."""
-    return bool(row.get("passed")) if row.get("status") in (COMPLETED, INCOMPLETE) else None
+    return bool(row.get("passed")) if row.get("status") in RAN else None
 
 
 def told_again(search: Search, rows: Iterable[Row]) -> list[SearchFinding]:
@@ -136,7 +136,7 @@ def bisection(search: Search) -> Bisection:
 def exploration(search: Search) -> Exploration:
     """What a search over several axes is to do."""
     spec = search.spec
-    chosen = Exploration(
+    return Exploration(
         nominal=search.nominal,
         rate=spec.pass_rate,
         confidence=spec.confidence,
@@ -144,6 +144,6 @@ def exploration(search: Search) -> Exploration:
         points=spec.points or _POINTS_SEVERAL,
         batch=spec.batch,
         seed=search.seed,
+        width=spec.width or _WIDTH_SHARE,
         most_runs=spec.most_runs or MOST_RUNS_SEVERAL,
     )
-    return chosen if spec.width is None else replace(chosen, width=spec.width)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
+from math import log
 from typing import Annotated, Any, Literal
 
 from sim_core.keys import Bounds, Items, Positive, Specification, SpecificationError
@@ -78,10 +79,7 @@ class AxisRange:
         return float(f"{exact:.12g}")
 
     def share(self, value: float) -> float:
-        """The way to a value, held within the range."""
-        from math import log
-
-        value = min(max(value, self.low), self.high)
+        """The way to a value within."""
         if self.log:
             return log(value / self.low) / log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
@@ -155,4 +153,10 @@ def _nominal(spec: SearchSpec, one: AxisRange, of_base: Any) -> float:
     value = spec.nominal.get(one.key, of_base)
     if not isinstance(value, (int, float)) or isinstance(value, bool):
         raise SpecificationError(("nominal",), f"needs {one.key}, of which the base has no number; add it")
+    if not one.low <= value <= one.high:
+        whose = "" if one.key in spec.nominal else " of the base"
+        raise SpecificationError(
+            ("nominal",),
+            f"has {one.key} = {value:g}{whose}, outside the axis from {one.low:g} to {one.high:g}; give a value within",
+        )
     return one.share(float(value))

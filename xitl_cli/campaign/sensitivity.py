@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from xitl_cli.campaign.axes import Axis, AxisValue, RunPoint
-from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE
+from xitl_cli.campaign.execution import RAN
 from xitl_cli.campaign.search_spec import SensitivitySpec
 from xitl_cli.campaign.statistics import Floats, Interval, mean_interval
 
@@ -23,8 +23,9 @@ Row = Mapping[str, Any]
 class AxisEffect:
     """What an axis does to a figure, its interval beside it.
 
-    sobol: `main` is the first-order index, `total` the total one, as shares of the variance. morris: `total` is mu*, in
-    the figure's unit over the whole range, `main` is its sign times mu*, i.e. mu; `interaction` is sigma.
+    sobol: `main` is the first-order index, `total` the total one, as shares of the variance. morris, of the elementary
+    effects in the figure's unit over the whole range: `main` is mu, their mean, `total` mu*, that of their magnitudes,
+    and `interaction` sigma, their deviation.
     """
 
     axis: str
@@ -166,7 +167,7 @@ def sensitivities(
         values = np.full((max(places) + 1, seeds), np.nan)
         for number, row in by_number.items():
             value = row.get(figure)
-            ran = row.get("status") in (COMPLETED, INCOMPLETE)
+            ran = row.get("status") in RAN
             if ran and isinstance(value, (int, float)) and 1 <= number <= values.size:
                 values.flat[number - 1] = float(value)
         of_sample = values.mean(axis=1)[np.asarray(places)]

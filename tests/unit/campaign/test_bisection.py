@@ -15,7 +15,7 @@ pytest.importorskip("scipy")
 from xitl_cli.campaign.bisection import Bisection, BoundaryFinding, Outcome, bisect
 
 PassRate = Callable[[Any], float]
-SEARCH = Bisection(low=0.0, high=10.0, rate=0.5, confidence=0.95, width=1.0, runs_per_point=10)
+SEARCH = Bisection(low=0.0, high=10.0, rate=0.5, confidence=0.95, width=1.0, runs_per_point=10, points=5, most_runs=400)
 
 
 def driven(search: Generator[list[Any], Any, Any], rate: PassRate, rng: np.random.Generator) -> Any:

@@ -55,6 +55,21 @@ def test_the_page_has_its_plots_and_the_commands_that_repeat_runs(tmp_path: Path
     assert values[0] == max(values)
 
 
+def test_pictures_show_the_runs_that_count(tmp_path: Path) -> None:
+    """Of seeds 1 to 21 the last one ends halfway, with a figure that is not to be seen."""
+
+    def figures(values: object, seed: int) -> dict[str, object]:
+        told = dict.fromkeys(re.findall(r"[\w.]+_(?:m|deg)\b", ENVIRONMENTS.split("keep:")[1]), 0.1 * seed)
+        return {**told, "driver.completed": seed < 21, "status": "incomplete" if seed == 21 else "completed"}
+
+    table, _ = imagined(planned(tmp_path, ENVIRONMENTS), tmp_path / "out", figures)
+    (section,) = [section for section in campaign_sections(table) if section.key == "figures"]
+    assert {grid.rows[0][4] for grid in section.grids} == {2}  # the worst
+    drawn = [data.get("x") or data["y"] for plot in section.plots for data in plot.figure["data"]]  # type: ignore[index]
+    assert len(drawn) > len(section.grids)
+    assert {max(values) for values in drawn} == {2.0}
+
+
 def test_the_table_of_the_readme(tmp_path: Path) -> None:
     """21 runs whose figures are 0, 0.1 to 2.0: median 1.0, 95th percentile 1.9; one does not complete."""
 

@@ -120,6 +120,20 @@ def test_several_axes_are_explored(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("nominal", "said"),
+    [
+        (f"{WIND}: -3, {CURRENT}: 0", f"search.nominal has {WIND} = -3, outside the axis from 4 to 20"),
+        (f"{CURRENT}: 0", f"search.nominal has {WIND} = 0 of the base, outside the axis from 4 to 20"),
+    ],
+)
+def test_a_nominal_point_beyond_its_axes_is_refused(tmp_path: Path, nominal: str, said: str) -> None:
+    plan = EXPLORATION.replace("from: 0, to: 20", "from: 4, to: 20").replace(f"{WIND}: 0, {CURRENT}: 0", nominal)
+    with pytest.raises(PlanError) as told:
+        planned(tmp_path, plan.replace("base: mitl", f"base: mitl\nset: {{{WIND}: 0}}"))
+    assert said in str(told.value)
+
+
+@pytest.mark.parametrize(
     ("was", "instead", "said"),
     [
         ("{from: 0, to: 20}", "[0, 20]", "search has no axis to search along; give one as {from: …, to: …}"),

@@ -14,7 +14,17 @@ from xitl_cli.campaign.bisection import Outcome
 from xitl_cli.campaign.exploration import Exploration, ExplorationFinding, Place, explore
 
 pytestmark = pytest.mark.slow  # Optuna takes its time to load
-SEARCH = Exploration(nominal=(0.0, 0.0), rate=0.5, confidence=0.95, runs_per_point=2, points=64, seed=4)
+SEARCH = Exploration(
+    nominal=(0.0, 0.0),
+    rate=0.5,
+    confidence=0.95,
+    runs_per_point=2,
+    points=64,
+    batch=8,
+    seed=4,
+    width=0.05,
+    most_runs=1000,
+)
 
 
 def line(place: Place) -> float:
