@@ -351,7 +351,7 @@ def _ends(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
 
 
 def base_heads() -> tuple[str, ...]:
-    """The sections of every summary."""
+    """The sections that summaries have, those of fleets and encounters among them."""
     from xitl_cli.run.summary import merged
 
     top = (
@@ -367,7 +367,7 @@ def base_heads() -> tuple[str, ...]:
         "verdict",
         "wdri",
     )
-    more = ("duration_s", "wall_s", "real_time_factor", "driver", "vessels", "encounters", "traffic")
+    more = ("duration_s", "wall_s", "real_time_factor", "driver", "vessels", "encounters")
     return (*top, *more, *merged([]))
 
 

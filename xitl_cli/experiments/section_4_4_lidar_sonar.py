@@ -18,7 +18,7 @@ from sim_core.frames import quat_to_matrix
 from sim_core.world.debris import BodyKind, make_body
 from sim_core.world.geometry import WOOD, cylinder
 from xitl_cli.errors import UserError
-from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow, Told
+from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup, write_file
 from xitl_cli.experiments.time_series import Floats
 from xitl_cli.extras import PERCEPTION
@@ -243,22 +243,42 @@ def _rows(cloud: FusedCloud) -> Iterator[PaperRow]:
     branch = make_body(BodyKind.BRANCH, BRANCH_LENGTH_M)
     water = cloud.water()
     rough_mm = 1e3 * float(np.std(cloud.height_m[water])) if water.any() else 0.0
-    yield _row("water plane in the lidar", "seen", int(water.sum()), "returns",
-               f"A plane within {rough_mm:.0f} mm RMS, in waves of 0.06 m: turbid water sends light back.")  # fmt: skip
+    yield PaperRow(
+        "water plane in the lidar",
+        "seen",
+        int(water.sum()),
+        "returns",
+        f"A plane within {rough_mm:.0f} mm RMS, in waves of 0.06 m: turbid water sends light back.",
+    )
     below = cloud.lidar_below()
-    yield _row("lidar under the water", "none", below, "returns",
-               "As in the paper." if not below else "The paper's lidar sees nothing there.")  # fmt: skip
-    yield _row("branch in the lidar", "seen", cloud.lidar_in(BRANCH), "returns",
-               f"{branch.height_m:.2f} m of it are out of the water, {branch.draught_m:.2f} m below.")  # fmt: skip
-    yield _row("branch in the sonar", "seen", cloud.sonar_in(BRANCH), "echoes", "Of what is under water.")
+    yield PaperRow(
+        "lidar under the water",
+        "none",
+        below,
+        "returns",
+        "As in the paper." if not below else "The paper's lidar sees nothing there.",
+    )
+    yield PaperRow(
+        "branch in the lidar",
+        "seen",
+        cloud.lidar_in(BRANCH),
+        "returns",
+        f"{branch.height_m:.2f} m of it are out of the water, {branch.draught_m:.2f} m below.",
+    )
+    yield PaperRow("branch in the sonar", "seen", cloud.sonar_in(BRANCH), "echoes", "Of what is under water.")
     trunk_lidar = cloud.lidar_in(TRUNK)
     deep = f"Its top is {TRUNK_DOWN_M - TRUNK_RADIUS_M:.2f} m under water."
-    yield _row("sunken trunk in the lidar", "unseen", trunk_lidar, "returns",
-               "The paper's lidar does not see it." if trunk_lidar else deep)  # fmt: skip
-    yield _row("sunken trunk in the sonar", "seen", cloud.sonar_in(TRUNK), "echoes", "By the sonar alone.")
+    yield PaperRow(
+        "sunken trunk in the lidar",
+        "unseen",
+        trunk_lidar,
+        "returns",
+        "The paper's lidar does not see it." if trunk_lidar else deep,
+    )
+    yield PaperRow("sunken trunk in the sonar", "seen", cloud.sonar_in(TRUNK), "echoes", "By the sonar alone.")
     sent = sum(cloud.proximity.values())
     kinds = ", ".join(f"{count} {name}" for name, count in cloud.proximity.items()) or "none"
-    yield _row("proximity messages", "sent", sent, "", f"To the autopilot: {kinds}.")
+    yield PaperRow("proximity messages", "sent", sent, "", f"To the autopilot: {kinds}.")
     told_m, true_m = cloud.told_toward(BRANCH_NE_M), float(np.hypot(*BRANCH_NE_M))
     yield PaperRow("range told to the branch", None, told_m, "m", _told_said(told_m, true_m))
 
@@ -269,10 +289,6 @@ def _told_said(told_m: float | None, true_m: float) -> str:
     if abs(told_m - true_m) <= BRANCH_LENGTH_M:
         return f"The branch, {true_m:.1f} m away."
     return f"Not the branch, {true_m:.1f} m away: something else that the companion takes for an obstacle."
-
-
-def _row(quantity: str, paper: Told, ours: int, unit: str, difference: str) -> PaperRow:
-    return PaperRow(quantity, paper, ours, unit, difference)
 
 
 def _draw_cloud(figure: Figure, cloud: FusedCloud) -> None:

@@ -68,7 +68,7 @@ def _wamv(port_n: float, starboard_n: float) -> tuple[float, float]:
 RUNS_S = 15.0
 """After which they are compared: steady, and too short for an unstable course to be left for want of symmetry."""
 RUNS_WATER_KGPM3 = {"otter": 1025.0, "wamv16": 997.7735, "cybership2": 1000.0}
-"""Of the published models; neither has air that drags."""
+"""Of the published models; none has air that drags."""
 RUNS: dict[str, tuple[PublishedRun, ...]] = {
     "otter": (
         PublishedRun("100 and 100 rad/s", _otter(100, 100), 2.85734, 0.0, 0.0, 0.0, _OTTER),

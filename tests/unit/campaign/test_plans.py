@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Callable
 from functools import cache
@@ -11,9 +12,10 @@ from typing import Any
 import pytest
 
 import xitl
+from tests.recorded_run import recorded_run
 from xitl_cli.campaign.axes import RunPoint
 from xitl_cli.campaign.engine import check_figures
-from xitl_cli.campaign.plan import CampaignPlan, PlanError, find_plan, read_plan, seeds_of
+from xitl_cli.campaign.plan import CampaignPlan, PlanError, base_heads, find_plan, read_plan, seeds_of
 from xitl_cli.errors import UserError
 from xitl_cli.profile.load import load_with_origins
 
@@ -216,3 +218,9 @@ def test_a_shipped_plan_asks_for_figures_that_there_are(name: str, summary_of: C
     # What differs with stock firmware is not kept by the plan that compares two.
     base = "sitl" if shipped.base.name == "sitl-ardupilot" else shipped.base.name
     check_figures(shipped, summary_of(base))
+
+
+@pytest.mark.slow
+def test_the_sections_that_a_plan_knows_are_those_of_a_summary() -> None:
+    summary = json.loads((recorded_run() / "summary.json").read_text(encoding="utf-8"))
+    assert set(base_heads()) - {"vessels", "encounters", "traffic"} == set(summary)

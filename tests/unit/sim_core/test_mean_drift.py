@@ -12,7 +12,7 @@ from vessels import BARE, FULL, froude_scaled
 
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
-from sim_core.environment.waves import WaveField, realise_waves
+from sim_core.environment.waves import HullSurface, WaveField, realise_waves
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.mean_drift import MeanDrift, barrier_reflection, box_reflection, wall_m
@@ -90,6 +90,27 @@ def test_a_hull_held_fast_throws_short_waves_back_as_maruo_has_it(heading_deg: f
     along = force @ [np.cos(np.radians(heading_deg)), -np.sin(np.radians(heading_deg))]
     assert along == pytest.approx(maruo, rel=0.02)
     assert abs(force[1 - component]) < 1e-6 * maruo
+
+
+@pytest.mark.parametrize("speed_mps", [-1.5, -0.5, 0.4, 2.0])
+def test_under_way_the_force_goes_by_the_frequency_of_encounter(speed_mps: float) -> None:
+    """Radiated P k / (sigma - k V), no more than at rest; thrown back times 1 - 2 k V / sigma, and not against."""
+    period_s = 0.9
+    simulation = Simulation.from_spec(FULL, Environment(water=WATER, waves=regular(period_s, 0.03)), 0.0025)
+    drift = simulation.vessel.wave_forces.drift
+    rest = initial(simulation, np.zeros((1, 2)), np.zeros(1), np.random.default_rng(0)).vessel.motion
+    slowness = wave_number(period_s) * period_s / (2.0 * np.pi)
+
+    def ahead_n(along_mps: float, heave_mps: float, elevation_m: float) -> float:
+        motion = replace(rest, vel_ned_mps=np.array([[along_mps, 0.0, heave_mps]]))
+        surface = HullSurface(np.full((1, 12), elevation_m), np.zeros((1, 15)))
+        return float(drift.force_frd_n(motion, np.zeros((1, 3)), surface)[0, 0])
+
+    power_w = FULL.damping_linear.heave * 0.1**2 + FULL.damping_quadratic.heave * 0.1**3
+    radiated = power_w * slowness / max(1.0 - slowness * speed_mps, 1.0)
+    assert ahead_n(speed_mps, 0.1, 0.0) == pytest.approx(radiated, rel=1e-9)
+    thrown = ahead_n(0.0, 0.0, 0.02) * max(1.0 - 2.0 * slowness * speed_mps, 0.0)
+    assert ahead_n(speed_mps, 0.0, 0.02) == pytest.approx(thrown, rel=1e-9, abs=1e-12)
 
 
 def fixed_force(simulation: Simulation, motion: Kinematics, time_s: float) -> np.ndarray:
