@@ -60,7 +60,7 @@ def test_values_of_lists_and_ranges(text: str, values: tuple[float, ...]) -> Non
 )
 def test_quantiles_are_those_of_scipy(text: str, law: str, parameters: tuple[float, ...]) -> None:
     one, theirs = axis(text), getattr(scipy.stats, law)(*parameters)
-    for share in (0.001, 0.1, 0.25, 0.5, 0.9, 0.999):
+    for share in (0.001, 0.1, 0.25, 0.4, 0.5, 0.9, 0.999):
         assert one.quantile(share) == pytest.approx(theirs.ppf(share), rel=1e-9, abs=1e-9)
 
 

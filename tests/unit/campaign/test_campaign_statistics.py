@@ -81,6 +81,15 @@ def test_mcnemar_by_hand() -> None:
     assert paired_rates([True] * 3, [True] * 3).p_value == 1.0
 
 
+def test_the_interval_of_rates_is_walds_with_half_a_pair_more_in_each_cell() -> None:
+    """Agresti and Min 2005: of 10 pairs 3 pass twice, 1 then not, 5 then, 1 never."""
+    told = paired_rates([True] * 4 + [False] * 6, [True] * 3 + [False] + [True] * 5 + [False])
+    shares = (np.array([3, 1, 5, 1]) + 0.5) / 12
+    difference = shares[2] - shares[1]
+    half = 1.959964 * np.sqrt((shares[1] + shares[2] - difference**2) / 12)
+    assert (told.interval.low, told.interval.high) == pytest.approx((difference - half, difference + half))
+
+
 def test_holm_as_r_does() -> None:
     assert holm([0.01, 0.02, 0.03, 0.04, 0.05]) == pytest.approx([0.05, 0.08, 0.09, 0.09, 0.09])
     assert holm([0.04, 0.001, 0.9]) == pytest.approx([0.08, 0.003, 0.9])

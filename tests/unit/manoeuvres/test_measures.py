@@ -67,6 +67,11 @@ def test_a_zig_zag_of_a_sine() -> None:
     assert found.period_s == pytest.approx(12.0, abs=0.06)
 
 
+def test_the_period_of_a_zig_zag_leaves_out_its_first_swing() -> None:
+    steering = np.repeat([10.0, -10.0, 10.0, -10.0, 10.0], (100, 150, 170, 190, 590))
+    assert zig_zag(TIME_S, np.sin(TIME_S), 0 * TIME_S, steering).period_s == pytest.approx(0.05 * (170 + 190))
+
+
 def test_a_zig_zag_that_never_turns() -> None:
     with pytest.raises(ValueError, match="not reached"):
         zig_zag(TIME_S, 0 * TIME_S, 1 + 0 * TIME_S, 10 + 0 * TIME_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from sim_core.sensors.sonar import (
     FLOOR_DB,
     GAIN_DB,
     OVERHEAD_S,
+    RING_DB,
+    RING_DBPS,
     SPAN_DB,
     Below,
     PingSettings,
@@ -165,6 +168,29 @@ def test_speckle_is_rayleigh() -> None:
     )
     assert heard_db.mean() == pytest.approx(-50.0 - 2.51, abs=0.2)
     assert heard_db.std() == pytest.approx(5.57, abs=0.2)
+
+
+def test_the_ringing_dies_away_behind_the_pulse() -> None:
+    ping = PingSettings(0, 2e-5, 600, 2e-4)
+    echo = received(np.zeros(600), ping, np.random.default_rng(4)) * (SPAN_DB / 255.0) + FLOOR_DB
+    since_s = (np.arange(600) + 0.5) * ping.sample_period_s
+    rings = RING_DB - RING_DBPS * (since_s - ping.pulse_s)
+    heard = (rings > -60.0) & (rings < FLOOR_DB + SPAN_DB)
+    assert heard.sum() > 20
+    assert echo[heard] == pytest.approx(rings[heard], abs=0.2)
+    assert echo[rings > 0.0] == pytest.approx(FLOOR_DB + SPAN_DB)
+    assert echo[rings < -110.0].max() < -75.0
+
+
+def test_off_its_frequency_the_transducer_is_weaker() -> None:
+    """6 dB at 100 kHz off, and what the water takes more of it, both ways."""
+    below = Below(PrimitiveCaster([wall(5.0)]), DEEP_M)
+    centre, above = (
+        SONAR.scattered(replace(settings(), frequency_khz=khz), ORIGIN, LEVEL, below, np.random.default_rng(1))[90:110]
+        for khz in (750.0, 850.0)
+    )
+    more = 10.0 * (absorption_dbpm(850.0, 25.0) - absorption_dbpm(750.0, 25.0))
+    assert level_db(centre) - level_db(above) == pytest.approx(6.0 + more, abs=0.01)
 
 
 def test_gain_lifts_by_its_decibels_and_ends_at_255() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from sim_core.world.contact import (
     pressed_n,
     wrench_frd,
 )
-from sim_core.world.debris import BodyKind, Launch, make_body
+from sim_core.world.debris import BodyKind, Launch, launched, make_body, no_debris
 from sim_core.world.plan import Capsules, box_capsules, touches
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import OPEN_WATER, Waterway
@@ -165,6 +166,27 @@ def test_what_presses_on_the_hull_presses_back_on_the_body() -> None:
     back = push.moment_nm[0] + north * push.force_ne_n[0, 1] - east * push.force_ne_n[0, 0]
     assert moment == pytest.approx(-back)
     assert wrench[0, :3] == pytest.approx(motion.rot_ned_frd[0].T @ contacts.force_ned_n.sum(axis=0))
+
+
+def test_what_gives_way_is_damped_by_the_mass_of_both() -> None:
+    """An animal across the bow of a demi-hull: 2 m/s more press by 2 zeta sqrt(k m) 2, m = m1 m2 / (m1 + m2)."""
+    simulation = simulation_in(OPEN_WATER)
+    state = initial(simulation, np.zeros((1, 2)), np.zeros(1), np.random.default_rng(1))
+    bow_m, aside_m = 0.5 * ASV.hull.length_m, ASV.hull.centreline_m
+    animal = make_body(BodyKind.ANIMAL)
+    place = Launch(0, BodyKind.ANIMAL, bow_m + animal.radius_m - 0.02, aside_m, EASTWARD)
+    debris = launched(no_debris(), place, np.zeros(3), 0.0)
+
+    def pressed(speed_mps: float) -> float:
+        motion = replace(state.vessel.motion, vel_ned_mps=np.array([[speed_mps, 0.0, 0.0]]))
+        everything = Capsules.joined(()), None, simulation.outline, motion, debris
+        contacts, _, _ = contact.compute_contacts(*everything, contact.find_near(*everything), 0.0025)
+        assert contacts.what == ("animal 0",)
+        return float(contacts.force_ned_n[0, 0])
+
+    both_kg = ASV.mass_kg * animal.mass_kg / (ASV.mass_kg + animal.mass_kg)
+    damping = 2.0 * DAMPING_RATIO * math.sqrt(STIFFNESS_NPM * both_kg)
+    assert pressed(3.0) - pressed(1.0) == pytest.approx(-2.0 * damping, rel=1e-6)
 
 
 def test_a_wrench_accelerates_as_the_mass_matrix_says() -> None:

@@ -66,6 +66,15 @@ def test_the_volume_under_water_is_that_of_a_cut() -> None:
         assert volume_below_m3(mesh, level_m) == pytest.approx(cut.volume, rel=1e-6)
 
 
+def test_a_trunk_turns_and_is_carried_as_a_cylinder() -> None:
+    """m (3 r^2 + L^2) / 12, and Hoerner's 1.1 across the flow and 0.8 of a blunt end."""
+    trunk = make_body(BodyKind.TRUNK, 4.0, 1000.0)
+    inertia_kgm2 = trunk.mass_kg * (3.0 * trunk.radius_m**2 + 4.0**2) / 12.0
+    assert trunk.yaw_inertia_kgm2 == pytest.approx(inertia_kgm2, rel=0.005)
+    wet_m2 = 2.0 * trunk.radius_m * trunk.draught_m, 4.0 * trunk.draught_m
+    assert trunk.drag_kgpm == pytest.approx((500.0 * 0.8 * wet_m2[0], 500.0 * 1.1 * wet_m2[1]))
+
+
 def test_what_shows_above_the_water_is_what_such_things_show() -> None:
     trunk, branch, plants, animal = (make_body(kind) for kind in BodyKind)
     wet = volume_below_m3(trunk.mesh, -trunk.middle_below_surface_m) / volume_below_m3(trunk.mesh, -1.0)

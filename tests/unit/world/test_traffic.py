@@ -67,6 +67,14 @@ def test_the_pose_is_continuous_and_the_heading_is_the_way_made_good(places, loo
         assert speed[-1] == rate[-1] == 0.0
 
 
+def test_on_an_arc_the_acceleration_is_the_change_of_the_velocity() -> None:
+    vessel = barge((0.0, 0.0), (200.0, 0.0), (200.0, 200.0), speed_mps=SPEED_MPS)
+    middle_s, step_s = (140.0 + 0.5 * 60.0 * math.pi / 2) / SPEED_MPS, 0.01
+    before, now, after = (scripted_motion([vessel], middle_s + late_s) for late_s in (-step_s, 0.0, step_s))
+    assert now.gyro_frd_radps[0, 2] == pytest.approx(SPEED_MPS / 60.0)
+    assert now.acc_ned_mps2 == pytest.approx((after.vel_ned_mps - before.vel_ned_mps) / (2.0 * step_s), abs=1e-8)
+
+
 def test_a_right_angle_is_rounded_by_an_arc_of_the_radius() -> None:
     track = ScriptedTrack.through([(0.0, 0.0), (100.0, 0.0), (100.0, 100.0)], SPEED_MPS, RADIUS_M)
     places = np.array(
