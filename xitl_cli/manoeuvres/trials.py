@@ -16,7 +16,7 @@ from sim_core import simulation as world
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import WaveField
-from sim_core.frames import Array
+from sim_core.frames import Array, wrap_pi
 from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
@@ -385,7 +385,7 @@ class _Pilot:
     def __call__(self, time_s: float, now: Instant) -> Array:
         yaw = now.euler_rad[:, 2]
         last = yaw if self._yaw_rad is None else self._yaw_rad
-        self._turned_rad = self._turned_rad + (yaw - last + math.pi) % (2.0 * math.pi) - math.pi
+        self._turned_rad = self._turned_rad + wrap_pi(yaw - last)
         self._yaw_rad = yaw
         # Half a sample ahead, so that a heading is not noticed late on the mean.
         turned = np.degrees(self._turned_rad + 0.5 * _EVERY_S * now.velocity_frd[:, 5])
