@@ -26,6 +26,7 @@ from sim_core.noise import GaussMarkov
 
 LOWEST_HZ = 1.0 / 1200.0  # slower than 20 minutes is weather, not gust
 HIGHEST_HZ = 2.0  # faster than this a vessel's windage averages it out
+_HARMONICS = 48
 SPECTRA_MEAN_M = 10.0
 """The height of the mean that gust spectra go by."""
 LOWEST_M = 0.05  # no profile reaches down among the waves: below it is as windy as there
@@ -86,25 +87,24 @@ class SpectralGust:
 
     @classmethod
     def from_spectrum(
-        cls, name: str, mean_mps: float, height_m: float, deviation_mps: float | None = None, components: int = 48
+        cls, name: str, mean_mps: float, height_m: float, deviation_mps: float | None = None
     ) -> SpectralGust:
         """Harmonics on logarithmic bands, each with its band's energy; scaled to `deviation_mps` if given.
 
         mean_mps: at 10 m; height_m: of the gusts.
         """
         density = gust_density(name)
-        if not (mean_mps > 0.0 and height_m > 0.0 and components >= 8):
+        if not (mean_mps > 0.0 and height_m > 0.0):
             raise ValueError(
-                f"wind.gust.spectrum = {name!r} needs a positive mean_mps and height and 8 components or more; "
-                f"got {mean_mps}, {height_m}, {components}"
+                f"wind.gust.spectrum = {name!r} needs a positive mean_mps and height; got {mean_mps}, {height_m}"
             )
-        edges_hz = np.geomspace(LOWEST_HZ, HIGHEST_HZ, components + 1)
+        edges_hz = np.geomspace(LOWEST_HZ, HIGHEST_HZ, _HARMONICS + 1)
         fine_hz = np.geomspace(edges_hz[:-1], edges_hz[1:], 17, axis=1)
         variance = np.trapezoid(density(fine_hz, mean_mps, height_m), fine_hz, axis=1)
         if deviation_mps is not None:
             variance = variance * (deviation_mps**2 / variance.sum())
         # Off-centre by the golden ratio: harmonics of no common period, so that the gusts never repeat.
-        position = (np.arange(components) * 0.6180339887498949) % 1.0
+        position = (np.arange(_HARMONICS) * 0.6180339887498949) % 1.0
         return cls(edges_hz[:-1] * (edges_hz[1:] / edges_hz[:-1]) ** position, np.sqrt(2.0 * variance))
 
     def initial(self, vessels: int, rng: Generator) -> Array:

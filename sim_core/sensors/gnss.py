@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import numpy as np
 from numpy.random import Generator
@@ -12,11 +11,13 @@ from numpy.typing import NDArray
 
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
-from sim_core.keys import Bounds, check_values
 from sim_core.kinematics import Kinematics
 from sim_core.noise import SampledGaussMarkov, sampled_gauss_markov
 from sim_core.sensors.measurement import cross_matrix
 from sim_core.sensors.spec import GnssSpec
+
+FIX_3D = 3
+"""GPS_FIX_TYPE of MAVLink."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class GnssSample:
     """Antenna position and velocity, all (N,) but vel_ned_mps (N, 3), with the receiver's own estimate of its errors.
 
     alt_m is above the WGS84 ellipsoid. The accuracies are the RMS of the whole error: of both horizontal axes, of the
-    vertical, of all three velocity axes. fix_type as in MAVLink's GPS_FIX_TYPE (3 is a 3D fix).
+    vertical, of all three velocity axes. fix_type as in MAVLink's GPS_FIX_TYPE.
     """
 
     lat_deg: Array
@@ -55,19 +56,17 @@ class Gnss:
     """White and Gauss-Markov position errors and white velocity errors: see GnssSpec.
 
     frame: where NED is on the Earth. The velocity is in the axes of that frame, not of the antenna's own horizon
-    (9 millidegrees at 1 km). fix_type as in MAVLink's GPS_FIX_TYPE.
+    (9 millidegrees at 1 km).
     """
 
     spec: GnssSpec
     frame: LocalFrame
-    fix_type: Annotated[int, Bounds(at_least=0, at_most=8)] = 3
     _scale: Array = field(init=False, repr=False, compare=False)
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _antenna_frd_m: Array | None = field(init=False, repr=False, compare=False)
     _cross: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_values(self)
         horizontal, vertical, velocity = (
             self.spec.horizontal_noise_m,
             self.spec.vertical_noise_m,
@@ -91,7 +90,7 @@ class Gnss:
             ),
             vertical_accuracy_m=np.full(vessels, math.hypot(self.spec.vertical_noise_m, self.spec.vertical_drift_m)),
             speed_accuracy_mps=np.full(vessels, math.sqrt(3.0) * self.spec.velocity_noise_mps),
-            fix_type=np.full(vessels, self.fix_type, dtype=np.int64),
+            fix_type=np.full(vessels, FIX_3D, dtype=np.int64),
             satellites=np.full(vessels, self.spec.satellites, dtype=np.int64),
         )
 

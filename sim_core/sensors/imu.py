@@ -20,6 +20,9 @@ from sim_core.sensors.measurement import (
 )
 from sim_core.sensors.spec import ImuSpec
 
+TEMPERATURE_DEGC = 25.0
+"""Of the unit."""
+
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
@@ -51,7 +54,6 @@ class Imu:
 
     spec: ImuSpec
     gravity_mps2: float = 9.80665
-    temperature_degc: float = 25.0
     _scale: Array = field(init=False, repr=False, compare=False)
     _turn_on: Array = field(init=False, repr=False, compare=False)
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
@@ -90,7 +92,7 @@ class Imu:
         return ImuState(
             turn_on_bias=self._turn_on * normals[:, :6],
             drifting_bias=self._drift.initial(normals[:, 6:]),
-            temperature_degc=np.full(vessels, self.temperature_degc),
+            temperature_degc=np.full(vessels, TEMPERATURE_DEGC),
         )
 
     def measure(self, state: ImuState, truth: Kinematics, rng: Generator) -> tuple[ImuState, ImuSample]:

@@ -33,14 +33,12 @@ MID_70_WEDGE_DEG = (17.6, 17.6)
 
 @dataclass(frozen=True, slots=True)
 class Rosette:
-    """A pattern of `points_hz` points a second; turns_hz and wedge_deg of the two prisms.
+    """The pattern of a Mid-70 at `points_hz` points a second.
 
     Directions are in the sensor's axes: forward along the middle of the view, right, down.
     """
 
-    points_hz: float = 100_000.0
-    turns_hz: tuple[float, float] = MID_70_TURNS_HZ
-    wedge_deg: tuple[float, float] = MID_70_WEDGE_DEG
+    points_hz: float
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.points_hz) and self.points_hz > 0.0):
@@ -49,7 +47,7 @@ class Rosette:
     @property
     def half_view_rad(self) -> float:
         """From the axis to the rim of the view."""
-        return math.radians(sum(self.wedge_deg))
+        return math.radians(sum(MID_70_WEDGE_DEG))
 
     def directions(self, first: int, count: int) -> Array32:
         """(3, count) forward, right and down of unit vectors: of the points first, first + 1, ... since the start.
@@ -61,7 +59,7 @@ class Rosette:
         later_s = np.arange(count, dtype=float32) * float32(1.0 / self.points_hz)
         directions = np.zeros((3, count), dtype=float32)
         forward, right, down = directions
-        for turns_hz, wedge_deg in zip(self.turns_hz, self.wedge_deg, strict=True):
+        for turns_hz, wedge_deg in zip(MID_70_TURNS_HZ, MID_70_WEDGE_DEG, strict=True):
             angle = later_s * float32(2.0 * math.pi * turns_hz)
             angle += float32(2.0 * math.pi * math.fmod(turns_hz * start_s, 1.0))
             wedge = float32(math.radians(wedge_deg))

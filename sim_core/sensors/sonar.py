@@ -16,7 +16,7 @@ with backscatter s and absorption a. Speckle makes the amplitude of every sample
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -71,6 +71,7 @@ SURFACE_BACKSCATTER = 0.02  # a rough surface seen from below
 RING_DB = 10.0  # the transducer's own ringing, at once
 RING_DBPS = 105_000.0  # and how it dies away
 
+# By the number of a material, the last one for no hit, which is -1.
 _BACKSCATTER = np.array([*(material.backscatter for material in MATERIALS), 0.0])
 
 
@@ -109,10 +110,9 @@ class Below:
 
 @dataclass(frozen=True, slots=True)
 class ScanningSonar:
-    """The transducer of a specification. backscatter: by the number of a material, the last one for no hit."""
+    """The transducer of a specification."""
 
     spec: SonarSpec
-    backscatter: Array = field(default_factory=lambda: _BACKSCATTER, repr=False, compare=False)
 
     @property
     def heading_grad(self) -> int:
@@ -164,7 +164,7 @@ class ScanningSonar:
         origins = np.repeat(origin.astype(np.float32)[None, :], len(rays), axis=0)
         hits = below.caster.cast(origins, direction, below.bodies)
         range_m, normal = hits.range_m.astype(float64), hits.normal_ned.astype(float64)
-        backscatter = self.backscatter[hits.material]  # -1 for no hit is the last, which is 0
+        backscatter = _BACKSCATTER[hits.material]
         down = rays[:, 2]
         rising = down < 0.0
         surface_m = np.where(rising, depth_m / np.where(rising, -down, 1.0), np.inf)

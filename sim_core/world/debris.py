@@ -293,10 +293,10 @@ class Push:
     moment_nm: Array
 
 
-def no_debris(time_ns: int = 0) -> DebrisState:
+def no_debris() -> DebrisState:
     """Nothing adrift."""
     none = np.empty((0, 3))
-    return DebrisState(time_ns, (), none, none, np.empty(0), np.empty(0), 0, Figures.from_bodies(()))
+    return DebrisState(0, (), none, none, np.empty(0), np.empty(0), 0, Figures.from_bodies(()))
 
 
 def launched(

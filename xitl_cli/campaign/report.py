@@ -539,11 +539,11 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
     )
 
 
-def rate_text(passed: int, runs: int, confidence: float = 0.95) -> str:
+def rate_text(passed: int, runs: int) -> str:
     """`18 of 20, 90 % (70 to 97 %)`."""
     if not runs:
         return "of no run"
-    interval = wilson_interval(passed, runs, confidence)
+    interval = wilson_interval(passed, runs)
     return f"{passed} of {runs}, {100 * passed / runs:.3g} % ({100 * interval.low:.0f} to {100 * interval.high:.0f} %)"
 
 

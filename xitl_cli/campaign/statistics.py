@@ -70,6 +70,9 @@ class PassCounts:
         return float((scipy.special.xlogy(self.passed, rates) + scipy.special.xlog1py(failed, -rates)).sum())
 
 
+_DRAWS = 400
+
+
 def monotone_rates(counts: PassCounts, rising: bool) -> Floats:
     """(K,): the rates of greatest likelihood among those that never turn (pool adjacent violators, Ayer 1955)."""
     return np.asarray(
@@ -77,7 +80,7 @@ def monotone_rates(counts: PassCounts, rising: bool) -> Floats:
     )
 
 
-def monotony_p_value(counts: PassCounts, rising: bool, draws: int = 400) -> float:
+def monotony_p_value(counts: PassCounts, rising: bool) -> float:
     """How often counts as far from a monotone curve as these come from one, by likelihood ratio.
 
     The distribution is drawn from the monotone fit, with a generator of its own, so that it is the same twice.
@@ -89,12 +92,12 @@ def monotony_p_value(counts: PassCounts, rising: bool, draws: int = 400) -> floa
     if found < 1e-9:
         return 1.0
     rng = np.random.default_rng(0)
-    passed = rng.binomial(counts.runs, fit, size=(draws, len(fit)))
+    passed = rng.binomial(counts.runs, fit, size=(_DRAWS, len(fit)))
     steps = np.diff(passed / counts.runs, axis=1)
     turns = (steps < 0.0 if rising else steps > 0.0).any(axis=1)
     drawn = (PassCounts(counts.at, counts.runs, one) for one in passed[turns])  # the others depart by nothing
     as_far = sum(_departure(one, rising, monotone_rates(one, rising)) >= found for one in drawn)
-    return (as_far + 1) / (draws + 1)
+    return (as_far + 1) / (_DRAWS + 1)
 
 
 def _departure(counts: PassCounts, rising: bool, fit: Floats) -> float:
@@ -292,12 +295,12 @@ class LogisticSurface:
         information = (terms * (rates * (1 - rates))[:, None]).T @ terms + np.diag(prior)
         return cls(shares.shape[1], beta, np.linalg.inv(information))
 
-    def rates(self, shares: Floats, confidence: float = 0.95) -> tuple[Floats, Floats, Floats]:
-        """Pass rate at shares (N, D), and the ends of its interval by the delta method: (N,) each."""
+    def rates(self, shares: Floats) -> tuple[Floats, Floats, Floats]:
+        """Pass rate at shares (N, D), and the ends of its 95 % interval by the delta method: (N,) each."""
         terms = _quadratic_terms(shares)
         logits = terms @ self.coefficients
         deviation = np.sqrt(np.einsum("ni,ij,nj->n", terms, self.covariance, terms))
-        half = float(scipy.special.ndtri(0.5 + confidence / 2)) * deviation
+        half = float(scipy.special.ndtri(0.975)) * deviation
         return scipy.special.expit(logits), scipy.special.expit(logits - half), scipy.special.expit(logits + half)
 
 

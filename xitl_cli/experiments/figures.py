@@ -47,10 +47,9 @@ def check_figures_installed() -> None:
     FIGURES.require("figures need")
 
 
-def mark_paper(axes: Axes, value: float, text: str, across: bool = True) -> None:
-    """A dashed line where the paper has its value: level, or upright."""
-    line = axes.axhline if across else axes.axvline
-    line(value, color=PAPER, linestyle="--", linewidth=1.0, label=f"paper: {text}")
+def mark_paper(axes: Axes, value: float, text: str) -> None:
+    """A dashed level line where the paper has its value."""
+    axes.axhline(value, color=PAPER, linestyle="--", linewidth=1.0, label=f"paper: {text}")
 
 
 def name_lines(axes: Axes, **look: Any) -> None:

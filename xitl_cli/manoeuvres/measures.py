@@ -14,6 +14,7 @@ import numpy as np
 
 from sim_core.frames import Array
 
+_LEAST_SWING = 0.01
 _STEADY_SHARE = 0.25
 """Of the end of a turn, that is called steady."""
 
@@ -127,9 +128,9 @@ def stopping(time_s: Array, north_m: Array, east_m: Array, ahead_mps: Array, lef
     return Stop(_at(time_s - time_s[0], index), _at(track_m, index))
 
 
-def time_to_share(time_s: Array, speed_mps: Array, final_mps: float, share: float = 0.95) -> float | None:
-    """Until a share of the final speed is reached; None where it is not."""
-    index = _first_at(speed_mps, share * final_mps)
+def time_to_95_percent(time_s: Array, speed_mps: Array, final_mps: float) -> float | None:
+    """Until 95 % of the final speed is reached; None where it is not."""
+    index = _first_at(speed_mps, 0.95 * final_mps)
     return _at(time_s - time_s[0], index)
 
 
@@ -141,16 +142,16 @@ class Decay:
     damping_ratio: float
 
 
-def decay(time_s: Array, deflection: Array, least: float = 0.01) -> Decay | None:
+def decay(time_s: Array, deflection: Array) -> Decay | None:
     """Of a free decay of a deflection from rest, by the logarithmic decrement of its half swings.
 
-    least: share of the first deflection below which they are left out. None where there are fewer than two.
+    Those below `_LEAST_SWING` of the first deflection are left out. None where there are fewer than two.
     """
     turning = np.flatnonzero(np.diff(np.sign(np.diff(deflection))) != 0) + 1
     peaks = [(float(time_s[0]), abs(float(deflection[0])))]
     for index in turning:
         at_s, size = _vertex(time_s, deflection, int(index))
-        if size < least * peaks[0][1]:
+        if size < _LEAST_SWING * peaks[0][1]:
             break
         peaks.append((at_s, size))
     if len(peaks) < 3:
@@ -180,6 +181,6 @@ def response(phase_rad: Array, values: Array) -> Array:
     return complex_amplitude
 
 
-def radius_of_share(north_m: Array, east_m: Array, place: Sequence[float], share: float = 0.95) -> float:
-    """Of the circle about a place that a vessel was inside for a share of the time."""
-    return float(np.quantile(np.hypot(north_m - place[0], east_m - place[1]), share))
+def radius_of_95_percent(north_m: Array, east_m: Array, place: Sequence[float]) -> float:
+    """Of the circle about a place that a vessel was inside for 95 % of the time."""
+    return float(np.quantile(np.hypot(north_m - place[0], east_m - place[1]), 0.95))

@@ -15,7 +15,7 @@ from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.windage import AIR_DENSITY_KGPM3
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
-from xitl_cli.manoeuvres.measures import radius_of_share
+from xitl_cli.manoeuvres.measures import radius_of_95_percent
 from xitl_cli.profile import Profile, load_profile
 from xitl_cli.profile.schema.agents import AutopilotSpec, DriverSpec, MissionSpec, ScriptStep
 from xitl_cli.profile.schema.profile import ClockSpec, RecordingSpec
@@ -90,7 +90,7 @@ def station_keeping(
         return Section("station", title, lacks=(f"station keeping: {error}",))
     time_s = time_s - time_s[0]
     held = time_s >= SETTLED_S
-    radius = radius_of_share(north[held], east[held], (0.0, 0.0))
+    radius = radius_of_95_percent(north[held], east[held], (0.0, 0.0))
     facts = (
         Fact("station_current_mps", "current, to the east", current, "m/s"),
         Fact("station_wind_mps", "wind, from the south-west", wind, "m/s"),

@@ -16,6 +16,7 @@ from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel.vessel import VesselState
 
+_WINDOW_S, _STEADY_SHARE = 4.0, 5e-4
 Pilot = Callable[[float, "Instant"], Array]
 """Time since the start and the motion of N vessels -> their (N, C) commands."""
 State = TypeVar("State")
@@ -92,13 +93,12 @@ def sail(
     every_s: float = 0.05,
     until: Callable[[Track], bool] | None = None,
     look_s: float = 4.0,
-    seed: int = 1,
 ) -> tuple[SimulationState, Track]:
     """Ask the pilot every `every_s` and keep what is there then, until the duration is over or `until` says so.
 
     until: is shown the track so far each `look_s`.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     steps = max(round(every_s / simulation.dt_s), 1)
     step_s = steps * simulation.dt_s
     samples = max(round(duration_s / step_s), 1)
@@ -128,10 +128,10 @@ def _track(kept: list[tuple[float, Instant, Array]]) -> Track:
     )
 
 
-def steady(track: Track, window_s: float = 4.0, share: float = 5e-4) -> bool:
+def steady(track: Track) -> bool:
     """Whether speed and rate of turn of all vessels changed by less than a share of themselves in the last window."""
     step_s = float(track.time_s[1] - track.time_s[0])
-    samples = round(window_s / step_s)
+    samples = round(_WINDOW_S / step_s)
     if len(track.time_s) <= 2 * samples:
         return False
     last = track.velocity_frd[-samples:][:, :, (0, 1, 5)]
@@ -139,4 +139,4 @@ def steady(track: Track, window_s: float = 4.0, share: float = 5e-4) -> bool:
     halves = np.array([last[: samples // 2].mean(axis=0), last[samples // 2 :].mean(axis=0)])
     change = np.abs(halves[1] - halves[0])
     size = np.maximum(np.abs(halves[1]), np.array([0.02, 0.02, 0.01]))
-    return bool(np.all(change < share * size))
+    return bool(np.all(change < _STEADY_SHARE * size))

@@ -78,7 +78,7 @@ class SeaTrials:
         state, track = sail(self.simulation, at_rest, straight, LONGEST_S, every_s=_EVERY_S, until=steady)
         ahead = track.velocity_frd[:, :, 0]
         top, approach = (float(speed) for speed in ahead[-1])
-        to_speed_s = measures.time_to_share(track.time_s, ahead[:, 0], top)
+        to_speed_s = measures.time_to_95_percent(track.time_s, ahead[:, 0], top)
         facts = (
             Fact("top_speed_mps", "top speed", top, "m/s"),
             Fact("time_to_95_percent_s", "time to 95 % of it", to_speed_s, "s"),

@@ -18,7 +18,7 @@ from sim_core.simulation import Simulation
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Severity, Value
 from xitl_cli.manoeuvres.helm import FULL_STEERING_DEG, Helm
-from xitl_cli.manoeuvres.measures import stopping, time_to_share
+from xitl_cli.manoeuvres.measures import stopping, time_to_95_percent
 from xitl_cli.manoeuvres.small_motion import NaturalMode, Plane, SmallMotion, small_motion
 from xitl_cli.manoeuvres.track import Instant, Track, sail, spread, start, steady, still_water
 
@@ -197,7 +197,7 @@ def _under_way(rest: AtRest, runs: _Runs) -> Iterator[Fact]:
         yield Fact(f"speed_at_{name}_percent_mps", f"speed at {name} % throttle", _rounded(speed), "m/s")
     astern = -float(track.velocity_frd[:, full + 1, 0].min())  # before an unstable course is lost
     yield Fact("astern_speed_mps", "top speed astern", _rounded(astern), "m/s")
-    time_s = time_to_share(track.time_s, track.velocity_frd[:, full, 0], top) if top > 0 else None
+    time_s = time_to_95_percent(track.time_s, track.velocity_frd[:, full, 0], top) if top > 0 else None
     yield Fact("time_to_95_percent_s", "time to 95 % of top speed", _rounded(time_s), "s")
     yield Fact("trim_at_top_speed_deg", "trim there", _rounded(math.degrees(track.euler_rad[-1, full, 1])), "deg")
     stabilities: tuple[tuple[Plane, str, str], ...] = (

@@ -10,11 +10,11 @@ import pytest
 from xitl_cli.manoeuvres.measures import (
     Stop,
     decay,
-    radius_of_share,
+    radius_of_95_percent,
     response,
     spiral,
     stopping,
-    time_to_share,
+    time_to_95_percent,
     turning_circle,
     zig_zag,
 )
@@ -103,7 +103,7 @@ def test_a_stop_at_constant_deceleration() -> None:
 
 
 def test_time_to_a_share_of_an_exponential() -> None:
-    found = time_to_share(TIME_S, 2 * (1 - np.exp(-TIME_S / 4)), 2.0)
+    found = time_to_95_percent(TIME_S, 2 * (1 - np.exp(-TIME_S / 4)), 2.0)
     assert found == pytest.approx(4 * math.log(20), abs=1e-3)
 
 
@@ -132,4 +132,4 @@ def test_a_response_to_two_waves() -> None:
 
 def test_the_radius_for_a_share_of_the_time() -> None:
     away = np.linspace(0.0, 10.0, 1001)
-    assert radius_of_share(3 + 0 * away, 4 + away, (3.0, 4.0)) == pytest.approx(9.5)
+    assert radius_of_95_percent(3 + 0 * away, 4 + away, (3.0, 4.0)) == pytest.approx(9.5)

@@ -23,7 +23,7 @@ def test_a_wall_ahead_is_flat_and_each_ray_has_the_range_of_its_angle() -> None:
     scan = EXACT.scan(moving(), PlaneCaster((1.0, 0.0, 0.0), 30.0), water(), rng)
     assert scan.fates.fired == scan.fates.returned == 10_000
     np.testing.assert_allclose(scan.points_frd_m[:, 0], 30.0, atol=2e-5)  # single precision at 37 m
-    looking = Rosette().directions(0, 10_000).T
+    looking = Rosette(100_000.0).directions(0, 10_000).T
     np.testing.assert_allclose(scan.points_frd_m, looking * (30.0 / looking[:, :1]), atol=2e-5)
     np.testing.assert_allclose(scan.offset_s, np.arange(10_000) * 1e-5, atol=1e-8)
 
