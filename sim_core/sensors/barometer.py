@@ -33,12 +33,6 @@ def pressure_pa(altitude_m: Array, sea_level_pressure_pa: float = SEA_LEVEL_PRES
     return ratio * sea_level_pressure_pa
 
 
-def altitude_m(pressure_pa: Array, sea_level_pressure_pa: float = SEA_LEVEL_PRESSURE_PA) -> Array:
-    """Altitude above mean sea level at a pressure, same shape; the inverse of `pressure_pa`."""
-    ratio: Array = (pressure_pa / sea_level_pressure_pa) ** (1.0 / PRESSURE_EXPONENT)
-    return (1.0 - ratio) * (SEA_LEVEL_TEMPERATURE_K / LAPSE_RATE_KPM)
-
-
 @dataclass(frozen=True, slots=True)
 class BarometerSample:
     """pressure_pa (N,), temperature_degc (N,) of the air."""

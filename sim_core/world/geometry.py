@@ -86,21 +86,6 @@ def cylinder(radius_m: float, length_m: float, material: Material, sides: int = 
     return revolved((-half, -half, half, half), (0.0, radius_m, radius_m, 0.0), material, sides)
 
 
-def cone(radius_m: float, length_m: float, material: Material, sides: int = 10) -> Mesh:
-    """Its base at x = -length / 2, its tip at x = length / 2."""
-    half = length_m / 2
-    return revolved((-half, -half, half), (0.0, radius_m, 0.0), material, sides)
-
-
-def capsule(radius_m: float, length_m: float, material: Material, sides: int = 16, rings: int = 4) -> Mesh:
-    """A cylinder with hemispheres, along x, length_m over all; rings: in each hemisphere."""
-    turn = np.linspace(0.0, math.pi / 2, rings + 1)
-    ahead = length_m / 2 - radius_m + radius_m * np.cos(turn[::-1])
-    radius = radius_m * np.sin(turn[::-1])
-    radius[-1] = 0.0
-    return revolved((*-ahead[::-1], *ahead), (*radius[::-1], *radius), material, sides)
-
-
 def sphere(radius_m: float, material: Material, sides: int = 16, rings: int = 8) -> Mesh:
     """The corners lie on the sphere."""
     return ellipsoid((radius_m, radius_m, radius_m), material, sides, rings)

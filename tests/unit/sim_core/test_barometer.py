@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from motion import at_rest
 
-from sim_core.sensors.barometer import Barometer, altitude_m, pressure_pa
+from sim_core.sensors.barometer import Barometer, pressure_pa
 from sim_core.sensors.spec import BarometerSpec
 
 # ISO 2533:1975 (and US Standard Atmosphere 1976): geopotential altitude, pressure, temperature.
@@ -28,12 +28,6 @@ def test_pressure_and_temperature_of_the_table(altitude, pressure, temperature_d
     _, sample = barometer.measure(barometer.initial(1, rng), at_rest(pos_ned_m=(5.0, 7.0, -altitude)), rng)
     assert sample.pressure_pa[0] == pytest.approx(pressure, abs=0.051)
     assert sample.temperature_degc[0] == pytest.approx(temperature_degc)
-
-
-def test_altitude_inverts_pressure():
-    heights = np.linspace(-400.0, 11000.0, 100)
-    np.testing.assert_allclose(altitude_m(pressure_pa(heights)), heights, atol=1e-7)
-    np.testing.assert_allclose(altitude_m(pressure_pa(heights, 99000.0), 99000.0), heights, atol=1e-7)
 
 
 def test_a_metre_is_the_weight_of_a_metre_of_air():
