@@ -17,6 +17,7 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.errors import UserError
+from xitl_cli.experiments.figures import OTHER, OURS, PAPER, THIRD, name_lines
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup
 from xitl_cli.experiments.time_series import Floats, TimeSeries, time_series
@@ -329,8 +330,6 @@ def _rounded(value: float | None) -> float | None:
 
 
 def _draw_paths(figure: Figure, found: ReplayComparison) -> None:
-    from xitl_cli.experiments.figures import OTHER, OURS
-
     axes = figure.add_subplot()
     axes.plot(*found.real_m.T, color=OTHER, label="recording", linewidth=2.2)
     axes.plot(*found.simulated_m.T, color=OURS, label="simulation")
@@ -342,8 +341,6 @@ def _draw_paths(figure: Figure, found: ReplayComparison) -> None:
 
 
 def _draw_profiles(figure: Figure, found: ReplayComparison) -> None:
-    from xitl_cli.experiments.figures import OTHER, OURS, PAPER, THIRD, name_lines
-
     errors, speeds, outputs = figure.subplots(3, 1, sharex=True)
     for column, (axis, colour) in enumerate((("x", OURS), ("y", THIRD))):
         errors.plot(found.time_s, found.errors_m[:, column], color=colour, label=f"error in {axis}")

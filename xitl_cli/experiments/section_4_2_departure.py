@@ -8,7 +8,7 @@ by hand; here the mission starts as soon as it can.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xitl_cli.errors import UserError
+from xitl_cli.experiments.figures import GREY, OTHER, PAPER, THIRD, mark_paper, name_lines
+from xitl_cli.experiments.figures import OURS as BLUE
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup, InterruptedRunError
 from xitl_cli.experiments.time_series import TimeSeries, first_s, time_series
@@ -370,13 +372,7 @@ def _seconds(value_s: float | None) -> str:
 _Pairs = Sequence[tuple[DepartureRun, DepartureTraces]]
 _WINDOW_S = 30.0
 _WIDTHS = {IDEAL: 3.2, WAVES: 1.9, GUSTS: 0.9}  # where they lie on each other all can be seen
-
-
-def _colours() -> Mapping[str, str]:
-    from xitl_cli.experiments.figures import OTHER, THIRD
-    from xitl_cli.experiments.figures import OURS as BLUE
-
-    return {IDEAL: THIRD, WAVES: BLUE, GUSTS: OTHER}
+_COLOURS = {IDEAL: THIRD, WAVES: BLUE, GUSTS: OTHER}
 
 
 def _ways_in(pairs: _Pairs) -> list[str]:
@@ -385,15 +381,13 @@ def _ways_in(pairs: _Pairs) -> list[str]:
 
 def _draw_departures(figure: Figure, pairs: _Pairs) -> None:
     """A panel for each way of getting at sensors."""
-    from xitl_cli.experiments.figures import PAPER, mark_paper, name_lines
-
     ways = _ways_in(pairs)
     panels = figure.subplots(len(ways), 1, sharex=True, squeeze=False)[:, 0]
     for axes, way in zip(panels, ways, strict=True):
         for one, traces in pairs:
             if one.sensors != way:
                 continue
-            colour = _colours()[one.environment]
+            colour = _COLOURS[one.environment]
             if traces.speed is not None:
                 words, width = ENVIRONMENTS[one.environment], _WIDTHS[one.environment]
                 axes.plot(traces.speed.time_s, traces.speed.values, color=colour, label=words, linewidth=width)
@@ -414,8 +408,6 @@ def _draw_departures(figure: Figure, pairs: _Pairs) -> None:
 
 def _draw_altitudes(figure: Figure, pairs: _Pairs) -> None:
     """A row for each environment, of the first way."""
-    from xitl_cli.experiments.figures import GREY, name_lines
-
     panels = figure.subplots(len(ENVIRONMENTS), 1, sharex=True, sharey=True)
     way = _ways_in(pairs)[-1]
     for axes, environment in zip(panels, ENVIRONMENTS, strict=True):
@@ -427,7 +419,7 @@ def _draw_altitudes(figure: Figure, pairs: _Pairs) -> None:
             begin_s = one.times_s[MOTION] or 0.0
             for each, words, colour in (
                 (traces.altitude, "as estimated", GREY),
-                (traces.true_altitude, "true", _colours()[environment]),
+                (traces.true_altitude, "true", _COLOURS[environment]),
             ):
                 if each is not None and len(shown := each.between(begin_s, begin_s + _WINDOW_S)) > 1:
                     axes.plot(shown.time_s - begin_s, shown.values - shown.values.mean(), color=colour, label=words)
@@ -441,7 +433,7 @@ def _draw_scheduler(figure: Figure, pairs: _Pairs) -> None:
     panels = figure.subplots(2 if heights else 1, 1, sharex=True, squeeze=False)[:, 0]
     styles = dict(zip(_ways_in(pairs), ("-", "--", ":"), strict=False))
     for one, traces in pairs:
-        look: dict[str, Any] = {"color": _colours()[one.environment], "linestyle": styles[one.sensors]}
+        look: dict[str, Any] = {"color": _COLOURS[one.environment], "linestyle": styles[one.sensors]}
         look["linewidth"] = _WIDTHS[one.environment]
         label = f"{ENVIRONMENTS[one.environment]}, {WAYS[one.sensors]}"
         if traces.max_t is not None:
@@ -455,8 +447,6 @@ def _draw_scheduler(figure: Figure, pairs: _Pairs) -> None:
 
 
 def _finish_scheduler(axes: Axes) -> None:
-    from xitl_cli.experiments.figures import name_lines
-
     axes.set_ylabel("MaxT (ms)")
     axes.set_ylim(bottom=0.0)
     name_lines(axes, loc="lower right", fontsize=6.5)

@@ -16,6 +16,7 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.errors import UserError
+from xitl_cli.experiments.figures import OTHER, OURS, mark_paper, name_lines
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup
 from xitl_cli.experiments.time_series import Floats, TimeSeries, time_series, true_path_ne_m
@@ -453,23 +454,16 @@ def _number(value: Any) -> float | None:
     return round(float(value), 3) if isinstance(value, float | int) and not isinstance(value, bool) else None
 
 
-def _colours() -> dict[str, str]:
-    from xitl_cli.experiments.figures import OTHER, OURS
-
-    return {SITL: OURS, HITL: OTHER}
-
-
+_COLOURS = {SITL: OURS, HITL: OTHER}
 _WIDTHS = {SITL: 2.2, HITL: 1.0}
 
 
 def _draw_mission(figure: Figure, sides: Sequence[LoopSide]) -> None:
     """Path, speed, yaw and outputs."""
-    from xitl_cli.experiments.figures import name_lines
-
     (path, speed), (yaw, outputs) = figure.subplots(2, 2)
     longest_s = max((float(side.speed.time_s[-1]) for side in sides if side.speed is not None), default=1.0)
     for side in sides:
-        look = {"color": _colours()[side.name], "linewidth": _WIDTHS[side.name], "label": side.name.upper()}
+        look = {"color": _COLOURS[side.name], "linewidth": _WIDTHS[side.name], "label": side.name.upper()}
         path.plot(side.path_m[:, 1], side.path_m[:, 0], **look)
         for axes, found in ((speed, side.speed), (yaw, side.yaw)):
             if found is not None:
@@ -499,12 +493,10 @@ def _unbroken(values: Floats) -> Floats:
 
 def _draw_scheduler(figure: Figure, sides: Sequence[LoopSide]) -> None:
     """Events as marks, MaxT with the paper's, load."""
-    from xitl_cli.experiments.figures import mark_paper, name_lines
-
     events, max_t, load = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.6, 1.0))
     kinds = list(dict.fromkeys(words for side in sides for _, words in sorted(side.events)))
     for number, side in enumerate(sides):
-        look = {"color": _colours()[side.name], "label": side.name.upper()}
+        look = {"color": _COLOURS[side.name], "label": side.name.upper()}
         places = [(at_s, kinds.index(words) + 0.15 * (0.5 - number)) for at_s, words in side.events]
         if places:
             events.plot(*zip(*places, strict=True), "o", markersize=5, **look)
@@ -529,14 +521,12 @@ def _draw_scheduler(figure: Figure, sides: Sequence[LoopSide]) -> None:
 
 def _draw_bases(figure: Figure, sides: Sequence[LoopSide]) -> None:
     """Time against sample numbers, and residuals."""
-    from xitl_cli.experiments.figures import name_lines
-
     times, residuals = figure.subplots(1, 2)
     styles = {"autopilot": "-", "high level": "--"}
     for side in sides:
         for base in side.bases:
             look = {
-                "color": _colours()[side.name], "linestyle": styles[base.name], "linewidth": _WIDTHS[side.name],
+                "color": _COLOURS[side.name], "linestyle": styles[base.name], "linewidth": _WIDTHS[side.name],
                 "label": f"{side.name.upper()}, {base.name}",
             }  # fmt: skip
             every = max(1, len(base.numbers) // 2000)
@@ -557,7 +547,7 @@ def _draw_maps(figure: Figure, maps: Sequence[BoomMap]) -> None:
         for axes, words, points in zip(
             panels[row], ("online", "offline"), (one.online_ned_m, one.offline_ned_m), strict=True
         ):
-            _draw_map(axes, points, one.boom_ne_m, _colours()[one.name])
+            _draw_map(axes, points, one.boom_ne_m, _COLOURS[one.name])
             axes.set_title(f"{one.name.upper()}, {words}")
     for axes in panels[-1]:
         axes.set_xlabel("east (m)")

@@ -18,6 +18,7 @@ from sim_core.frames import quat_to_matrix
 from sim_core.world.debris import BodyKind, make_body
 from sim_core.world.geometry import WOOD, cylinder
 from xitl_cli.errors import UserError
+from xitl_cli.experiments.figures import OTHER, OURS, PAPER, THIRD
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup, write_file
 from xitl_cli.experiments.time_series import Floats
@@ -330,8 +331,6 @@ def _trunk_side() -> Any:
 
 def _scatter(axes: Axes, cloud: FusedCloud, across: int) -> None:
     """Lidar on the water, lidar above it, sonar. across: 1 for a view from above, 2 for one from the side."""
-    from xitl_cli.experiments.figures import OTHER, OURS
-
     above = cloud.height_m > _ABOVE_M
     lifted = cloud.lidar_ned_m - np.array([0.0, 0.0, cloud.water_down_m])
     echoes = cloud.sonar_ned_m - np.array([0.0, 0.0, cloud.water_down_m])
@@ -347,8 +346,6 @@ def _scatter(axes: Axes, cloud: FusedCloud, across: int) -> None:
 
 
 def _draw_proximity(figure: Figure, cloud: FusedCloud) -> None:
-    from xitl_cli.experiments.figures import OURS, PAPER, THIRD
-
     axes = figure.add_subplot()
     if cloud.ranges_m:
         axes.plot(list(cloud.ranges_m), list(cloud.ranges_m.values()), "o", color=OURS, label="OBSTACLE_DISTANCE")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from xitl_cli.experiments.figures import GREY, OTHER, OURS, THIRD
 from xitl_cli.experiments.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiments.setup import ExperimentSetup
 from xitl_cli.graph.graph import Graph, Vertex
@@ -125,7 +126,7 @@ def _difference(one: ComputedIndex) -> str:
 
 # The drawing. Vertices lie on a circle: the low level below, the high level above, driver and monitor at its sides.
 _PLACES_DEG = {"D": 180, "HS": 140, "HC": 100, "HA": 60, "M": 20, "LA": -20, "LC": -60, "LS": -100, "PS1": -140}
-_COLOURS = {"D": "#cc79a7", "P": "#777777", "L": "#0072b2", "H": "#009e73", "M": "#e69f00"}
+_COLOURS = {"D": "#cc79a7", "P": GREY, "L": OURS, "H": THIRD, "M": OTHER}
 
 
 def draw_graphs(figure: Figure, indices: Sequence[ComputedIndex]) -> None:
