@@ -97,13 +97,7 @@ def step(
     waterway: Waterway, outline: Outline, afloat: Afloat, times: StepTimes, motion: Kinematics, water: WaterMotion
 ) -> Afloat:
     """One step later, with the vessels where they are at its start."""
-    long_step, debris = _begun(waterway, afloat.debris, times, water)
-    near, reachable = afloat.near, afloat.reachable
-    if long_step:
-        near, reachable = look_around(waterway, outline, motion, debris)
-    contacts, wrench, push = touch_around(waterway, outline, motion, debris, near, reachable, times.dt_ns * 1e-9)
-    debris = _drifted(waterway, debris, times, water, bool(len(near.bodies)), push)
-    return Afloat(debris, near, contacts, wrench, reachable)
+    return step_together(waterway, [outline], [afloat], times, [motion], water)[0]
 
 
 def step_together(
@@ -115,32 +109,24 @@ def step_together(
     water: WaterMotion,
 ) -> list[Afloat]:
     """The same of vessels of several outlines in one water, with one debris."""
-    long_step, debris = _begun(waterway, afloat[0].debris, times, water)
-    parts, pushes, short = [], [], False
+    long_step, debris = times.time_ns % times.long_ns == 0, afloat[0].debris
+    if long_step:
+        debris = _launch_due(waterway, debris, times.time_ns, water)
+    parts, push, short = [], None, False
     for outline, one, motion in zip(outlines, afloat, motions, strict=True):
         near, reachable = one.near, one.reachable
         if long_step:
-            near, reachable = look_around(waterway, outline, motion, debris)
-        contacts, wrench, push = touch_around(waterway, outline, motion, debris, near, reachable, times.dt_ns * 1e-9)
+            near, reachable = _look_around(waterway, outline, motion, debris)
+        contacts, wrench, own = _touch_around(waterway, outline, motion, debris, near, reachable, times.dt_ns * 1e-9)
         parts.append((near, contacts, wrench, reachable))
         short = short or len(near.bodies) > 0
-        if push is not None:
-            pushes.append(push)
-    push = None
-    for each in pushes:
-        push = together(each, push)
+        if own is not None:
+            push = together(own, push)
     debris = _drifted(waterway, debris, times, water, short, push)
     return [Afloat(debris, *part) for part in parts]
 
 
-def _begun(waterway: Waterway, debris: DebrisState, times: StepTimes, water: WaterMotion) -> tuple[bool, DebrisState]:
-    """Whether a long step begins, and what drifts then."""
-    if times.time_ns % times.long_ns:
-        return False, debris
-    return True, _launch_due(waterway, debris, times.time_ns, water)
-
-
-def look_around(
+def _look_around(
     waterway: Waterway, outline: Outline, motion: Kinematics, debris: DebrisState
 ) -> tuple[Near, Reachable]:
     """What the vessels may touch before the next long step."""
@@ -150,7 +136,7 @@ def look_around(
     return near, find_reachable(waterway.triangles, outline, motion)
 
 
-def touch_around(
+def _touch_around(
     waterway: Waterway,
     outline: Outline,
     motion: Kinematics,
