@@ -33,11 +33,6 @@ class RangefinderSample:
 
 
 @dataclass(frozen=True, slots=True)
-class RangefinderState:
-    """Nothing is remembered."""
-
-
-@dataclass(frozen=True, slots=True)
 class Rangefinder:
     """Range to what is nearest along the beam, with noise: see RangefinderSpec.
 
@@ -69,13 +64,10 @@ class Rangefinder:
         if math.hypot(*self.spec.direction_frd[:2]) < _ASIDE * length:  # above or below it nobody sails
             put(self, "hulls", None)
 
-    def initial(self, vessels: int, rng: Generator) -> RangefinderState:
-        """Nothing."""
-        return RangefinderState()
+    def initial(self, vessels: int, rng: Generator) -> None:
+        """It has no state."""
 
-    def measure(
-        self, state: RangefinderState, truth: Kinematics, rng: Generator
-    ) -> tuple[RangefinderState, RangefinderSample]:
+    def measure(self, state: None, truth: Kinematics, rng: Generator) -> tuple[None, RangefinderSample]:
         """One range from where `truth` has the unit."""
         origin = truth.pos_ned_m + truth.rot_ned_frd @ self._position
         ray = truth.rot_ned_frd @ self._direction
@@ -89,7 +81,7 @@ class Rangefinder:
         finite = np.where(nothing, 0.0, distance)
         measured = finite * (1.0 + self.spec.noise_share * noise[1]) + self.spec.noise_m * noise[0]
         read = self._output.read(np.maximum(measured, 0.0))
-        return state, RangefinderSample(np.where(nothing, np.inf, read))
+        return None, RangefinderSample(np.where(nothing, np.inf, read))
 
     def _to_plane_m(self, origin_ned_m: Array, ray_ned: Array) -> Array:
         """(N,) along the part of the beam nearest to the vertical; 0 for a unit that is itself beyond the plane."""
@@ -114,11 +106,6 @@ class ScanSample:
 
 
 @dataclass(frozen=True, slots=True)
-class ScanState:
-    """Nothing is remembered."""
-
-
-@dataclass(frozen=True, slots=True)
 class ObstacleScanner:
     """The nearest of five rays in each sector of five degrees, with noise; heights, roll and pitch are left out.
 
@@ -136,11 +123,10 @@ class ObstacleScanner:
         object.__setattr__(self, "_position", np.array(self.spec.position_frd_m))
         object.__setattr__(self, "_rays", np.radians(degrees))
 
-    def initial(self, vessels: int, rng: Generator) -> ScanState:
-        """Nothing."""
-        return ScanState()
+    def initial(self, vessels: int, rng: Generator) -> None:
+        """It has no state."""
 
-    def measure(self, state: ScanState, truth: Kinematics, rng: Generator) -> tuple[ScanState, ScanSample]:
+    def measure(self, state: None, truth: Kinematics, rng: Generator) -> tuple[None, ScanSample]:
         """One turn, all at the instant of `truth`."""
         origin = truth.pos_ned_m + truth.rot_ned_frd @ self._position
         heading = np.arctan2(truth.rot_ned_frd[:, 1, 0], truth.rot_ned_frd[:, 0, 0])
@@ -153,4 +139,4 @@ class ObstacleScanner:
                 ranges = np.minimum(ranges, around.range_in_plan_m(origin[:, :2], direction))
         ranges = ranges.reshape(-1, SECTORS, _RAYS).min(axis=2)
         noise = self.spec.noise_m * rng.standard_normal(ranges.shape)
-        return state, ScanSample(np.maximum(ranges + noise, 0.0))
+        return None, ScanSample(np.maximum(ranges + noise, 0.0))
