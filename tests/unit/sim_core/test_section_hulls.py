@@ -104,6 +104,16 @@ def test_a_wedge_floats_by_the_book() -> None:
     assert pose.gm_transverse_m == pytest.approx(2 * draft / 3 + 2 * draft / 3 - 0.3, rel=1e-7)
 
 
+def test_a_hull_that_narrows_to_the_bow_trims_about_the_middle_of_its_waterline() -> None:
+    """A triangle of length L and width B at the stern: I_L = B L^3 / 36 about its centroid, I_T = L B^3 / 48."""
+    pointed = hull(taper=((-0.5, 1.0), (0.5, 0.0)), strips=100)
+    pose = floating_pose(vessel(pointed, mass_kg=400.0, centre_of_gravity_frd_m=(-2.0 / 3.0, 0.0, 0.1)), WATER)
+    assert pose.draft_m == pytest.approx(0.2, abs=1e-6)
+    assert pose.trim_rad == pytest.approx(0.0, abs=1e-6)
+    assert pose.gm_longitudinal_m == pytest.approx(0.1 + 64.0 / 36.0 / 0.4 - 0.2, rel=1e-3)
+    assert pose.gm_transverse_m == pytest.approx(0.1 + 4.0 / 48.0 / 0.4 - 0.2, rel=1e-3)
+
+
 @pytest.mark.parametrize("section", [BOX, V, CHINE], ids=["box", "V", "chine"])
 def test_the_wrench_is_that_of_a_sum_over_a_grid(section: HullSection) -> None:
     model = vessel(hull(section, length_m=1.0, strips=4), mass_kg=20.0)
