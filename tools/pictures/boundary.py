@@ -9,11 +9,11 @@ import numpy as np
 from tools.pictures.browser import photograph
 from xitl_cli.campaign import pictures
 from xitl_cli.campaign.bisection import BoundaryFinding, bisect
-from xitl_cli.campaign.report import write_sections
 from xitl_cli.campaign.search import bisection
 from xitl_cli.campaign.search_spec import AxisRange, Search, SearchSpec
 from xitl_cli.campaign.statistics import monotone_rates
 from xitl_cli.logs.model.sections import Section
+from xitl_cli.logs.report.html import write_sections
 
 BOUNDARY_MPS, SCALE_MPS = 11.0, 0.8
 SEARCH = Search(SearchSpec(width=1.5), (AxisRange("environment.wind.mean_mps", 2.0, 20.0),), ({},), (), 1, 1)
