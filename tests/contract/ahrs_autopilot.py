@@ -69,6 +69,7 @@ class Double:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.settimeout(0.02)
         self.url = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.greeted = threading.Event()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._buffer = b""
@@ -91,6 +92,7 @@ class Double:
                 with peer:
                     peer.settimeout(0.02)
                     self.greet(peer)
+                    self.greeted.set()
                     while not self._stop.is_set():
                         with contextlib.suppress(TimeoutError):
                             data = peer.recv(4096)

@@ -112,6 +112,8 @@ def run_in_real_time(vessel: Vessel, autopilot: Double | Real, until_s: float) -
         vessel.go_on()
         assert vessel.step < until_s * IMU_HZ, autopilot.seen
         if isinstance(autopilot, Double):
+            if not autopilot.greeted.is_set():
+                time.sleep(0.001)  # it is asked and answered meanwhile
             keep_together(vessel.units[0], autopilot)
             continue
         time.sleep(max(start_s + vessel.now_ns * 1e-9 - time.monotonic(), 0.0))
