@@ -221,9 +221,9 @@ def test_a_machine_that_stood_still_and_a_cable_that_was_out_are_counted_and_tol
     findings = json.dumps(json.loads(told.stdout))
     assert "no frame for" in findings
     for link in run["links"]:
-        if link["gaps"]:
-            lost = f"at least {link['gaps']}" if link["lost"] is None else str(link["lost"])
-            assert f"{link['name']}: {lost} of" in findings
+        agreed = link["lost"] is not None
+        if lost := link["lost"] if agreed else link["gaps"]:
+            assert f"{link['name']}: {'' if agreed else 'at least '}{lost} of" in findings
 
 
 def test_a_power_cut_costs_the_last_second(board: EmulatedBoard, tmp_path: Path) -> None:

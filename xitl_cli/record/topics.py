@@ -284,7 +284,7 @@ class BridgeCounts:
     commands_in: Int64
     junk: Int64
     mavlink_in: Int64
-    mavlink_lost: Int64
+    mavlink_lost: Annotated[Int64, "by sequence numbers: of those in a row modulo 256"]
     mavlink_dropped: Int64
     mavlink_passed: Int64
     mavlink_out: Int64
