@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from xitl_cli.board.emulator import the_reached_board
-from xitl_cli.experiments.report import told_text
+from xitl_cli.experiments.report import Told, told_text
 from xitl_cli.experiments.setup import ExperimentSetup
 from xitl_cli.experiments.time_series import Floats, true_path_ne_m
 from xitl_cli.logs import open_log
+from xitl_cli.logs.compare.comparison import compare
+from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.sections import Grid, Plot, Section, Trace
 
 PAGE = "four-ways.html"
@@ -21,13 +23,17 @@ _KEPT = {True: "yes", False: "no", None: "lockstep"}
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One of the runs: its title, what it extends, and the keys that differ. path_ne_m (N, 2); summary: as written."""
+    """One of the runs: its title, what it extends, and the keys that differ.
+
+    path_ne_m (N, 2): the true one. off_path_m: RMS and largest distance from the first run's. summary: as written.
+    """
 
     title: str
     extends: str
     keys: str = ""
     summary: Mapping[str, Any] | None = None
     path_ne_m: Floats | None = None
+    off_path_m: tuple[Told, Told] = (None, None)
 
 
 def ways(emulated: str | None, real: str | None) -> Iterator[Way]:
@@ -44,24 +50,39 @@ def ways(emulated: str | None, real: str | None) -> Iterator[Way]:
 
 def sail(setup: ExperimentSetup, chosen: Sequence[Way]) -> list[Way]:
     """All of them, one after the other. Raises UserError where one cannot be made, and InterruptedRunError."""
-    sailed = []
+    sailed: list[Way] = []
+    first: Path | None = None
     for number, way in enumerate(chosen, 1):
         setup.tell(f"{way.title}: {way.extends}")
         text = f"# {way.title}\nextends: {way.extends}\ndescription: The same mission, {way.title}\n{way.keys}"
         given = {"clock.seed": setup.seed, "clock.duration_s": setup.duration_s}
         result = setup.run_profile(f"{number}-{way.title.replace(' ', '-')}", text, given)
+        off_path_m = (None, None) if first is None else _off_path_m(first, result.recording)
+        first = first or result.recording
         with open_log(result.recording) as log:
-            sailed.append(Way(way.title, way.extends, way.keys, result.summary, true_path_ne_m(log)))
+            path_ne_m = true_path_ne_m(log)
+        sailed.append(Way(way.title, way.extends, way.keys, result.summary, path_ne_m, off_path_m))
     return sailed
+
+
+def _off_path_m(first: Path, other: Path) -> tuple[Told, Told]:
+    """RMS and largest; None where there is too little of either run."""
+    with open_log(first) as a, open_log(other) as b:
+        try:
+            sections = compare(a, b, of_a="truth", of_b="truth").sections
+        except LogError:
+            return None, None
+    facts = {fact.key: fact.value for section in sections for fact in section.facts}
+    return facts.get("path_rms_m"), facts.get("path_max_m")
 
 
 def table(sailed: Sequence[Way]) -> list[list[str]]:
     """A row for each quantity: its name, and its value in each run."""
-    columns = [dict(_quantities(way.summary or {})) for way in sailed]
+    columns = [dict(_quantities(way.summary or {}, way.off_path_m)) for way in sailed]
     return [[name, *(told_text(column.get(name)) for column in columns)] for name in columns[0]]
 
 
-def _quantities(summary: Mapping[str, Any]) -> Iterator[tuple[str, float | int | str | None]]:
+def _quantities(summary: Mapping[str, Any], off_path_m: tuple[Told, Told]) -> Iterator[tuple[str, Told]]:
     mission, estimation = summary.get("mission") or {}, summary.get("estimation") or {}
     links = {link["name"]: link for link in summary.get("links") or ()}
     clock: Mapping[str, Any] = next((one for one in summary.get("clocks") or () if one["node"] == "LC"), {})
@@ -74,6 +95,8 @@ def _quantities(summary: Mapping[str, Any]) -> Iterator[tuple[str, float | int |
     yield "waypoints", f"{mission.get('waypoints_reached', 0)} of {mission.get('waypoints_total', 0)}"
     yield "cross-track RMS, m", mission.get("cross_track_rms_m")
     yield "cross-track at most, m", mission.get("cross_track_max_m")
+    yield "off the path of the first, RMS, m", off_path_m[0]
+    yield "off the path of the first, at most, m", off_path_m[1]
     yield "estimate off, RMS, m", estimation.get("position_rms_m")
     for name in ("sensors", "actuators"):
         latency = (links.get(name) or {}).get("latency_us") or {}

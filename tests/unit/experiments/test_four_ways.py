@@ -32,12 +32,14 @@ BOARD = {
 
 def sailed() -> list[Way]:
     path = np.array([[0.0, 0.0], [30.0, 10.0], [30.0, 40.0]])
-    return [Way("in process", "sitl", "", {}, path), Way("emulated board", "hitl-virtual-board", "", BOARD, path)]
+    board = Way("emulated board", "hitl-virtual-board", "", BOARD, path, (0.0214, 0.15))
+    return [Way("in process", "sitl", "", {}, path), board]
 
 
 def test_each_quantity_stands_beside_the_others() -> None:
     rows = {name: values for name, *values in table(sailed())}
     assert rows["cross-track RMS, m"] == ["–", "0.54"]
+    assert rows["off the path of the first, at most, m"] == ["–", "0.15"]
     assert rows["commands old, at most, ms"] == ["–", "110"]
     assert rows["control cycles missed"] == ["–", "8"]
     assert rows["clock drift, ppm"] == ["–", "-0.5"]
