@@ -145,7 +145,7 @@ class TcprosMiddleware:
         kind = ros1_type(type_name)
         subscriber = TopicSubscriber(topic, kind, arrive, lambda: self._registrar.node, self._notes)
         self._subscribers[topic] = subscriber
-        self._registrar.add_subscriber(topic, kind.name, subscriber.set_publishers)
+        self._registrar.add_subscriber(topic, kind.name, subscriber)
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         """See Middleware."""

@@ -234,6 +234,37 @@ def test_a_hostile_peer_is_refused_and_counted(nodes: Callable[[str], TcprosMidd
     assert len(node.problems()) == 1
 
 
+class OvertakenMaster(FakeMaster):
+    """Tells a subscriber of a publisher that is new before it answers that there was none. late: where that one is."""
+
+    late = ""
+
+    def on_register_subscriber(self, node: str, topic: str, kind: str, uri: str) -> list[str]:
+        before = super().on_register_subscriber(node, topic, kind, uri)
+        with ServerProxy(uri) as subscriber:
+            subscriber.publisherUpdate("/master", topic, [self.late])
+        return before
+
+
+def test_a_publisher_that_comes_while_the_master_answers_is_kept() -> None:
+    master = OvertakenMaster()
+    late = TcprosMiddleware(RosSpec(master=master.uri), "late")
+    publish = late.advertise("/thrust", FLOAT, RELIABLE)
+    wait(lambda: master.publishers.get("/thrust"))
+    master.late = master.publishers.pop("/thrust")[0][1]  # not there yet when the subscriber asks
+    node = TcprosMiddleware(RosSpec(master=master.uri), "xitl")
+    got: list[bytes] = []
+    try:
+        node.subscribe("/thrust", FLOAT, RELIABLE, got.append)
+        wait(lambda: node.connections() and node._registrar.reached)
+        wait(lambda: got or publish(cdr(FLOAT, data=2.5)), node)
+    finally:
+        master.publishers["/thrust"] = [("/late", master.late)]
+        for each in (node, late):
+            each.close()
+        master.stop()
+
+
 @pytest.mark.parametrize("behaviour", ["4 GB", "garbage", "other type", "closes"])
 def test_a_hostile_publisher_is_refused_and_counted(
     master: FakeMaster, nodes: Callable[[str], TcprosMiddleware], behaviour: str

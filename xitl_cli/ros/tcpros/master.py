@@ -6,8 +6,7 @@ import http.client
 import os
 import socket
 import threading
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import urlsplit
 from xml.parsers.expat import ExpatError
 from xmlrpc.client import Error as XmlRpcError
@@ -80,6 +79,16 @@ def own_host(uri: str) -> str:
         return "127.0.0.1"
 
 
+class Subscription(Protocol):
+    """What is told of the publishers of a topic, by their URIs."""
+
+    def registering(self) -> None:
+        """Before the master is asked."""
+
+    def registered(self, uris: list[str]) -> None:
+        """What it answered."""
+
+
 class Registrar:
     """Has the master know the node's publishers, subscribers, services and parameters, from a thread of its own.
 
@@ -90,7 +99,7 @@ class Registrar:
         self.uri, self.node = uri, node
         self.node_uri = ""
         self._notes = notes
-        self._wanted: dict[tuple[str, ...], tuple[Any, Callable[[Any], None] | None]] = {}
+        self._wanted: dict[tuple[str, ...], tuple[Any, Subscription | None]] = {}
         self._known: set[tuple[str, ...]] = set()
         self._left: list[str] = []
         self._master_id: int | None = None
@@ -108,9 +117,9 @@ class Registrar:
     def add_publisher(self, topic: str, type_name: str) -> None:
         self._want(("registerPublisher", topic, type_name), None)
 
-    def add_subscriber(self, topic: str, type_name: str, publishers: Callable[[list[str]], None]) -> None:
-        """publishers: called with the URIs of those that there are."""
-        self._want(("registerSubscriber", topic, type_name), publishers)
+    def add_subscriber(self, topic: str, type_name: str, subscription: Subscription) -> None:
+        """subscription: is told which publishers there are."""
+        self._want(("registerSubscriber", topic, type_name), subscription)
 
     def add_service(self, service: str, place: str) -> None:
         """place: rosrpc://HOST:PORT."""
@@ -150,9 +159,9 @@ class Registrar:
             except MasterAwayError:
                 return
 
-    def _want(self, key: tuple[str, ...], then: Callable[[Any], None] | None) -> None:
+    def _want(self, key: tuple[str, ...], subscription: Subscription | None) -> None:
         with self._lock:
-            self._wanted[key] = None, then
+            self._wanted[key] = None, subscription
         self._change.set()
 
     def _keep(self) -> None:
@@ -184,15 +193,15 @@ class Registrar:
         self._master_id = master_id
         with self._lock:
             pending = {key: value for key, value in self._wanted.items() if key not in self._known}
-        for key, (value, then) in pending.items():
+        for key, (value, subscription) in pending.items():
             if self._over.is_set():
                 return
             try:
-                self._register(key, value, then)
+                self._register(key, value, subscription)
             except MasterRefusedError as error:
                 self._notes.tell(f"the ROS master refuses {key[0]} of {key[1]}: {error}")
 
-    def _register(self, key: tuple[str, ...], value: Any, then: Callable[[Any], None] | None) -> None:
+    def _register(self, key: tuple[str, ...], value: Any, subscription: Subscription | None) -> None:
         method, name, *rest = key
         if method == "setParam":
             if name == SIM_TIME and self._ask("hasParam", name) and self._ask("getParam", name) is True:
@@ -201,13 +210,15 @@ class Registrar:
             self._ask(method, name, value)
             return
         self._known.add(key)
+        if subscription is not None:
+            subscription.registering()
         found = self._ask(method, name, *rest, self.node_uri)
         if method == "registerPublisher":
             self._look_for_others(name)
-        elif then is not None:
+        elif subscription is not None:
             if not isinstance(found, list) or not all(isinstance(uri, str) for uri in found):
                 raise nonsense(method)
-            then(found)
+            subscription.registered(found)
 
     def _look_for_others(self, topic: str) -> None:
         """Tell of other nodes that publish the same."""

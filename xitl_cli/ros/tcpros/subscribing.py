@@ -36,6 +36,7 @@ class TopicSubscriber:
         self.taken = taken
         self.notes = notes
         self._links: dict[str, PublisherLink] = {}
+        self._updated = False
         self._lock = threading.Lock()
 
     @property
@@ -43,17 +44,33 @@ class TopicSubscriber:
         with self._lock:
             return [link.peer for link in self._links.values() if link.connected]
 
-    def set_publishers(self, uris: list[str]) -> None:
-        """Connect to those that are new, leave those that are gone."""
+    def registering(self) -> None:
+        """The master is being asked: what it tells from now on may overtake its answer."""
         with self._lock:
-            for uri in self._links.keys() - set(uris):
-                self._links.pop(uri).close()
-            for uri in uris[:MOST_PUBLISHERS]:
-                if uri not in self._links:
-                    self._links[uri] = PublisherLink(self, uri)
+            self._updated = False
+
+    def registered(self, uris: list[str]) -> None:
+        """The master's answer, which is older than an update that came meanwhile."""
+        with self._lock:
+            if not self._updated:
+                self._connect(uris)
+
+    def set_publishers(self, uris: list[str]) -> None:
+        """An update of the master."""
+        with self._lock:
+            self._updated = True
+            self._connect(uris)
 
     def close(self) -> None:
         self.set_publishers([])
+
+    def _connect(self, uris: list[str]) -> None:
+        """To those that are new; leave those that are gone."""
+        for uri in self._links.keys() - set(uris):
+            self._links.pop(uri).close()
+        for uri in uris[:MOST_PUBLISHERS]:
+            if uri not in self._links:
+                self._links[uri] = PublisherLink(self, uri)
 
 
 class PublisherLink:
