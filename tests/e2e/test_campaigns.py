@@ -249,6 +249,7 @@ def test_what_misbehaves_is_told_as_what_it_is(tmp_path: Path) -> None:
         "good.py:Nothing": ("failed", 1),
     }
     assert "has no Nothing" in rows["good.py:Nothing"]["error"]
+    assert rows["good.py:Good"]["error"] == "duration reached, 0 of 6 waypoints"
     assert (Path(rows["good.py:Good"]["directory"]) / "run.mcap").exists()
     assert "xitl sim sail.yaml --set autopilot.controller=" in told
     assert runs_in(tmp_path) == []

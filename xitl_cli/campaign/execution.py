@@ -38,6 +38,7 @@ RETRIED = (CRASHED, TIMEOUT, MEMORY, KILLED)
 
 SUMMARY, ERRORS, BASE_FILE = "summary.json", "stderr.txt", "base.yaml"
 _POLL_S = 0.2
+_LONGEST_ERROR = 500  # characters
 _EXIT_STATUS = {0: COMPLETED, 1: INCOMPLETE, 2: FAILED, 130: KILLED}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
@@ -66,7 +67,7 @@ class RunTask:
 def run_point(task: RunTask) -> Row:
     """Carry out one run; what became of it, with the figures asked for.
 
-    Its keys: number, status, exit_code (negative: a signal), error (what went wrong, in a sentence), began (it left a
+    Its keys: number, status, exit_code (negative: a signal), error (what went wrong or was left undone, in a sentence), began (it left a
     summary), the figures by path, wall_s, and `summary` where it is asked for. Raises OSError where the run's folder
     cannot be made.
     """
@@ -183,7 +184,7 @@ def _summary(folder: Path) -> dict[str, Any] | None:
 
 
 def _judged(ended: _Ended, summary: dict[str, Any] | None, folder: Path) -> tuple[str, str | None]:
-    """Status, and what went wrong in a sentence."""
+    """Status, and what went wrong or was left undone, in a sentence."""
     if ended.limit is not None:
         return ended.limit, {TIMEOUT: "over its time limit", MEMORY: "over its memory limit"}[ended.limit]
     if ended.code < 0:
@@ -193,10 +194,17 @@ def _judged(ended: _Ended, summary: dict[str, Any] | None, folder: Path) -> tupl
     error = None if summary is None else summary.get("error")
     said = error or _last_line(folder / ERRORS).removeprefix("error: ")
     if ended.code in (0, 1) and summary is not None and error is None:
-        return _EXIT_STATUS[ended.code], None
+        return _EXIT_STATUS[ended.code], _left_undone(summary) if ended.code else None
     if ended.code == 1 or ended.code not in _EXIT_STATUS or (ended.code == 0 and summary is None):
         return CRASHED, said or f"exit code {ended.code}"
     return _EXIT_STATUS[ended.code], said or "interrupted"
+
+
+def _left_undone(summary: dict[str, Any]) -> str:
+    """How far a run came that did not complete, and what it and its companion warned of."""
+    came, companion = summary.get("verdict") or {}, summary.get("companion") or {}
+    said = [came.get("why"), *(summary.get("warnings") or ()), *(companion.get("warnings") or ())]
+    return "; ".join(str(each) for each in said if each)[:_LONGEST_ERROR]
 
 
 def _last_line(path: Path) -> str:
@@ -204,7 +212,7 @@ def _last_line(path: Path) -> str:
         lines = path.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
     except OSError:
         return ""
-    return lines[-1].strip()[:500] if lines else ""
+    return lines[-1].strip()[:_LONGEST_ERROR] if lines else ""
 
 
 class _Warden:

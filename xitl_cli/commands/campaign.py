@@ -291,6 +291,7 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
     """What a campaign comes to: statuses, verdicts with their intervals, the worst runs and how to repeat them."""
     from collections import Counter
 
+    from xitl_cli.campaign.execution import RAN
     from xitl_cli.campaign.statistics import wilson_interval
 
     count = len(table)
@@ -323,7 +324,8 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
         console.print()
         say(console, "worst runs", "bold")
         for row in worst:
-            why = row["error"] or ", ".join(text for text in table.verdicts if row.get(text) is not True)
+            missed = [text for text in table.verdicts if row.get(text) is not True] if row["status"] in RAN else []
+            why = "; ".join(filter(None, (", ".join(missed), row["error"])))
             say(console, f"{row['number']:>6}  {row['status']}: {why}")
             console.print(f"        {row['command']}", soft_wrap=True)
     console.print()
