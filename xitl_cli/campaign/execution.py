@@ -67,9 +67,9 @@ class RunTask:
 def run_point(task: RunTask) -> Row:
     """Carry out one run; what became of it, with the figures asked for.
 
-    Its keys: number, status, exit_code (negative: a signal), error (what went wrong or was left undone, in a sentence), began (it left a
-    summary), the figures by path, wall_s, and `summary` where it is asked for. Raises OSError where the run's folder
-    cannot be made.
+    Its keys: number, status, exit_code (negative: a signal), error (what went wrong or was left undone, in a sentence),
+    began (it left a summary), the figures by path, wall_s, and `summary` where it is asked for. Raises OSError where
+    the run's folder cannot be made.
     """
     begun_s = time.monotonic()
     folder = Path(tempfile.mkdtemp(prefix=TEMPORARY)) if task.directory is None else Path(task.directory)
