@@ -130,16 +130,28 @@ def open_browser(url: str) -> bool:
 
 
 def make_server(listener: socket.socket, address: ViewAddress, title: str) -> viser.ViserServer:
-    """A viser server at `listener` that lets in who has the token, and asks nothing outside."""
+    """A viser server at `listener` that lets in who has the token, and asks nothing outside.
+
+    viser takes connections before it is made, and fails those that come then: they wait here.
+    """
+    import asyncio
+
     import viser
     import websockets.asyncio.server as asyncio_server
     from viser._messages import ShareUrlDisconnect, ShareUrlRequest
 
     serve = asyncio_server.serve
+    made = threading.Event()
 
     def guarded_serve(handler: Any, host: str, port: int, *, process_request: Any, **options: Any) -> Any:
         checked = Doorkeeper(address, process_request, title)
-        return serve(handler, sock=listener, process_request=checked, **options)
+
+        async def handle(connection: Any) -> None:
+            while not made.is_set():
+                await asyncio.sleep(_MADE_S)
+            await handler(connection)
+
+        return serve(handle, sock=listener, process_request=checked, **options)
 
     with _SERVE_LOCK:
         asyncio_server.serve = guarded_serve  # type: ignore[assignment, misc]
@@ -151,10 +163,12 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
     for message in (ShareUrlRequest, ShareUrlDisconnect):
         handlers.pop(message, None)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
+    made.set()
     return server
 
 
 _SERVE_LOCK = threading.Lock()
+_MADE_S = 0.01  # between looks whether it is made
 
 
 class Doorkeeper:

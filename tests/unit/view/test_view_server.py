@@ -5,7 +5,11 @@ from __future__ import annotations
 import gzip
 import http.client
 import socket
+import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 
@@ -52,6 +56,30 @@ def get(address: ViewAddress, path: str, **headers: str) -> tuple[int, str]:
 def join(address: ViewAddress, path: str, origin: str | None = None) -> None:
     with connect(f"ws://127.0.0.1:{address.port}{path}", subprotocols=[SUBPROTOCOL], origin=origin, proxy=None) as one:
         assert one.recv(timeout=PATIENCE_S)
+
+
+def test_a_browser_that_comes_while_the_server_is_made_is_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    listener, address = listen("127.0.0.1", None)
+    came = threading.Event()
+    start = viser.infra.WebsockServer.start
+
+    def start_slowly(server: Any) -> None:
+        start(server)
+        assert came.wait(PATIENCE_S)
+        time.sleep(0.3)  # in which the server of before failed the connection
+
+    def come() -> bytes:
+        with connect(f"ws://127.0.0.1:{address.port}/", subprotocols=[SUBPROTOCOL], proxy=None) as one:
+            came.set()
+            first: bytes = one.recv(timeout=PATIENCE_S)
+            return first
+
+    monkeypatch.setattr(viser.infra.WebsockServer, "start", start_slowly)
+    with ThreadPoolExecutor(1) as pool:
+        said = pool.submit(come)
+        server = make_server(listener, address, "slow to be made")
+        assert said.result()
+    server.stop()
 
 
 def test_without_the_token_nothing_is_served(guarded: ViewAddress) -> None:
