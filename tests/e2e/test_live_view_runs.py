@@ -88,7 +88,8 @@ class Viewed:
     def page_process(self) -> int:
         """Number of the process that serves the page."""
         (child,) = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        assert b"xitl_cli.view.process" in Path(f"/proc/{child}/cmdline").read_bytes()
+        command = Path(f"/proc/{child}/cmdline")  # empty while it begins
+        wait_until(lambda: b"xitl_cli.view.process" in command.read_bytes(), "it serves no page")
         return int(child)
 
 

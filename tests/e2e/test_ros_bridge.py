@@ -21,9 +21,13 @@ PACED = ("--set", "ros.pace=4", "--set", "ros.queue_mb=0.5", "--set", "ros.way=c
 
 
 def bridge_of(run: int) -> int:
-    """The process of a run's bridge."""
-    children = [int(child) for child in Path(f"/proc/{run}/task/{run}/children").read_text().split()]
-    (bridge,) = [one for one in children if b"xitl_cli.ros.process" in Path(f"/proc/{one}/cmdline").read_bytes()]
+    """The process of a run's bridge, whose command is empty while it begins."""
+
+    def bridges() -> list[int]:
+        children = [int(child) for child in Path(f"/proc/{run}/task/{run}/children").read_text().split()]
+        return [one for one in children if b"xitl_cli.ros.process" in Path(f"/proc/{one}/cmdline").read_bytes()]
+
+    (bridge,) = wait_until(bridges, "there is no bridge")
     return bridge
 
 
