@@ -45,7 +45,7 @@ test-fast: $(VENV)/.dev  ## the tests to run all day
 test-slow: $(VENV)/.dev  ## those that take seconds, beside each other
 	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
 
-test-paced: $(VENV)/.dev  ## those that keep up with a board or with nodes of ROS, one at a time, beside what yields to them
+test-paced: $(VENV)/.dev  ## those that keep up with a board or with nodes of ROS, one at a time
 	$(BIN)/python -m pytest -m paced
 
 test-realtime: $(VENV)/.dev  ## those that say how well real time is kept, one at a time and alone

@@ -52,7 +52,7 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
     results: list[Result] = []
 
     def sail() -> None:
-        operation = Operation(pace=0.25)  # there is somebody before it is over, however slow the browser
+        operation = Operation(pace=0.1)  # there is somebody before it is over, however slow the browser
         results.append(run(profile, tmp_path / "run", False, NoDisplay, operation=operation, tell=told.append))
 
     sailing = threading.Thread(target=sail)
