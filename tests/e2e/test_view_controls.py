@@ -94,7 +94,7 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
             assert page.screenshot() != before
             page.get_by_label("Pace").click()
             page.get_by_role("option", name="as fast as it can").click()
-            wait_until(lambda: not sailing.is_alive())
+            wait_until(lambda: not sailing.is_alive(), patience_s=3 * PATIENCE_S)
     finally:
         sailing.join(3 * PATIENCE_S)
     result = results[0]

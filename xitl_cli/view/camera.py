@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -31,6 +32,10 @@ PLACE_S = 0.25
 """How slowly it goes after its place: waves and gusts do not shake the picture."""
 HANDS_OFF_S = 0.4
 """After the mouse moved it, until the camera is led again."""
+SENT_KEPT = 1000
+"""Places that a browser is known to have been sent: one that is slow reports them long after."""
+SAME = 1e-4
+"""How far a reported place is from the one that was sent, in distances from the vessel, if it is the same."""
 NEAR_M, FAR_M, FIELD_OF_VIEW_RAD = 0.15, 2600.0, 0.9
 
 
@@ -67,7 +72,9 @@ def usual_pose(mode: str, length_m: float) -> CameraPose:
 
 @dataclass(slots=True)
 class _Looker:
-    """One browser's camera. sent: what it was told last: position and what it looks at."""
+    """One browser's camera. sent: places that it was sent, position and what it looks at of each; heard: it has reported
+    one of them, so that what it reports from now on is no older. stamp: of its last report that was looked at.
+    """
 
     mode: str
     subject: str
@@ -75,8 +82,25 @@ class _Looker:
     place_m: Array | None = None
     heading_rad: float = 0.0
     turned_rad: float = 0.0
-    sent: tuple[Array, Array] | None = None
+    sent: deque[tuple[float, ...]] = field(default_factory=lambda: deque(maxlen=SENT_KEPT))
+    heard: bool = False
+    stamp: float = 0.0
     touched_s: float = field(default=-math.inf)
+
+    def start_again(self, mode: str, subject: str, length_m: float) -> None:
+        """With another mode or vessel."""
+        self.mode, self.subject, self.pose = mode, subject, usual_pose(mode, length_m)
+        self.place_m, self.turned_rad = None, 0.0
+        self.sent.clear()
+        self.heard = False
+
+    def moved_by_hand(self, place: tuple[float, ...]) -> bool:
+        """Whether a place that the browser reports is its user's: neither sent nor from before anything was."""
+        near_m = SAME * self.pose.distance_m
+        if any(math.dist(place, sent) < near_m for sent in reversed(self.sent)):
+            self.heard = True
+            return False
+        return self.heard
 
 
 class Cameras:
@@ -119,10 +143,8 @@ class Cameras:
             subjects = client.gui.add_dropdown("of", tuple(self._names), initial_value=self._names[0], order=1.1)
 
         def choose(event: object) -> None:
-            looker.mode = modes.value
-            looker.subject = self._names[0] if subjects is None else subjects.value
-            looker.pose = usual_pose(looker.mode, self._length_m(looker.subject))
-            looker.place_m, looker.sent, looker.turned_rad = None, None, 0.0
+            subject = self._names[0] if subjects is None else subjects.value
+            looker.start_again(modes.value, subject, self._length_m(subject))
 
         modes.on_update(choose)
         if subjects is not None:
@@ -157,12 +179,12 @@ class Cameras:
             turn = math.remainder(heading_rad - looker.heading_rad, math.tau)
             looker.heading_rad += (1.0 - math.exp(-elapsed_s / HEADING_S)) * turn
         reference = {FOLLOW: looker.heading_rad, ORBIT: looker.turned_rad, ABOVE: 0.0}[looker.mode]
-        if looker.sent is not None:
-            moved = np.asarray(camera.position - camera.look_at) - (looker.sent[0] - looker.sent[1])
-            if float(np.linalg.norm(moved)) > 0.02 * looker.pose.distance_m:
-                looker.pose = CameraPose.of(np.asarray(camera.position - camera.look_at), reference)
+        stamp, seen = camera.update_timestamp, _place(camera)
+        if stamp != looker.stamp and stamp == camera.update_timestamp:  # no other report came between
+            looker.stamp = stamp
+            if looker.moved_by_hand(seen):
+                looker.pose = CameraPose.of(np.array(seen[:3]) - np.array(seen[3:]), reference)
                 looker.touched_s = now_s
-                looker.sent = np.array(camera.position), np.array(camera.look_at)
         if now_s - looker.touched_s < HANDS_OFF_S:
             return
         if looker.mode == ORBIT:
@@ -172,7 +194,13 @@ class Cameras:
         with client.atomic():
             camera.position = position
             camera.look_at = looker.place_m
-        looker.sent = np.array(camera.position), np.array(camera.look_at)
+        looker.sent.append(_place(camera))
+        looker.stamp = camera.update_timestamp
+
+
+def _place(camera: Any) -> tuple[float, ...]:
+    """Position, and what it looks at."""
+    return (*camera.position.tolist(), *camera.look_at.tolist())
 
 
 def _heading_rad(attitude_wxyz: Array) -> float:

@@ -32,13 +32,48 @@ class Dropdown:
         self._changed(None)
 
 
+class Camera:
+    """Of a browser, as viser has it: where it was told, or said, to be last. shown: all places, one after the other."""
+
+    def __init__(self) -> None:
+        self._places = np.zeros((2, 3))
+        self.update_timestamp = 0.0
+        self.shown: list[np.ndarray] = []
+
+    @property
+    def position(self) -> np.ndarray:
+        return self._places[0]
+
+    @position.setter
+    def position(self, place: np.ndarray) -> None:
+        self._set(self._places + (place - self.position))
+
+    @property
+    def look_at(self) -> np.ndarray:
+        return self._places[1]
+
+    @look_at.setter
+    def look_at(self, place: np.ndarray) -> None:
+        self._set(np.array([self.position, place]))
+        self.shown.append(self._places)
+
+    def report(self, places: np.ndarray) -> None:
+        """What comes from the browser: position and what it looks at, (2, 3)."""
+        self._set(places)
+
+    def _set(self, places: np.ndarray) -> None:
+        self._places = places
+        self.update_timestamp += 1.0
+
+
 class Browser:
-    """One that looks at `cameras`, with a clock of its own."""
+    """One that looks at `cameras`, with a clock of its own. Each place that it is told it reports `late` frames later."""
 
     def __init__(self, scene: ViewScene) -> None:
+        self.late, self._reported = 1, 0
         self.dropdowns: dict[str, Dropdown] = {}
         self.client_id = 3
-        self.camera = SimpleNamespace(position=np.zeros(3), look_at=np.zeros(3))
+        self.camera = Camera()
         self.gui = SimpleNamespace(add_dropdown=self._add)
         self.atomic = nullcontext
         self.now_s = 0.0
@@ -62,8 +97,11 @@ class Browser:
         }
         for _ in range(max(round(seconds / FRAME_S), 1)):
             self.now_s += FRAME_S
+            while len(self.camera.shown) - self._reported >= self.late:
+                self.camera.report(self.camera.shown[self._reported])
+                self._reported += 1
             self.cameras.update(ViewInstant(self.now_s, vessels))
-        return np.asarray(self.camera.position) - np.asarray(self.camera.look_at)
+        return self.camera.position - self.camera.look_at
 
 
 @pytest.fixture
@@ -106,13 +144,28 @@ def test_from_above_north_is_up(browser: Browser) -> None:
 def test_what_the_mouse_did_is_kept_and_a_free_camera_is_left_alone(browser: Browser) -> None:
     browser.look(1.0, alpha=(0.0, 0.0, EAST))
     by_hand = np.array([0.0, 30.0, 10.0])
-    browser.camera.position = np.asarray(browser.camera.look_at) + by_hand
+    browser.camera.shown.append(np.array([browser.camera.look_at + by_hand, browser.camera.look_at]))
     browser.look(0.5 * HANDS_OFF_S, alpha=(1.0, 0.0, EAST))
     assert browser.look(5.0, alpha=(6.0, 0.0, EAST)) == pytest.approx(by_hand, abs=0.01)
     assert browser.camera.look_at[0] == pytest.approx(6.0, abs=0.01)
     browser.dropdowns["Camera"].choose(FREE)
     browser.look(1.0, alpha=(60.0, 0.0, EAST))
     assert browser.camera.look_at[0] == pytest.approx(6.0, abs=0.01)
+
+
+@pytest.mark.parametrize("late", [1, 20, 200])
+def test_a_slow_browser_that_reports_old_places_is_nobodys_hand(browser: Browser, late: int) -> None:
+    browser.late = late
+    for place in ([[3.0, 3.0, 3.0], [0.0, 0.0, 0.0]], [[-5.0, 0.0, 0.0], [0.0, 0.0, 0.0]]):  # before it is told any
+        browser.camera.report(np.array(place))
+        browser.look(0.0, alpha=(0.0, 0.0, EAST))
+    for turn in np.linspace(0.0, math.pi, 300):
+        attitude = np.array([math.cos(0.5 * turn), 0.0, 0.0, math.sin(0.5 * turn)])
+        offset = browser.look(0.0, alpha=(3.0 * turn, turn, attitude))
+    offset = browser.look(60.0, alpha=(3.0 * turn, turn, attitude))
+    usual = usual_pose(FOLLOW, 4.0)
+    assert np.linalg.norm(offset) == pytest.approx(usual.distance_m)
+    assert offset == pytest.approx(usual.offset_m(math.pi), abs=0.05)
 
 
 def test_another_vessel_may_be_looked_at(browser: Browser) -> None:
