@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # Many tests wait for processes that they started.
 WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 
-.PHONY: run package test test-fast test-slow test-paced test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
+.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -36,19 +36,15 @@ package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
 test:  ## all tests, one stage after the other
 	$(MAKE) test-fast
 	$(MAKE) test-slow
-	$(MAKE) test-paced
 	$(MAKE) test-realtime
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
-	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not paced and not realtime" -n auto
+	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
 
 test-slow: $(VENV)/.dev  ## those that take seconds, beside each other
 	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
 
-test-paced: $(VENV)/.dev  ## those that keep up with a board or with nodes of ROS, one at a time
-	$(BIN)/python -m pytest -m paced
-
-test-realtime: $(VENV)/.dev  ## those that say how well real time is kept, one at a time and alone
+test-realtime: $(VENV)/.dev  ## those that keep up with a board, with nodes of ROS or with the clock, one at a time and alone
 	$(BIN)/python -m pytest -m realtime
 
 checks: lint types check-dialect docs wheel  ## everything else that has to pass

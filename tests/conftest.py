@@ -56,7 +56,7 @@ LONGEST_FIRST = (
     "test_fleet_mix.py",
 )
 RANKS = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
-KINDS = ("slow", "paced", "realtime")
+KINDS = ("slow", "realtime")
 ALL_ARE = r"(?m)^pytestmark = (?:\[[^]]*)?pytest\.mark\.%s\b"
 FOR_ALL_TESTS_OF_A_FILE = 'scope="module"'
 

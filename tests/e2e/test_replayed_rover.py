@@ -57,7 +57,7 @@ def test_the_mission_that_was_captured_is_sailed_again(tmp_path: Path) -> None:
     assert result["estimation"]["position_rms_m"] < 0.5
 
 
-@pytest.mark.paced
+@pytest.mark.realtime
 def test_an_autopilot_that_dies_under_way_ends_the_run_with_its_last_words(tmp_path: Path) -> None:
     done = run(tmp_path, XITL_REPLAY_DIES=str(DEATH))
     assert done.returncode == 2

@@ -22,7 +22,7 @@ from xitl_cli.logs import open_log
 NODE = Path(__file__).parents[1] / "contract/rospy_node.py"
 
 pytestmark = [
-    pytest.mark.paced,
+    pytest.mark.realtime,
     pytest.mark.skipif(
         shutil.which("roscore") is None, reason="needs a ROS 1: tools/system_packages.sh installs Debian's ros-core"
     ),

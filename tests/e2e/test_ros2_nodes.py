@@ -100,7 +100,7 @@ def bag_stamps(folder: Path, topics: Collection[str]) -> dict[str, list[int]]:
     return stamps
 
 
-@pytest.mark.paced
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("distribution", "way", "discovery", "seconds"),
     [("kilted", "cyclonedds", "SUBNET", 30), ("jazzy", "cyclonedds", "LOCALHOST", 6), ("kilted", "rclpy", "SUBNET", 6)],
@@ -142,7 +142,7 @@ def test_a_node_hears_every_message(
             assert list(heard[name]["frames"]) == [topic.frame.replace("→", ">")]
 
 
-@pytest.mark.paced
+@pytest.mark.realtime
 @pytest.mark.parametrize(("distribution", "way"), [("jazzy", "cyclonedds"), ("kilted", "rclpy")])
 def test_a_node_sails_to_a_waypoint_and_one_that_does_all_wrong_harms_nothing(
     tmp_path: Path, distribution: str, way: str
@@ -181,7 +181,7 @@ def test_a_node_sails_to_a_waypoint_and_one_that_does_all_wrong_harms_nothing(
         assert sum(sentence in warning for warning in told["warnings"]) == 1, (sentence, told["warnings"])
 
 
-@pytest.mark.paced
+@pytest.mark.realtime
 def test_a_node_keeps_clear_of_the_boom_by_points(tmp_path: Path) -> None:
     ros = ros2("kilted")
     with ros.node(EXAMPLES / "avoid_boom_by_points.py") as avoider:

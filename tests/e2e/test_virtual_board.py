@@ -26,7 +26,7 @@ from xitl_cli.board.tools import FOR_MAKING, find_program
 from xitl_cli.errors import UserError
 from xitl_cli.logs.formats import open_log
 
-pytestmark = [pytest.mark.paced, pytest.mark.board]
+pytestmark = [pytest.mark.realtime, pytest.mark.board]
 
 LIMIT_S = 600.0  # for what is sure to come, on whatever machine
 PRIORITY = 50

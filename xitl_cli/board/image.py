@@ -186,7 +186,7 @@ def cpio_archive(files: dict[str, tuple[int, bytes]]) -> bytes:
 def make_overlay(disk: Path, base: Path, kind: str) -> None:
     """A disk that holds only what differs from `base`, of the format `kind`."""
     disk.unlink(missing_ok=True)
-    words = ["qemu-img", "create", "-q", "-f", "qcow2", "-F", kind, "-b", str(base.absolute()), str(disk)]
+    words = ["qemu-img", "create", "-q", "-f", "qcow2", "-F", kind, "-b", str(base), str(disk)]
     checked_run(words, f"{disk}: cannot be made", "make room, or check who may write there")
 
 

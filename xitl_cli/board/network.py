@@ -54,7 +54,7 @@ def check_network(board: EmulatedBoard) -> None:
     if board.network == NAMESPACE:
         _check_namespace(board)
         return
-    for port in (board.ssh_port, board.autopilot_port, board.companion_port, board.mavlink_port):
+    for port in board.ports:
         _check_free(board, port)
 
 

@@ -20,7 +20,7 @@ _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,30}")
 
 def boards_root() -> Path:
     """The folder of all boards; it need not exist."""
-    return cache_root().absolute() / "boards"
+    return cache_root() / "boards"
 
 
 def images_root() -> Path:
@@ -56,24 +56,26 @@ class EmulatedBoard:
     @property
     def ssh_port(self) -> int:
         """Of its ssh server."""
-        return self._ports()[0]
+        return self.ports[0]
 
     @property
     def autopilot_port(self) -> int:
         """Of the autopilot's agent."""
-        return self._ports()[1]
+        return self.ports[1]
 
     @property
     def companion_port(self) -> int:
         """Of the companion's agent."""
-        return self._ports()[2]
+        return self.ports[2]
 
     @property
     def mavlink_port(self) -> int:
         """Of an ArduPilot, for ground stations."""
-        return self._ports()[3]
+        return self.ports[3]
 
-    def _ports(self) -> tuple[int, ...]:
+    @property
+    def ports(self) -> tuple[int, ...]:
+        """All of them at its address, in the order of SERVICE_PORTS."""
         forwarded = tuple(range(self.port, self.port + len(SERVICE_PORTS)))
         return SERVICE_PORTS if self.network == NAMESPACE else forwarded
 

@@ -194,13 +194,13 @@ def _judged(ended: _Ended, summary: dict[str, Any] | None, folder: Path) -> tupl
     error = None if summary is None else summary.get("error")
     said = error or _last_line(folder / ERRORS).removeprefix("error: ")
     if ended.code in (0, 1) and summary is not None and error is None:
-        return _EXIT_STATUS[ended.code], _left_undone(summary) if ended.code else None
+        return _EXIT_STATUS[ended.code], left_undone(summary) if ended.code else None
     if ended.code == 1 or ended.code not in _EXIT_STATUS or (ended.code == 0 and summary is None):
         return CRASHED, said or f"exit code {ended.code}"
     return _EXIT_STATUS[ended.code], said or "interrupted"
 
 
-def _left_undone(summary: dict[str, Any]) -> str:
+def left_undone(summary: dict[str, Any]) -> str:
     """How far a run came that did not complete, and what it and its companion warned of."""
     came, companion = summary.get("verdict") or {}, summary.get("companion") or {}
     said = [came.get("why"), *(summary.get("warnings") or ()), *(companion.get("warnings") or ())]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ def sail(setup: ExperimentSetup, chosen: Sequence[Way]) -> list[Way]:
         first = first or result.recording
         with open_log(result.recording) as log:
             path_ne_m = true_path_ne_m(log)
-        sailed.append(Way(way.title, way.extends, way.keys, result.summary, path_ne_m, off_path_m))
+        sailed.append(replace(way, summary=result.summary, path_ne_m=path_ne_m, off_path_m=off_path_m))
     return sailed
 
 

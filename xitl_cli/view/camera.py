@@ -72,8 +72,8 @@ def usual_pose(mode: str, length_m: float) -> CameraPose:
 
 @dataclass(slots=True)
 class _Looker:
-    """One browser's camera. sent: places that it was sent, position and what it looks at of each; heard: it has reported
-    one of them, so that what it reports from now on is no older. stamp: of its last report that was looked at.
+    """One browser's camera. sent: places that it was sent, position and what it looks at of each; heard: it has
+    reported one of them, so that what it reports from now on is no older. stamp: of its last report that was looked at.
     """
 
     mode: str

@@ -13,7 +13,7 @@ import pytest
 
 from xitl_cli.campaign import results
 from xitl_cli.campaign.engine import Campaign, CampaignProgress
-from xitl_cli.campaign.execution import CRASHED, FAILED, KILLED, TIMEOUT, Row, RunTask
+from xitl_cli.campaign.execution import CRASHED, FAILED, KILLED, TIMEOUT, Row, RunTask, left_undone
 from xitl_cli.campaign.plan import CampaignPlan, PlanError, read_plan
 from xitl_cli.campaign.results import LINES, NOT_COMPARED, CampaignFolder, FullDiskError, ResultTable
 from xitl_cli.errors import UserError
@@ -240,3 +240,24 @@ def test_progress_estimates_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_is_compared_names_columns_that_are_there() -> None:
     assert set(NOT_COMPARED) <= set(results.TAIL)
+
+
+@pytest.mark.parametrize(
+    ("summary", "told"),
+    [
+        ({}, ""),
+        ({"verdict": None, "warnings": [], "companion": None}, ""),
+        ({"verdict": {"why": "at waypoint 2 of 6"}}, "at waypoint 2 of 6"),
+        (
+            {
+                "verdict": {"why": "at waypoint 2 of 6"},
+                "warnings": ["the link was cut"],
+                "companion": {"warnings": ["it ended by itself", ""]},
+            },
+            "at waypoint 2 of 6; the link was cut; it ended by itself",
+        ),
+        ({"warnings": ["x" * 10_000]}, "x" * 500),
+    ],
+)
+def test_what_a_run_left_undone_is_told_by_it_and_its_companion(summary: dict[str, Any], told: str) -> None:
+    assert left_undone(summary) == told

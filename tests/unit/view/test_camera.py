@@ -67,7 +67,7 @@ class Camera:
 
 
 class Browser:
-    """One that looks at `cameras`, with a clock of its own. Each place that it is told it reports `late` frames later."""
+    """One that looks at `cameras`, with a clock of its own. It reports a place `late` frames after it was told."""
 
     def __init__(self, scene: ViewScene) -> None:
         self.late, self._reported = 1, 0
