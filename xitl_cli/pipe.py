@@ -6,12 +6,16 @@ Nobody waits for anybody: what the socket does not take stays here, and is offer
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import select
 import socket
 import struct
+import sys
 import threading
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 _LENGTH = struct.Struct("<I")
@@ -20,6 +24,21 @@ _CHUNK = 1 << 18
 
 class PipeClosedError(Exception):
     """The other end is gone."""
+
+
+@contextmanager
+def until_closed() -> Iterator[None]:
+    """All that a process beside a run does: until its pipe is closed. Another error ends it at once, and is what it
+    says last: threads of libraries still have something to say when they are told to end.
+    """
+    try:
+        yield
+    except PipeClosedError:
+        return
+    except Exception:  # noqa: BLE001  told whole
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
 
 
 class Pipe:

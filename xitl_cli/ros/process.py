@@ -13,13 +13,12 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from xitl_cli.errors import UserError
-from xitl_cli.pipe import Pipe, PipeClosedError
+from xitl_cli.pipe import Pipe, PipeClosedError, until_closed
 from xitl_cli.profile.schema.ros import RosTopicSpec
 from xitl_cli.ros.conversion import RosConversion, RosMessage
 from xitl_cli.ros.inputs import RosInputs
@@ -206,7 +205,7 @@ class RosBridge:
 def main(arguments: list[str]) -> None:
     """See the module."""
     pipe = Pipe.of_process(socket.socket(fileno=int(arguments[0])))
-    with suppress(PipeClosedError):
+    with until_closed():
         start, *rest = pipe.receive_first()
         try:
             middleware = open_middleware(start.profiles[0].ros)

@@ -12,11 +12,10 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from xitl_cli.pipe import Pipe, PipeClosedError
+from xitl_cli.pipe import Pipe, until_closed
 from xitl_cli.view.camera import Cameras
 from xitl_cli.view.controls import Controls
 from xitl_cli.view.drawing import SceneDrawing
@@ -135,7 +134,7 @@ def main(arguments: list[str]) -> None:
     """See the module."""
     listener, end = (socket.socket(fileno=int(number)) for number in arguments)
     pipe = Pipe.of_process(end)
-    with suppress(PipeClosedError):
+    with until_closed():
         start, *rest = pipe.receive_first()
         ViewProcess(listener, pipe, start).run(rest)
 

@@ -74,6 +74,18 @@ def test_the_last_line_of_one_that_fails_is_why_it_is_lost(made: Callable[..., B
     assert len(beside.why) == 1
 
 
+def test_threads_of_libraries_do_not_have_the_last_word(made: Callable[..., Beside]) -> None:
+    beside = made("""
+import atexit
+from xitl_cli.pipe import until_closed
+atexit.register(print, "RuntimeError: told to end", file=sys.stderr)
+with until_closed():
+    raise OSError("no domain")
+""")
+    beside.process.start()
+    assert beside.wait_for_loss() == " (OSError: no domain)"
+
+
 def test_the_signal_that_ended_it_is_why_it_is_lost(made: Callable[..., Beside]) -> None:
     beside = made("print('last', file=sys.stderr, flush=True)\nos.kill(os.getpid(), signal.SIGKILL)\n")
     beside.process.start()
