@@ -15,6 +15,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -155,6 +156,7 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
 
     with _SERVE_LOCK:
         asyncio_server.serve = guarded_serve  # type: ignore[assignment, misc]
+        _have_threads_wake_safely()
         try:
             server = viser.ViserServer(host=address.host, port=address.port, label=title, verbose=False)
         finally:
@@ -165,6 +167,35 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     made.set()
     return server
+
+
+@cache
+def _have_threads_wake_safely() -> None:
+    """Give viser's messages to browsers an event that any thread may set.
+
+    viser sets it beside its event loop too, where asyncio allows nobody to: it raised RuntimeError in the thread that
+    draws about once in 300,000 messages. In its loop it sets it again for each, which is what wakes.
+    """
+    import asyncio
+
+    from viser.infra import _infra
+
+    class AnyThreadsEvent(asyncio.Event):
+        def set(self) -> None:
+            try:
+                asyncio.get_running_loop()
+            except RuntimeError:
+                self._value = True
+                return
+            self._value = False  # or nobody would be woken
+            super().set()
+
+    class MessageBuffer(_infra.AsyncMessageBuffer):  # type: ignore[misc]
+        def __init__(self, *arguments: Any, **keys: Any) -> None:
+            super().__init__(*arguments, **keys)
+            self.message_event = AnyThreadsEvent()
+
+    _infra.AsyncMessageBuffer = MessageBuffer
 
 
 _SERVE_LOCK = threading.Lock()

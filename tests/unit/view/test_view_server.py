@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import http.client
 import socket
@@ -127,6 +128,26 @@ def test_the_page_has_its_title_and_a_word_for_who_has_no_webgl(own: ViewAddress
         assert "<title>A &lt;title&gt;</title>" in body
         assert body.count("<title>") == 1
         assert "xitl-no-webgl" in body
+
+
+def test_a_thread_that_draws_wakes_nobody_outside_viser_s_loop(own: ViewAddress) -> None:
+    """Or what waits may leave while the thread goes through all that wait: RuntimeError, once in a while."""
+    from viser.infra import _infra
+
+    loop = asyncio.new_event_loop()
+    buffers = [_infra.AsyncMessageBuffer(loop, persistent_messages=persistent) for persistent in (True, False)]
+    for buffer in buffers:
+        event = buffer.message_event
+        waiting = loop.create_task(event.wait())
+        loop.run_until_complete(asyncio.sleep(0))
+        buffer.event_loop.call_soon_threadsafe = lambda told: None
+        buffer.push(viser._messages.SetCameraFovMessage(0.9))
+        assert event.is_set()
+        assert not any(future.done() for future in event._waiters)
+        del buffer.event_loop.call_soon_threadsafe
+        buffer.push(viser._messages.SetCameraFovMessage(0.8))
+        assert loop.run_until_complete(asyncio.wait_for(waiting, PATIENCE_S))
+    loop.close()
 
 
 def test_no_page_may_have_it_shown_through_a_machine_elsewhere() -> None:
