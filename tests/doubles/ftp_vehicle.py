@@ -6,7 +6,7 @@ import socket
 import struct
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any
@@ -128,7 +128,7 @@ def _serve(server: socket.socket, vehicle: FtpVehicle, stop: threading.Event) ->
             peer, _ = server.accept()
         except TimeoutError:
             continue
-        with peer:
+        with peer, suppress(ConnectionError):  # the client went with an answer unread
             peer.settimeout(0.004)
             _talk(peer, vehicle, stop)
 
