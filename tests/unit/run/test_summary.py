@@ -205,7 +205,7 @@ def test_the_tables_have_what_the_summary_has(tmp_path: Path) -> None:
         "link-cut 40 45 12 frames lost to agent",
         "drifting-clock 20 the end –",
         "gnss-dropout never – –",
-        "clock offset ± µs drift ppm error varies sample ms varies µs steps",
+        "clock offset ± µs drift ± ppm varies sample ms varies µs steps",
         "79.98 0.31 0.12 100.00800 31.0 1",
     ):
         assert expected in words
