@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from conftest import newest_time_s, unhurried
 
+from tests.chromium import CHROMIUM, launch_chromium
 from tests.patience import PATIENCE_S, wait_until
 
 viser = pytest.importorskip("viser")
@@ -25,8 +26,6 @@ msgspec = pytest.importorskip("msgspec")
 zstandard = pytest.importorskip("zstandard")
 connect = pytest.importorskip("websockets.sync.client").connect
 
-CHROMIUM = Path("/usr/bin/chromium")
-SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 pytestmark = pytest.mark.slow
 CAMERA = {
     "type": "ViewerCameraMessage",
@@ -109,10 +108,10 @@ def started(tmp_path: Path) -> Iterator[Callable[..., Viewed]]:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     playwright = pytest.importorskip("playwright.sync_api")
-    if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is not there; apt install chromium")
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium; apt install chromium")
     with playwright.sync_playwright() as driver:
-        made = driver.chromium.launch(executable_path=str(CHROMIUM), args=SOFTWARE)
+        made = launch_chromium(driver)
         yield made
         made.close()
 

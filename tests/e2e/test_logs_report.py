@@ -18,6 +18,7 @@ from conftest import patient, unhurried
 from expression_cases import made_signals
 from report_samples import SECONDS, sample_report
 
+from tests.chromium import launch_chromium, needs_chromium
 from tests.recorded import LINUX
 from xitl_cli.commands import logs_analyze
 from xitl_cli.logs.clocks.time_line import TimeLine
@@ -26,13 +27,12 @@ from xitl_cli.logs.report.page import Replay
 from xitl_cli.logs.report.signal_data import held_log
 
 SCREEN = {"width": 1280, "height": 2600}
-CHROMIUM = Path("/usr/bin/chromium")
-FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+FLAT = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking")
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser; pip install playwright")
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is not there; apt install chromium"),
+    needs_chromium,
 ]
 
 
@@ -75,7 +75,7 @@ def driver() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def browser(driver: Any) -> Iterator[Any]:
-    started = driver.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+    started = launch_chromium(driver, FLAT)
     yield started
     started.close()
 
@@ -295,8 +295,7 @@ def test_a_log_is_replayed_in_its_report(driver: Any, tmp_path: Path) -> None:
     command.command()(logs_analyze.analyze)
     told = CliRunner().invoke(command, [str(LINUX), "--section", "overview", "--report", str(path)])
     assert told.exit_code == 0, told.output
-    software = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    started = driver.chromium.launch(executable_path=str(CHROMIUM), args=software)
+    started = launch_chromium(driver)
     page = unhurried(started.new_context(offline=True, viewport={"width": 640, "height": 480}).new_page())
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from typing import Any
 import pytest
 from conftest import differences, payloads, unhurried
 
+from tests.chromium import launch_chromium, needs_chromium
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.profile import load_profile
 from xitl_cli.run.operator.operation import Operation
@@ -20,7 +20,6 @@ from xitl_cli.run.operator.replay import read_events
 from xitl_cli.run.session import Result, run
 from xitl_cli.run.status_display import NoDisplay
 
-SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 LAUNCHES = "launches debris"
 
 
@@ -29,7 +28,7 @@ def page_at(url: str) -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(SOFTWARE))
+        browser = launch_chromium(playwright)
         page = unhurried(browser.new_page(viewport={"width": 900, "height": 600}))
         page.goto(url)
         yield page
@@ -43,7 +42,7 @@ def time_shown_s(page: Any) -> tuple[float, bool]:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs Chromium")
+@needs_chromium
 def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
     pytest.importorskip("viser")
     pytest.importorskip("playwright")

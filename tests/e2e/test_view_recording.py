@@ -16,20 +16,18 @@ import numpy as np
 import pytest
 from conftest import unhurried
 
+from tests.chromium import launch_chromium, needs_chromium
 from tests.recorded_run import recorded_run
 from xitl_cli.view.pictures import picture
 from xitl_cli.view.recording import open_scene
 from xitl_cli.view.replay_page import replay_html
-
-CHROMIUM = Path("/usr/bin/chromium")
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser; pip install playwright")
 pytest.importorskip("viser")
 Image = pytest.importorskip("PIL.Image")
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is not there; apt install chromium"),
+    needs_chromium,
 ]
 
 
@@ -41,7 +39,7 @@ def run() -> Path:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        started = launch_chromium(driver)
         yield started
         started.close()
 
