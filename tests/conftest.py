@@ -28,7 +28,6 @@ settings.load_profile("any machine")
 LONGEST_FIRST = (
     "test_campaigns.py",
     "test_documentation.py",
-    "test_loopbacks.py",
     "test_view_recording.py",
     "test_fleet_stations.py",
     "test_fleet_traffic.py",

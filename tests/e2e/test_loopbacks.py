@@ -28,7 +28,7 @@ LOOPBACKS = {
 }
 AT_ONCE = 3  # together they keep about one processor busy
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime  # beside others a reader stands still for a second, and a line loses frames
 
 
 @pytest.fixture(scope="module")
