@@ -9,12 +9,13 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xitl_cli.view.model import Array, ViewInstant, ViewScene
+from xitl_cli.view.model import Array, VesselInstant, ViewInstant, ViewScene
 
 if TYPE_CHECKING:
     import viser
@@ -96,6 +97,8 @@ class _Looker:
 
     def moved_by_hand(self, place: tuple[float, ...]) -> bool:
         """Whether a place that the browser reports is its user's: neither sent nor from before anything was."""
+        if not np.isfinite(place).all():
+            return False
         near_m = SAME * self.pose.distance_m
         if any(math.dist(place, sent) < near_m for sent in reversed(self.sent)):
             self.heard = True
@@ -161,7 +164,7 @@ class Cameras:
         clients = self._server.get_clients()
         for number, looker in list(self._lookers.items()):
             vessel = instant.vessels.get(looker.subject)
-            if number in clients and vessel is not None and looker.mode != FREE:
+            if number in clients and vessel is not None and looker.mode != FREE and _is_finite(vessel):
                 place = np.array([*vessel.position_enu_m[:2], self._scene.water.level_m + 0.1])
                 self._lead(clients[number], looker, place, _heading_rad(vessel.attitude_wxyz), now_s, elapsed_s)
 
@@ -192,10 +195,15 @@ class Cameras:
             reference = looker.turned_rad
         position = looker.place_m + looker.pose.offset_m(reference)
         with client.atomic():
-            camera.position = position
-            camera.look_at = looker.place_m
+            for name, place in (("position", position), ("look_at", looker.place_m)):
+                with suppress(ValueError):  # viser's own, after a report of what is not finite
+                    setattr(camera, name, place)
         looker.sent.append(_place(camera))
         looker.stamp = camera.update_timestamp
+
+
+def _is_finite(vessel: VesselInstant) -> bool:
+    return bool(np.isfinite(vessel.position_enu_m).all() and np.isfinite(vessel.attitude_wxyz).all())
 
 
 def _place(camera: Any) -> tuple[float, ...]:

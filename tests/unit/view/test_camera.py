@@ -46,7 +46,9 @@ class Camera:
 
     @position.setter
     def position(self, place: np.ndarray) -> None:
-        self._set(self._places + (place - self.position))
+        along = place - self.position
+        self._places = np.array([place, self.look_at])
+        self._aim(self.look_at + along)
 
     @property
     def look_at(self) -> np.ndarray:
@@ -54,12 +56,17 @@ class Camera:
 
     @look_at.setter
     def look_at(self, place: np.ndarray) -> None:
-        self._set(np.array([self.position, place]))
+        self._aim(place)
         self.shown.append(self._places)
 
     def report(self, places: np.ndarray) -> None:
         """What comes from the browser: position and what it looks at, (2, 3)."""
         self._set(places)
+
+    def _aim(self, place: np.ndarray) -> None:
+        if not np.isfinite(place).all():
+            raise ValueError("Camera look_at must be finite")
+        self._set(np.array([self.position, place]))
 
     def _set(self, places: np.ndarray) -> None:
         self._places = places
@@ -166,6 +173,23 @@ def test_a_slow_browser_that_reports_old_places_is_nobodys_hand(browser: Browser
     usual = usual_pose(FOLLOW, 4.0)
     assert np.linalg.norm(offset) == pytest.approx(usual.distance_m)
     assert offset == pytest.approx(usual.offset_m(math.pi), abs=0.05)
+
+
+def test_a_browser_that_tells_no_numbers_is_led_on(browser: Browser) -> None:
+    first = browser.look(1.0, alpha=(0.0, 0.0, EAST))
+    for _ in range(3):
+        browser.camera.shown.append(np.full((2, 3), math.nan))
+        offset = browser.look(0.0, alpha=(0.0, 0.0, EAST))
+    assert offset == pytest.approx(first)
+    assert browser.camera.look_at[:2] == pytest.approx([0.0, 0.0])
+
+
+def test_a_vessel_that_is_nowhere_is_not_followed(browser: Browser) -> None:
+    first = browser.look(1.0, alpha=(0.0, 0.0, EAST))
+    assert browser.look(1.0, alpha=(math.nan, 0.0, EAST)) == pytest.approx(first)
+    assert browser.look(1.0, alpha=(0.0, 0.0, np.full(4, math.nan))) == pytest.approx(first)
+    browser.look(5.0, alpha=(9.0, 0.0, EAST))
+    assert browser.camera.look_at[0] == pytest.approx(9.0, abs=0.01)
 
 
 def test_another_vessel_may_be_looked_at(browser: Browser) -> None:
