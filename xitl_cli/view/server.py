@@ -155,8 +155,8 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
         return serve(handle, sock=listener, process_request=checked, **options)
 
     with _SERVE_LOCK:
-        asyncio_server.serve = guarded_serve  # type: ignore[assignment, misc]
         _have_threads_wake_safely()
+        asyncio_server.serve = guarded_serve  # type: ignore[assignment, misc]
         try:
             server = viser.ViserServer(host=address.host, port=address.port, label=title, verbose=False)
         finally:
