@@ -16,8 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
-CHROMIUM = Path("/usr/bin/chromium")
-SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+from tests.chromium import CHROMIUM, launch_chromium
+
 XITL = [sys.executable, "-c", "from xitl_cli.main import main; main()"]
 COUNT_FRAMES = """(seconds) => new Promise((done) => {
   const draw = WebGL2RenderingContext.prototype.drawElements;
@@ -67,7 +67,7 @@ def pictures_per_second(seconds: float = 8.0) -> float:
             assert run.stdout is not None
             address = next(found[0] for line in run.stdout if (found := re.findall(r"view: (http\S+)", line)))
             with sync_playwright() as driver:
-                browser = driver.chromium.launch(executable_path=str(CHROMIUM), args=SOFTWARE)
+                browser = launch_chromium(driver)
                 page = browser.new_page(viewport={"width": 640, "height": 360})
                 page.goto(address)
                 page.locator("td", has_text="waypoint").wait_for(timeout=120_000)
@@ -81,7 +81,7 @@ def pictures_per_second(seconds: float = 8.0) -> float:
 
 
 FIGURES = [("run with a view that nobody looks at, of one without", ">= 0.9", "x", lambda: view_ratios()[0])]
-if CHROMIUM.exists():
+if CHROMIUM is not None:
     FIGURES.append(("view at 640 x 360, drawn in software", ">= 15", "frames/s", lambda: [pictures_per_second()]))
 
 
@@ -89,5 +89,5 @@ if __name__ == "__main__":
     speed, processor = map(statistics.median, view_ratios())
     print(f"run with a view that nobody looks at, over the run without: speed {speed:.2f} (wanted 0.9)")
     print(f"processor time of both processes, over that of the run without: {processor:.2f}")
-    if CHROMIUM.exists():
+    if CHROMIUM is not None:
         print(f"pictures a second at 640 x 360 in software: {pictures_per_second():.1f} (wanted 15)")

@@ -61,16 +61,13 @@ class Camera:
 
     def report(self, places: np.ndarray) -> None:
         """What comes from the browser: position and what it looks at, (2, 3)."""
-        self._set(places)
+        self._places = places
+        self.update_timestamp += 1.0
 
     def _aim(self, place: np.ndarray) -> None:
         if not np.isfinite(place).all():
             raise ValueError("Camera look_at must be finite")
-        self._set(np.array([self.position, place]))
-
-    def _set(self, places: np.ndarray) -> None:
-        self._places = places
-        self.update_timestamp += 1.0
+        self.report(np.array([self.position, place]))
 
 
 class Browser:

@@ -130,7 +130,7 @@ def test_the_page_has_its_title_and_a_word_for_who_has_no_webgl(own: ViewAddress
         assert "xitl-no-webgl" in body
 
 
-def test_a_thread_that_draws_wakes_nobody_outside_viser_s_loop(own: ViewAddress) -> None:
+def test_a_thread_that_draws_wakes_nobody_outside_the_event_loop(own: ViewAddress) -> None:
     """Or what waits may leave while the thread goes through all that wait: RuntimeError, once in a while."""
     from viser.infra import _infra
 
