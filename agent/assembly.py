@@ -13,7 +13,7 @@ from agent.fcu.parameters import ParameterError
 from agent.files import read_text
 from agent.machine import read_machine
 from agent.node import AgentNode
-from agent.options import BRIDGE, COMPANION, Options, OptionsError, check_bridge
+from agent.options import BRIDGE, COMPANION, REBOOT, Options, OptionsError, check_bridge
 from agent.reports import Identity
 from agent.roles.role import Role
 from agent.roles.storage import StorageError
@@ -105,7 +105,7 @@ def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> R
         opened.callback(injector.close)
         injectors.append(injector)
     outputs = MotorOutputs(options.outputs, options.trim_us, options.span_us)
-    return BridgeRole(send, vehicle, injectors, outputs)
+    return BridgeRole(send, vehicle, injectors, outputs, reboots=options.after_run == REBOOT)
 
 
 def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitStack) -> Role:

@@ -15,6 +15,7 @@ from agent.timing.realtime import DEFAULT_PRIORITY
 DEFAULT_LINK = "udp://127.0.0.1:14660"
 FCU, COMPANION, BRIDGE = "fcu", "companion", "bridge"
 INJECTIONS = ("vectornav", "microstrain7", "hil", "px4")
+KEEP, REBOOT = "keep", "reboot"
 SECTION = "agent"
 _BESIDE = {
     "xitl agent": "To bring it to a board: xitl agent package, xitl agent deploy. To check a machine: xitl doctor.",
@@ -45,7 +46,8 @@ class Options:
     Of a bridge to another autopilot: `autopilot` is the URL of its MAVLink; `world` where its simulator interface (the
     JSON backend) is served, which sets its time; `sensors` how sensors get in, at `sensor_link` where that is a link of
     its own; `outputs` the channels that drive the motors in their order, 1 from the bottom up, with `trim_us` for
-    neutral and `span_us` from there to full. fleet: others of a fleet may be heard on the autopilot's line.
+    neutral and `span_us` from there to full. after_run: what becomes of it when a run is over, `keep` or `reboot`.
+    fleet: others of a fleet may be heard on the autopilot's line.
     """
 
     link: str = DEFAULT_LINK
@@ -72,6 +74,7 @@ class Options:
     outputs: tuple[int, ...] = (1, 3)
     trim_us: float = 1500.0
     span_us: float = 400.0
+    after_run: str = KEEP
     fleet: bool = False
 
 
@@ -97,6 +100,8 @@ def check_bridge(options: Options) -> None:
         for name in ("autopilot", "world", "sensors", "sensor_link"):
             if getattr(options, name):
                 raise OptionsError(f"{name.replace('_', '-')}: the role {options.role} has none; use --role {BRIDGE}")
+        if options.after_run != KEEP:
+            raise OptionsError(f"after-run: the role {options.role} has no autopilot to reboot; use --role {BRIDGE}")
         return
     if not options.autopilot:
         raise OptionsError(
@@ -275,6 +280,9 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--outputs", type=_channels, metavar="N[,N]", help="bridge: its channels of the motors, in their order")
     add("--trim", dest="trim_us", type=_pulse, metavar="US", help="bridge: pulse width of a motor at rest")
     add("--span", dest="span_us", type=_pulse, metavar="US", help="bridge: from there to full")
+    add(
+        "--after-run", choices=(KEEP, REBOOT), help=f"bridge: reboot it when a run is over (default: {KEEP} it running)"
+    )
     add("--fleet", action="store_true", help="bridge: others of a fleet may be heard on the line of its autopilot")
     add("--attached", action="store_true", help="end with the program that started this one, even when it is killed")
     add("--config", type=Path, metavar="FILE", help=f"the same options as KEY = VALUE under [{SECTION}]")

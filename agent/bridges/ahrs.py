@@ -259,6 +259,7 @@ class Ahrs(Injector):
         self._gauge = RateGauge()
         self._limit = SpeedLimit(LOCKSTEP_FACTOR)
         self._told_slow = self._told_absent = self._was_taken = False
+        self._newest: InertialSample | None = None
 
     def handle(self, message: Message, now_ns: int) -> None:
         sample = self._readings.handle(message)
@@ -269,6 +270,11 @@ class Ahrs(Injector):
             self._readings.solve(sample)
         self._flush(now_ns)
         self.counts.refused = self._readings.refused
+
+    def repeat(self, now_ns: int) -> None:
+        if self._newest is not None:
+            self._send_frame(self.inertial_frame(self._newest), _INERTIAL)
+            self._flush(now_ns)
 
     def serve(self, now_ns: int) -> None:
         for index, chunk in enumerate(self._line.receive()):
@@ -330,7 +336,8 @@ class Ahrs(Injector):
             text = f"inertial samples come at {rate_hz:.0f} Hz, the autopilot asks for {asked_hz:.0f}"
             self._say(_WARNING, f"{text}; set EAHRS_RATE to sensors.imu.rate_hz")
         if self._inertial_pace.is_due(imu.stamp_ns):
-            self._send_frame(self.inertial_frame(self._readings.inertial_sample(imu)), _INERTIAL)
+            self._newest = self._readings.inertial_sample(imu)
+            self._send_frame(self.inertial_frame(self._newest), _INERTIAL)
 
     def _send_frame(self, frame: bytes | None, kind: str) -> None:
         if frame is not None:

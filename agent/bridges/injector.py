@@ -58,6 +58,9 @@ class Injector:
         """A sensor sample or the truth from the host; ignored where it is of no use here."""
         raise NotImplementedError
 
+    def repeat(self, now_ns: int) -> None:
+        """Send the newest sample again, for an autopilot that hears its orders only while samples come. Never waits."""
+
     def serve(self, now_ns: int) -> None:
         """With every poll, in runs and between: receive from the autopilot and answer its requests. Never waits."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import monotonic
+from time import monotonic, sleep
 from typing import Callable
 
 from agent.bridges.injector import Injector, InjectorCounters
@@ -104,6 +104,7 @@ TELEMETRY_HZ = 10.0
 SPACING_NS = 4_000_000  # of XITL_ACTUATORS in real time, at least
 REST_NS = 100_000_000  # at most, while the autopilot is disarmed: a PX4 then puts out nothing
 REACH_S, PATIENCE_S = 0.4, 3.0  # of real time: at a try, and in all
+LAST_TRIES, LAST_TRY_S, REPEAT_S = 3, 0.4, 0.01  # of real time, for the last orders and the samples beside them
 PREFIX = "Bridge: "
 
 _FOR_INJECTORS = (
@@ -114,13 +115,14 @@ _FOR_INJECTORS = (
     mav.MAVLink_xitl_truth_message,
 )
 _OWN_FIRST_ID, _OWN_LAST_ID = mav.MAVLINK_MSG_ID_XITL_RUN, mav.MAVLINK_MSG_ID_XITL_RUN + 99
-_WARNING = mav.MAV_SEVERITY_WARNING
+_NOTICE, _WARNING = mav.MAV_SEVERITY_NOTICE, mav.MAV_SEVERITY_WARNING
 
 
 class BridgeRole(Role):
     """LS, LC and LA are the other autopilot's. `send` hands messages to the host; the rest is the role's to serve.
 
     The injectors are asked in their order: the first that has outputs gives them, else SERVO_OUTPUT_RAW does.
+    reboots: the autopilot is rebooted when a run is over.
     """
 
     title = "bridge to an autopilot"
@@ -129,12 +131,18 @@ class BridgeRole(Role):
     telemetry_hz = TELEMETRY_HZ
 
     def __init__(
-        self, send: Callable[..., bool], vehicle: VehicleLink, injectors: Sequence[Injector], outputs: MotorOutputs
+        self,
+        send: Callable[..., bool],
+        vehicle: VehicleLink,
+        injectors: Sequence[Injector],
+        outputs: MotorOutputs,
+        reboots: bool = False,
     ) -> None:
         self._send = send
         self._vehicle = vehicle
         self._injectors = tuple(injectors)
         self._outputs = outputs
+        self._reboots = reboots
         self._texts = StatusTextSender()
         self._running = False
         self._lockstep = False
@@ -144,6 +152,7 @@ class BridgeRole(Role):
     # -- the life of a run
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
+        self._clock = clock
         self._lockstep = lockstep
         self._waiting: list[Message] = []
         self._pulses_us: tuple[int, ...] = ()
@@ -166,14 +175,53 @@ class BridgeRole(Role):
         executor.add("bridge", WATCH_HZ, self._watch)
 
     def end_run(self, now_ns: int) -> Sequence[Message]:
-        """The host takes the world away: the autopilot is disarmed, where it still hears."""
+        """The host takes the world away: the autopilot is disarmed, and rebooted where that is wanted."""
         self._running = False
-        if self._vehicle.armed:
-            self._vehicle.send(command_long((1, 1), mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE_DISARM))
+        self._give_last_orders()
         neutral = (0.0,) * len(self._outputs.channels)
         last = actuators_message(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
         waiting, self._waiting = self._waiting, []
         return (*waiting, self._status(now_ns), last)
+
+    def _give_last_orders(self) -> None:
+        """In real time the newest sample is repeated until the autopilot has acknowledged them, as one without samples
+        may do nothing else than wait for some. In lockstep it need not hear them: without the host no time passes.
+        """
+        reboots = self._reboots and self._vehicle.heard
+        orders = []
+        if reboots or self._vehicle.armed:
+            orders.append(command_long((1, 1), mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE_DISARM))
+        if reboots:
+            orders.append(command_long((1, 1), mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1))
+        if self._lockstep or not self._vehicle.line_is_up:
+            self._vehicle.send(*orders)
+            return
+        tries = 0
+        while orders and tries < LAST_TRIES:
+            tries += 1
+            self._vehicle.send(*orders)
+            orders = self._left_unheard(orders)
+        if reboots and not orders:
+            self.add_event(_NOTICE, "the autopilot reboots: the run is over")
+        elif orders:
+            last = "reboot" if reboots else "disarm"
+            self.add_event(_WARNING, f"the autopilot was told to {last} after the run and does not say that it did")
+
+    def _left_unheard(self, orders: Sequence[Message]) -> list[Message]:
+        """Those that the autopilot has not accepted by the end of a try."""
+        left = list(orders)
+        until_s = monotonic() + LAST_TRY_S
+        while left and monotonic() < until_s:
+            now_ns = self._clock.now_ns()
+            for injector in self._injectors:
+                injector.repeat(now_ns)
+            sleep(REPEAT_S)
+            for message in self._vehicle.receive(now_ns):
+                if isinstance(message, mav.MAVLink_command_ack_message) and message.result == mav.MAV_RESULT_ACCEPTED:
+                    left = [order for order in left if order.command != message.command]
+                else:
+                    self._waiting.append(message)
+        return left
 
     # -- the host's messages
 

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 from conftest import command, environment, summary
 
+from tests.patience import wait_until
 from xitl_cli.board.emulator import cut_power, running, shut_down, stopped, unplugged
 from xitl_cli.board.life import create, remove, start
 from xitl_cli.board.network import check_network
@@ -39,7 +40,9 @@ autopilot = tcp://127.0.0.1:5760
 sensors = microstrain7
 sensor-link = tcp://127.0.0.1:14800
 realtime = {PRIORITY}
+after-run = reboot
 """
+FIRST = "-15"  # niceness of emulator and run where that is permitted: a board of its own shares with nobody
 
 
 @pytest.fixture(scope="module")
@@ -292,11 +295,13 @@ def test_an_ardupilot_on_a_fresh_board_sails_with_all_its_checks_on(board: Emula
     words = ["sim", "--profile", "hitl-ardupilot-linux", "--out", "run"]
     words += ["--set", f"autopilot.link={link_to(board)}"]
     words += ["--set", f"autopilot.arm_timeout_s={LIMIT_S}", "--duration", str(2.0 * LIMIT_S)]
-    words = reaching(board.name, *words)
+    subprocess.run(["renice", "-n", FIRST, "-p", str(running(board))], capture_output=True, check=False)
+    words = ["nice", "-n", FIRST, *reaching(board.name, *words)]
     done = subprocess.run(words, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
     run = summary(tmp_path / "run")
     assert run["mission"]["waypoints_reached"] == run["mission"]["waypoints_total"], done.stdout + done.stderr
     assert_all_accounted(run)
+    wait_until(lambda: there(board, "systemctl show -P NRestarts ardurover") == "1")  # for the next run
     log = there(board, "ls -t /var/lib/ardurover/logs/*.BIN | head -1")
     fetched = tmp_path / "ardurover.BIN"
     words = ["ssh", "-F", str(board.ssh_config), board.name, "cat", log]

@@ -27,6 +27,7 @@ ExecStart={PROGRAM} --serial0 tcp:127.0.0.1:5760 --serial1 tcp:0.0.0.0:{MAVLINK_
     --storage-directory . --terrain-directory .
 Restart=always
 RestartSec=1
+TimeoutStopSec=5
 LimitRTPRIO=99
 LimitMEMLOCK=infinity
 

@@ -336,6 +336,20 @@ def test_what_flows(make: Callable[[SensorLine], Ahrs]) -> None:
     assert counts.unsent == 0
 
 
+@pytest.mark.parametrize("make", [VectorNav, MicroStrain7])
+def test_the_newest_inertial_sample_alone_is_repeated(make: Callable[[SensorLine], Ahrs]) -> None:
+    bench = Bench(make)
+    bench.hear(*SET_UP)
+    bench.wire.sent.clear()
+    bench.unit.repeat(bench.now_ns)
+    assert bench.wire.sent == []
+    bench.run(1.0)
+    last = bench.frames(INERTIAL)[-1]
+    bench.wire.sent.clear()
+    bench.unit.repeat(bench.now_ns)
+    assert bench.wire.sent == [last]
+
+
 def test_no_solution_before_a_place_is_known() -> None:
     bench = vectornav_bench()
     bench.run(10.0, without=("gnss",))

@@ -17,7 +17,7 @@ from agent.wire.memory import memory_pair
 MAVLINK = "tcp://127.0.0.1:5760"
 WORDS = (
     f"--role bridge --autopilot {MAVLINK} --sensors vectornav --sensor-link serial:///dev/ttyUSB0?baud=921600 "
-    "--world udp://127.0.0.1:9002 --outputs 1,3,5 --trim 1480 --span 350"
+    "--world udp://127.0.0.1:9002 --outputs 1,3,5 --trim 1480 --span 350 --after-run reboot"
 )
 FILE = f"""
 [agent]
@@ -29,6 +29,7 @@ world = udp://127.0.0.1:9002
 outputs = 1 3 5
 trim = 1480
 span = 350
+after-run = reboot
 """
 WANTED = Options(
     role="bridge",
@@ -39,6 +40,7 @@ WANTED = Options(
     outputs=(1, 3, 5),
     trim_us=1480.0,
     span_us=350.0,
+    after_run="reboot",
 )
 
 
@@ -59,6 +61,7 @@ def test_on_the_command_line_and_in_a_file(tmp_path: Path) -> None:
         ("--trim nan", "nan is no pulse width; use microseconds, like 1500"),
         ("--span 0", "0 is no pulse width"),
         ("--sensors sextant", "invalid choice"),
+        ("--after-run sink", "invalid choice"),
     ],
 )
 def test_values_that_cannot_be(words: str, sentence: str) -> None:
@@ -80,6 +83,10 @@ def test_values_that_cannot_be(words: str, sentence: str) -> None:
         ({"role": "fcu"}, "autopilot: the role fcu has none; use --role bridge"),
         ({"role": "companion", "autopilot": ""}, "world: the role companion has none; use --role bridge"),
         ({"role": "fcu", "autopilot": "", "world": ""}, "sensors: the role fcu has none; use --role bridge"),
+        (
+            {"role": "fcu", "autopilot": "", "world": "", "sensors": "", "sensor_link": ""},
+            "after-run: the role fcu has no autopilot to reboot; use --role bridge",
+        ),
     ],
 )
 def test_what_is_missing_or_contradicts(changes: dict[str, Any], sentence: str) -> None:

@@ -34,6 +34,7 @@ class Way(Injector):
         self.advanced_ns: list[int] = []
         self.pulses_us, self.values = pulses_us, values
         self.say: Callable[[int, str], None] = lambda severity, text: None
+        self.repeated: Callable[[], object] = lambda: None
         self.closed = False
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
@@ -47,6 +48,9 @@ class Way(Injector):
         self.advanced_ns.append(now_ns)
         self.counts.outputs_in += 1
         return self.follows
+
+    def repeat(self, now_ns: int) -> None:
+        self.repeated()
 
     def pulses(self) -> Sequence[int] | None:
         return self.pulses_us
@@ -65,12 +69,12 @@ class Way(Injector):
 class Bench:
     """A node that is a bridge with these ways in, a host's link to it, the autopilot at its other end."""
 
-    def __init__(self, *ways: Injector) -> None:
+    def __init__(self, *ways: Injector, reboots: bool = False) -> None:
         here, there = memory_pair()
         self.host, own = Link(here, 255, 190), Link(there, 1, 1)
         self.double = VehicleDouble()
         self.vehicle = VehicleLink(self.double.url)
-        self.role = BridgeRole(own.send, self.vehicle, ways, MotorOutputs((1, 3)))
+        self.role = BridgeRole(own.send, self.vehicle, ways, MotorOutputs((1, 3)), reboots)
         self.node = AgentNode(own, self.role)
         assert self.vehicle.wait_for_line(2.0)
         self.double.link.receive(0.01)
@@ -116,8 +120,8 @@ class Bench:
 def make() -> Iterator[Callable[..., Bench]]:
     made: list[Bench] = []
 
-    def bench(*ways: Injector) -> Bench:
-        made.append(Bench(*ways))
+    def bench(*ways: Injector, reboots: bool = False) -> Bench:
+        made.append(Bench(*ways, reboots=reboots))
         return made[-1]
 
     yield bench
@@ -250,6 +254,50 @@ def test_the_end_is_neutral_disarmed_and_counted(make: Callable[..., Bench]) -> 
     wait_until(lambda: bench.double.hear() and of(bench.double.heard, "COMMAND_LONG"))
     order = of(bench.double.heard, "COMMAND_LONG")[-1]
     assert (order.command, order.param1) == (mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+
+
+@pytest.mark.parametrize("reboots", [False, True])
+def test_an_autopilot_that_hears_only_while_samples_come_gets_its_last_orders(
+    make: Callable[..., Bench], reboots: bool
+) -> None:
+    """As an ArduPilot with an external AHRS, whose main loop waits for inertial samples without an end."""
+    way = Way()
+    bench = make(way, reboots=reboots)
+    bench.start(REALTIME)
+    bench.tell(beat(ARMED))
+    bench.send()
+    bench.double.hear()
+    bench.double.heard.clear()
+
+    def acknowledge() -> None:
+        for order in of(bench.double.hear(), "COMMAND_LONG"):
+            bench.double.say(mav.MAVLink_command_ack_message(order.command, mav.MAV_RESULT_ACCEPTED))
+
+    way.repeated = acknowledge
+    said = [text.text for text in of(bench.stop(), "STATUSTEXT")]
+    orders = [(order.command, order.param1) for order in of(bench.double.heard, "COMMAND_LONG")]
+    disarm, reboot = (mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0), (mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
+    assert orders == ([disarm, reboot] if reboots else [disarm])
+    assert said == (["Bridge: the autopilot reboots: the run is over"] if reboots else [])
+
+
+def test_last_orders_that_are_not_accepted_are_repeated_and_told(make: Callable[..., Bench]) -> None:
+    way = Way()
+    bench = make(way, reboots=True)
+    bench.start(REALTIME)
+    bench.tell(beat())
+    bench.send()
+    bench.double.hear()
+    bench.double.heard.clear()
+
+    def refuse() -> None:
+        for order in of(bench.double.hear(), "COMMAND_LONG"):
+            bench.double.say(mav.MAVLink_command_ack_message(order.command, mav.MAV_RESULT_FAILED))
+
+    way.repeated = refuse
+    said = "".join(text.text for text in of(bench.stop(), "STATUSTEXT"))
+    assert said == "Bridge: the autopilot was told to reboot after the run and does not say that it did"
+    assert len(of(bench.double.heard, "COMMAND_LONG")) == 3 * 2
 
 
 def test_orders_to_an_autopilot_that_has_left_are_counted(make: Callable[..., Bench]) -> None:
