@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -21,6 +22,8 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
 from tests.patience import PATIENCE_S, wait_until
+from xitl_cli.logs import open_log
+from xitl_cli.logs.analyses import events, links
 
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -133,11 +136,23 @@ def test_an_agent_that_is_silent_for_five_seconds_is_said_and_the_run_goes_on(st
 def test_an_agent_that_stays_silent_ends_the_run_with_one_sentence(start: Start, tmp_path: Path) -> None:
     process = start("--duration", "60", "--set", "autopilot.silent_s=1")
     (agent,) = children_of(process)
+    time.sleep(2.0)  # of a link that works
     os.kill(agent, signal.SIGSTOP)
-    stderr = ended(process, 2)
+    printed, stderr = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 2, stderr
+    assert len(stderr.strip().splitlines()) == 1, stderr
     assert "stopped answering and was silent for 1 s" in stderr
-    assert summary(tmp_path / "run")["error"] in stderr
-    assert payloads(tmp_path / "run/run.mcap")["/truth/state"]
+    assert "unknown how many lost of sensors, unknown how many lost of actuators" in " ".join(printed.split())
+    error = summary(tmp_path / "run")["error"]
+    assert error in stderr
+    assert error in said(tmp_path / "run")
+    with open_log(tmp_path / "run/run.mcap") as log:
+        (silence,) = [one for one in links.analyse(log).findings if one.key == "links.silence"]
+        (failure,) = [one for one in events.analyse(log).findings if one.key == "events.run_failed"]
+    assert re.fullmatch(
+        r"agent/rx: no frame for 1\.\d s from 0:0\d\.\d to the end of the log \(once\)", silence.sentence
+    )
+    assert failure.sentence.endswith(error)
 
 
 @pytest.mark.realtime

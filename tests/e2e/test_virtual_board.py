@@ -155,6 +155,12 @@ def assert_all_accounted(run: dict[str, Any]) -> None:
             assert link["sent"] == link["received"] - link["repeated"] + link["lost"], link
 
 
+def findings_of(run: Path) -> str:
+    words = ["logs", "analyze", str(run / "run.mcap"), "--json"]
+    told = subprocess.run(command(*words), env=environment(), capture_output=True, text=True, check=False)
+    return json.dumps(json.loads(told.stdout))
+
+
 def during(seconds: float, disturbance: Callable[[EmulatedBoard], Any], board: EmulatedBoard) -> None:
     with disturbance(board):
         time.sleep(seconds)  # how long it lasts
@@ -217,11 +223,7 @@ def test_a_machine_that_stood_still_and_a_cable_that_was_out_are_counted_and_tol
     assert next(one for one in run["clocks"] if one["node"] == "LC")["steps"] >= 1
     assert sum(link["gaps"] for link in run["links"]) > 0
     assert "the clock of LC stepped" in " ".join(said.split())  # the terminal breaks its lines
-    told = subprocess.run(
-        command("logs", "analyze", "run/run.mcap", "--json"),
-        cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    findings = json.dumps(json.loads(told.stdout))
+    findings = findings_of(tmp_path / "run")
     assert "no frame for" in findings
     for link in run["links"]:
         agreed = link["lost"] is not None
@@ -244,7 +246,12 @@ def test_a_power_cut_costs_the_last_second(board: EmulatedBoard, tmp_path: Path)
     ran_on = running(board)
     booted(board.name, None if why_not_apart(board) else NAMESPACE)
     assert code == 2, said
-    assert "stopped answering" in said
+    words = " ".join(said.split())
+    assert "stopped answering" in words
+    assert "unknown how many lost of sensors" in words
+    findings = findings_of(tmp_path / "run")
+    assert "The run failed" in findings
+    assert "to the end of the log" in findings
     assert ran_on is None
     assert there(board, "systemctl is-active xitl-agent") == "active"
     assert "EXT4-fs error" not in there(board, "dmesg")

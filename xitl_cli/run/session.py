@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache, partial
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from foxglove import messages
 
 from agent import __version__
+from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from xitl_cli.end_signals import end_signals_handled
 from xitl_cli.errors import UserError
 from xitl_cli.extras import PERCEPTION
@@ -291,6 +292,10 @@ def _go(
                     node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
             begun_s = time.perf_counter()
             ending = loop.run()
+        except UserError as problem:
+            with suppress(UserError):  # it may be the recorder's own
+                recorder.log(plant.state.time_ns, ERROR, "run", str(problem))
+            raise
         finally:
             wall_s = time.perf_counter() - begun_s
             try:

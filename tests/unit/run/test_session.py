@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -14,6 +15,8 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
+from xitl_cli.run.core.node import RunStep
+from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
@@ -87,3 +90,34 @@ def test_an_agent_still_at_the_run_of_another_host_can_be_reached() -> None:
     view.handle(dialect.MAVLink_attitude_quaternion_message(500, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     view.handle(dialect.MAVLink_local_position_ned_message(500, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0))
     assert autopilot.position_error_m is None
+
+
+def test_the_clock_is_asked_for_ahead_of_samples_at_any_rate_of_exchange(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Behind them the request would wait until the agent is done with them, for milliseconds on a slow board."""
+    said: list[tuple[str, int]] = []
+    step_ns = 0
+    sense, request_time, send_sensors = AutopilotNode.sense, AgentConnection.request_time, AgentConnection.send_sensors
+
+    def noting_step(node: AutopilotNode, step: RunStep) -> None:
+        nonlocal step_ns
+        step_ns = step.now_ns
+        sense(node, step)
+
+    def noting_request(agent: AgentConnection) -> None:
+        said.append(("request", step_ns))
+        request_time(agent)
+
+    def noting_samples(agent: AgentConnection, messages: list[Any]) -> None:
+        said.append(("samples", step_ns))
+        send_sensors(agent, messages)
+
+    monkeypatch.setattr(AutopilotNode, "sense", noting_step)
+    monkeypatch.setattr(AgentConnection, "request_time", noting_request)
+    monkeypatch.setattr(AgentConnection, "send_sensors", noting_samples)
+    profile = load_profile("hitl-loopback", ["clock.exchange_rate_hz=10", "clock.duration_s=1"])
+    session.run(profile, tmp_path / "run", False, NoDisplay)
+    in_the_run = [number for number, (kind, at_ns) in enumerate(said) if kind == "request" and at_ns]
+    assert len(in_the_run) >= 8
+    assert all(said[number - 1][1] < said[number][1] for number in in_the_run)

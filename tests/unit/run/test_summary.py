@@ -162,7 +162,7 @@ def test_the_report_leads_with_the_verdict_and_a_line_for_each_part(tmp_path: Pa
     for expected in (
         "takeover standby for agent at 31.20 s, which was silent for 0.31 s; largest step 0.050",
         "timing deadlines missed: control 2 of 1001; clock of LC +79.98 ppm (standard error 0.31)",
-        "links 152000 frames, 12 lost of sensors, 3 dropped of actuators",
+        "links 152000 frames, 12 lost of sensors, unknown how many lost of standby sensors, 3 dropped of actuators",
         "faults in force on purpose: link-cut, drifting-clock",
         "claimed, but nothing was carried: D-LC, LS-M, LC-M",
     ):

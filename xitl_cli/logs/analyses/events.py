@@ -39,6 +39,8 @@ _ROWS: tuple[tuple[str, str, Severity], ...] = (
     (r"gps( \d)? glitch|compass error|bad gyro|imu\d? .*fail", "sensor", Severity.WARNING),
     (r"no logging|logging failed|log: .*(slow|no space)|unable to (start|open) log", "logging", Severity.WARNING),
 )
+_RUN = "run"
+_LOG_ERROR = 4  # foxglove.Log
 _PATTERNS = tuple((re.compile(pattern, re.I), key, severity) for pattern, key, severity in _ROWS)
 _PLAIN = re.compile(r"\b(disabled|enabled|ready|config|param|pre-?arm|arm:)\b|^(PreArm|Arm)\s*:", re.I)
 
@@ -140,6 +142,7 @@ def analyse(log: Log) -> Section | None:
         *_from_errors(spans, kind, clock),
         *_from_texts(log, told, spans, clock),
         *_internal_error_findings(log, clock),
+        *_failure_of_run(log, clock),
     ]
     table = Grid.limited(
         "events", "What happened", ("at (s)", "source", "level", "what"), _table(log, texts, rows, kind, clock)
@@ -259,6 +262,23 @@ def _from_texts(log: Log, told: list[ReportedTrouble], spans: list[ErrorSpan], c
             f'"{trouble.text.text}"{times} at {clock.text(at_ns)}, {"armed" if on else "not armed"}{over}',
             (Evidence(message, field, at_ns, trouble.until_ns, trouble.text.text),),
             "Look at what was said and what changed around this instant.",
+        )
+
+
+def _failure_of_run(log: Log, clock: LogClock) -> Iterator[Finding]:
+    """Of a run of ours, what ended it: its own last sentence with the level of an error."""
+    table = log.tables.get("/log")
+    if table is None or not {"level", "name", "message"} <= set(table.columns):
+        return
+    rows = np.flatnonzero((table.values("level", raw=True) >= _LOG_ERROR) & (table.values("name") == _RUN))
+    if len(rows):
+        last = int(rows[-1])
+        at_ns, text = int(table.stamp_ns[last]), str(table.values("message")[last])
+        yield Finding.critical(
+            "events.run_failed",
+            f"The run failed at {clock.text(at_ns)}: {text}",
+            (Evidence("/log", "message", at_ns, value=text),),
+            "What was recorded until then is whole; summary.json has the same sentence.",
         )
 
 

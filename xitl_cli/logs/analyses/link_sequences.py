@@ -65,8 +65,10 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
         losses = [finding for each in found for finding in _losses(each, unknown, clock)]
     else:
         found, losses = [], []
+        span_ns = log.span_ns
+        until_ns = None if span_ns is None else span_ns[1]  # a station may record on when the vehicle is off, a run not
         quiet = [
-            (name.removeprefix("/link/"), name, _quiet(table.stamp_ns, QUIET_IN_RUN_S))
+            (name.removeprefix("/link/"), name, _quiet(table.stamp_ns, QUIET_IN_RUN_S, until_ns))
             for name, table in log.tables.items()
             if name.startswith("/link/") and "frame" in table.columns and len(table) > LEAST_FRAMES
         ]
@@ -76,7 +78,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
         finding
         for name, source, spans in quiet
         if spans
-        for finding in _silences(name, source, spans, happened, clock, log.of_topics)
+        for finding in _silences(name, source, spans, happened, clock, log)
     ]
     whole = [each.name for each in found if each.component == AUTOPILOT and len(each.stamp_ns) >= LEAST_FRAMES]
     if whole and not (losses or silences):
@@ -206,9 +208,9 @@ def _losses(sender: Sender, unknown: int, clock: LogClock) -> Iterator[Finding]:
     )
 
 
-def _quiet(stamp_ns: Stamps, least_s: float) -> list[tuple[int, int]]:
-    """Pauses much longer than usual; a frame or two between them does not end one."""
-    stamps = np.sort(stamp_ns)
+def _quiet(stamp_ns: Stamps, least_s: float, until_ns: int | None = None) -> list[tuple[int, int]]:
+    """Pauses much longer than usual, that before `until_ns` included; a frame or two between them does not end one."""
+    stamps = np.sort(stamp_ns if until_ns is None else np.append(stamp_ns, until_ns))
     between = np.diff(stamps)
     if not len(between):
         return []
@@ -224,22 +226,23 @@ def _quiet(stamp_ns: Stamps, least_s: float) -> list[tuple[int, int]]:
 
 
 def _silences(
-    name: str, source: str, spans: list[tuple[int, int]], happened: Sequence[Moment], clock: LogClock, in_run: bool
+    name: str, source: str, spans: list[tuple[int, int]], happened: Sequence[Moment], clock: LogClock, log: Log
 ) -> Iterator[Finding]:
     total_s = sum((end - begin) * 1e-9 for begin, end in spans)
     begin, end = max(spans, key=lambda span: span[1] - span[0])
     beside = [one.text for one in moments_near(happened, begin, end, WINDOW_NS) if one.kind in ("fault", "takeover")]
     again = "once" if len(spans) == 1 else f"{len(spans)} times, {total_s:.1f} s in all"
     with_ = f", with: {'; '.join(dict.fromkeys(beside))}" if beside else ""
+    to_the_end = " to the end of the log" if log.span_ns is not None and end == log.span_ns[1] else ""
     yield Finding(
         "links.silence",
         Severity.NOTICE if beside else Severity.WARNING,
-        f"{name}: no frame for {(end - begin) * 1e-9:.1f} s from {clock.text(begin)} ({again}){with_}",
+        f"{name}: no frame for {(end - begin) * 1e-9:.1f} s from {clock.text(begin)}{to_the_end} ({again}){with_}",
         tuple(Evidence(source, None, from_ns, until_ns) for from_ns, until_ns in spans[:10]),
         "It was on purpose if the fault is of this link; see what the autopilot did meanwhile (modes, events)."
         if beside
         else "Look at the link and at both of its ends then: power, cable, antenna, restarts, a machine asleep."
-        if in_run
+        if log.of_topics
         else "Look at range and antennas then; the autopilot's failsafe may have acted (modes, events).",
     )
 

@@ -70,7 +70,7 @@ CAUSES = (
     CauseRule(
         _SILENT,
         ("events.error.5", "events.error.8", "events.error.26", "events.said.radio_failsafe",
-         "events.said.gcs_failsafe", "events.said.failsafe", *_ACTED),
+         "events.said.gcs_failsafe", "events.said.failsafe", "events.run_failed", *_ACTED),
         15.0,
     ),
     CauseRule(

@@ -96,6 +96,7 @@ class AutopilotNode(ControlNode):
         self.driver = make_driver(self.new_commands(), first)
         self._check = EstimateCheck(profile.clock.physics_rate_hz)
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
+        self._time_is_due = False
         self._use = ActuatorUse()
         self._context: RunContext | None = None
         self._estimate: tuple[int, MotionEstimate] | None = None
@@ -184,6 +185,10 @@ class AutopilotNode(ControlNode):
             self._check.add_truth(step.now_ns, step.motion)
         air_ned_mps = step.state.wind_ned_mps if self._sensing.feels_wind else STILL_AIR
         messages = self._sensing.due(step.number, step.now_ns, step.motion, air_ned_mps)
+        if self._time_is_due:  # ahead of samples and not behind them, where it would wait for a slow board
+            self._time_is_due = False
+            for agent in self._present():
+                agent.request_time()
         if messages:
             for agent in self._present():
                 agent.send_sensors(messages)
@@ -205,9 +210,8 @@ class AutopilotNode(ControlNode):
     def _take_in(self, now_ns: int) -> None:
         """Real time: what has come since, whoever sent it."""
         assert self._context is not None
+        self._time_is_due = self._exchanges % self._sync_every == 0
         for agent in self._present():
-            if self._exchanges % self._sync_every == 1:
-                agent.request_time()
             agent.receive(0.0)
             agent.watch()
             if agent.gone is not None and self._redundancy is not None:
