@@ -4,8 +4,9 @@ VENV := .venv
 AGENT_PYTHON ?= python3.9
 AGENT_VENV := build/agent-python
 BIN := $(VENV)/bin
-# Many tests wait for processes that they started.
-WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
+# Many tests wait for processes that they started, of the slow ones most; a worker costs some seconds to begin.
+SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
+FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
 .PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
 .DEFAULT_GOAL := run
@@ -39,10 +40,10 @@ test:  ## all tests, one stage after the other
 	$(MAKE) test-realtime
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
-	$(WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
+	$(FAST_WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
 
 test-slow: $(VENV)/.dev  ## those that take seconds, beside each other
-	$(WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
+	$(SLOW_WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
 
 test-realtime: $(VENV)/.dev  ## those that keep up with a board, with nodes of ROS or with the clock, one at a time and alone
 	$(BIN)/python -m pytest -m realtime

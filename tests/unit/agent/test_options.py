@@ -90,7 +90,7 @@ def test_an_option_that_stands_alone_may_do_so_in_the_file(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[agent]\nbaud = 5\n", "unknown key baud; use one of autopilot, controller, cpu, gcs, kind, "),
+        ("[agent]\nbaud = 5\n", "unknown key baud; use one of after-run, autopilot, controller, cpu, gcs, kind, "),
         ("[agent]\nconfig = x\n", "unknown key config; use one of"),
         ("[agent]\nversion = 1\n", "unknown key version; use one of"),
         ("[agent]\nattached = 1\n", "unknown key attached; use one of"),
