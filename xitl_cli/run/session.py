@@ -292,9 +292,11 @@ def _go(
                     node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
             begun_s = time.perf_counter()
             ending = loop.run()
-        except UserError as problem:
-            with suppress(UserError):  # it may be the recorder's own
-                recorder.log(plant.state.time_ns, ERROR, "run", str(problem))
+        except StoppedWaitingError:
+            raise
+        except Exception as problem:
+            with suppress(Exception):  # it may be the recorder that failed
+                recorder.log(plant.state.time_ns, ERROR, "run", _what_failed(problem))
             raise
         finally:
             wall_s = time.perf_counter() - begun_s
@@ -306,10 +308,9 @@ def _go(
                 recorder.close()
     except StoppedWaitingError:
         ending = Ending.INTERRUPTED
-    except UserError as problem:
-        ending, error = Ending.FAILED, str(problem)
-    except Exception as fault:  # noqa: BLE001  raised again when the summary is written: no recording is left without one
-        ending, error, crash = Ending.FAILED, f"fault of xitl: {fault!r}", fault
+    except Exception as problem:  # noqa: BLE001  a fault is raised again once there is a summary
+        ending, error = Ending.FAILED, _what_failed(problem)
+        crash = None if isinstance(problem, UserError) else problem
     return RunOutcome(
         ending=ending,
         error=error,
@@ -323,6 +324,10 @@ def _go(
             for vessel, view in zip(nodes.vessels, plant.vessels, strict=True)
         ),
     )
+
+
+def _what_failed(problem: Exception) -> str:
+    return str(problem) if isinstance(problem, UserError) else f"fault of xitl: {problem!r}"
 
 
 def _summary(

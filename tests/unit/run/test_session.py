@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from agent.wire import dialect
 from tests.free_ports import free_port
 from xitl_cli.errors import UserError
+from xitl_cli.logs import open_log
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
@@ -43,6 +44,8 @@ def test_a_fault_of_our_own_is_seen_and_still_leaves_summary_and_recording(
     assert "ZeroDivisionError" in told["error"]
     with (tmp_path / "run/run.mcap").open("rb") as file:
         assert sum(1 for _ in make_reader(file).iter_messages(topics=["/truth/state"])) == 25
+    with open_log(tmp_path / "run/run.mcap") as log:
+        assert log.tables["/log"].values("message")[-1] == told["error"]
 
 
 def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(

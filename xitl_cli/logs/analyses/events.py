@@ -39,10 +39,11 @@ _ROWS: tuple[tuple[str, str, Severity], ...] = (
     (r"gps( \d)? glitch|compass error|bad gyro|imu\d? .*fail", "sensor", Severity.WARNING),
     (r"no logging|logging failed|log: .*(slow|no space)|unable to (start|open) log", "logging", Severity.WARNING),
 )
-_RUN = "run"
-_LOG_ERROR = 4  # foxglove.Log
 _PATTERNS = tuple((re.compile(pattern, re.I), key, severity) for pattern, key, severity in _ROWS)
 _PLAIN = re.compile(r"\b(disabled|enabled|ready|config|param|pre-?arm|arm:)\b|^(PreArm|Arm)\s*:", re.I)
+
+_RUN = "run"  # who says so in /log
+_LOG_ERROR = 4  # level of foxglove.Log
 
 
 @dataclass(frozen=True, slots=True)
