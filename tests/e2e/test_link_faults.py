@@ -147,11 +147,10 @@ def test_an_agent_that_stays_silent_ends_the_run_with_one_sentence(start: Start,
     assert error in stderr
     assert error in said(tmp_path / "run")
     with open_log(tmp_path / "run/run.mcap") as log:
-        (silence,) = [one for one in links.analyse(log).findings if one.key == "links.silence"]
+        silences = [one.sentence for one in links.analyse(log).findings if one.key == "links.silence"]
         (failure,) = [one for one in events.analyse(log).findings if one.key == "events.run_failed"]
-    assert re.fullmatch(
-        r"agent/rx: no frame for 1\.\d s from 0:0\d\.\d to the end of the log \(once\)", silence.sentence
-    )
+    told = re.compile(r"agent/rx: no frame for \d+\.\d s from \d+:\d\d\.\d to the end of the log ")
+    assert any(map(told.match, silences))
     assert failure.sentence.endswith(error)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from bridged_vehicle import ARMED, VehicleDouble
 
+from agent.bridges import role
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.role import BridgeRole, MotorOutputs
 from agent.bridges.vehicle_link import VehicleLink
@@ -16,7 +17,7 @@ from agent.timing.clock import Clock
 from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
-from tests.patience import wait_until
+from tests.patience import PATIENCE_S, wait_until
 
 LOCKSTEP, REALTIME = mav.XITL_CLOCK_MODE_LOCKSTEP, mav.XITL_CLOCK_MODE_REALTIME
 START, STOP = mav.XITL_RUN_COMMAND_START, mav.XITL_RUN_COMMAND_STOP
@@ -258,9 +259,10 @@ def test_the_end_is_neutral_disarmed_and_counted(make: Callable[..., Bench]) -> 
 
 @pytest.mark.parametrize("reboots", [False, True])
 def test_an_autopilot_that_hears_only_while_samples_come_gets_its_last_orders(
-    make: Callable[..., Bench], reboots: bool
+    make: Callable[..., Bench], reboots: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As an ArduPilot with an external AHRS, whose main loop waits for inertial samples without an end."""
+    monkeypatch.setattr(role, "LAST_TRY_S", PATIENCE_S)
     way = Way()
     bench = make(way, reboots=reboots)
     bench.start(REALTIME)
