@@ -9,7 +9,8 @@ from typing import Callable
 
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.vehicle_link import VehicleLink
-from agent.mavlink.commands import FORCE_DISARM, StatusTextSender, command_long
+from agent.mavlink.commands import FORCE_DISARM, CommandClient, StatusTextSender, command_long
+from agent.mavlink.exchange import complete
 from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
@@ -104,7 +105,7 @@ TELEMETRY_HZ = 10.0
 SPACING_NS = 4_000_000  # of XITL_ACTUATORS in real time, at least
 REST_NS = 100_000_000  # at most, while the autopilot is disarmed: a PX4 then puts out nothing
 REACH_S, PATIENCE_S = 0.4, 3.0  # of real time: at a try, and in all
-LAST_TRIES, LAST_TRY_S, REPEAT_S = 3, 0.4, 0.01  # of real time, for the last orders and the samples beside them
+LAST_TRIES, LAST_TRY_S, REPEAT_S = 3, 0.3, 0.01  # of real time: two orders end within the 2 s that a host waits
 PREFIX = "Bridge: "
 
 _FOR_INJECTORS = (
@@ -184,44 +185,39 @@ class BridgeRole(Role):
         return (*waiting, self._status(now_ns), last)
 
     def _give_last_orders(self) -> None:
-        """In real time the newest sample is repeated until the autopilot has acknowledged them, as one without samples
-        may do nothing else than wait for some. In lockstep it need not hear them: without the host no time passes.
-        """
-        reboots = self._reboots and self._vehicle.heard
-        orders = []
-        if reboots or self._vehicle.armed:
-            orders.append(command_long((1, 1), mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE_DISARM))
-        if reboots:
-            orders.append(command_long((1, 1), mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1))
-        if self._lockstep or not self._vehicle.line_is_up:
-            self._vehicle.send(*orders)
-            return
-        tries = 0
-        while orders and tries < LAST_TRIES:
-            tries += 1
-            self._vehicle.send(*orders)
-            orders = self._left_unheard(orders)
-        if reboots and not orders:
-            self.add_event(_NOTICE, "the autopilot reboots: the run is over")
-        elif orders:
-            last = "reboot" if reboots else "disarm"
-            self.add_event(_WARNING, f"the autopilot was told to {last} after the run and does not say that it did")
+        """Disarm, then reboot: an autopilot that is armed refuses that. In real time each has to be acknowledged.
 
-    def _left_unheard(self, orders: Sequence[Message]) -> list[Message]:
-        """Those that the autopilot has not accepted by the end of a try."""
-        left = list(orders)
-        until_s = monotonic() + LAST_TRY_S
-        while left and monotonic() < until_s:
-            now_ns = self._clock.now_ns()
-            for injector in self._injectors:
-                injector.repeat(now_ns)
-            sleep(REPEAT_S)
-            for message in self._vehicle.receive(now_ns):
-                if isinstance(message, mav.MAVLink_command_ack_message) and message.result == mav.MAV_RESULT_ACCEPTED:
-                    left = [order for order in left if order.command != message.command]
-                else:
-                    self._waiting.append(message)
-        return left
+        In lockstep it need not hear them: without the host no time passes.
+        """
+        orders: list[tuple[int, ...]] = []
+        reboots = self._reboots and self._vehicle.heard
+        if reboots or self._vehicle.armed:
+            orders.append((mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE_DISARM))
+        if reboots:
+            orders.append((mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1))
+        if self._lockstep or not self._vehicle.line_is_up:
+            self._vehicle.send(*(command_long((1, 1), *order) for order in orders))
+            return
+        commands = CommandClient((1, 1), LAST_TRIES, LAST_TRY_S)
+        for order in orders:
+            request = commands.command(*order)
+            complete(request, self._vehicle.send, self._hear_with_samples)
+            if request.answer is None or request.answer.result != mav.MAV_RESULT_ACCEPTED:
+                name = "disarm" if order[0] == mav.MAV_CMD_COMPONENT_ARM_DISARM else "reboot"
+                self.add_event(_WARNING, f"the autopilot was told to {name} after the run and does not say that it did")
+                return
+        if reboots:
+            self.add_event(_NOTICE, "the autopilot reboots: the run is over")
+
+    def _hear_with_samples(self, timeout_s: float) -> list[Message]:
+        """What the autopilot says while the newest sample is repeated: without any it may do nothing but wait."""
+        now_ns = self._clock.now_ns()
+        for injector in self._injectors:
+            injector.repeat(now_ns)
+        sleep(min(timeout_s, REPEAT_S))
+        heard = self._vehicle.receive(now_ns)
+        self._waiting += [each for each in heard if not isinstance(each, mav.MAVLink_command_ack_message)]
+        return heard
 
     # -- the host's messages
 

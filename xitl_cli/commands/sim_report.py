@@ -202,11 +202,10 @@ def _links_line(links: list[dict[str, Any]]) -> str:
     """A loss is unknown where the two ends could not agree on it in the end."""
     frames = sum(link["sent"] or link["received"] or 0 for link in links)
     troubles = [f"{link['lost']} lost of {link['name']}" for link in links if link["lost"]]
-    unknown = [link for link in links if link["lost"] is None and (link["sent"] or link["received"])]
-    troubles += [
-        f"unknown how many lost of {link['name']}{', at least ' + str(link['gaps']) if link['gaps'] else ''}"
-        for link in unknown
-    ]
+    for link in links:
+        if link["lost"] is None and (link["sent"] or link["received"]):
+            least = f", at least {link['gaps']}" if link["gaps"] else ""
+            troubles.append(f"unknown how many lost of {link['name']}{least}")
     troubles += [f"{link['dropped']} dropped of {link['name']}" for link in links if link["dropped"]]
     text = f"{frames} frames, {', '.join(troubles) or 'none lost'}"
     slow = [f"{link['name']} {link['latency_us']['p99'] / 1e3:.1f} ms" for link in links if link["latency_us"]["p99"]]

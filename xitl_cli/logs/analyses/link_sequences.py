@@ -55,12 +55,24 @@ class Sender:
         return lost / max(lost + len(self.stamp_ns), 1)
 
 
+@dataclass(frozen=True, slots=True)
+class Quiet:
+    """Spans without a frame of one link or sender, which is `source` in the log; `last_ns` is when its last came."""
+
+    name: str
+    source: str
+    last_ns: int
+    spans: list[tuple[int, int]]
+
+
 def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> Section | None:
     if log.format == "tlog":
         found = senders(log)
         unknown = sum(count for count, _ in log.health.undecoded.values())
         quiet = [
-            (each.name, "MAVLink", _quiet(each.stamp_ns, QUIET_S)) for each in found if each.component == AUTOPILOT
+            Quiet(each.name, "MAVLink", int(each.stamp_ns.max()), _quiet_spans(each.stamp_ns, QUIET_S))
+            for each in found
+            if each.component == AUTOPILOT
         ]
         losses = [finding for each in found for finding in _losses(each, unknown, clock)]
     else:
@@ -68,18 +80,18 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
         span_ns = log.span_ns
         until_ns = None if span_ns is None else span_ns[1]  # a station may record on when the vehicle is off, a run not
         quiet = [
-            (name.removeprefix("/link/"), name, _quiet(table.stamp_ns, QUIET_IN_RUN_S, until_ns))
+            Quiet(
+                name.removeprefix("/link/"),
+                name,
+                int(table.stamp_ns.max()),
+                _quiet_spans(table.stamp_ns, QUIET_IN_RUN_S, until_ns),
+            )
             for name, table in log.tables.items()
             if name.startswith("/link/") and "frame" in table.columns and len(table) > LEAST_FRAMES
         ]
         if not quiet:
             return None
-    silences = [
-        finding
-        for name, source, spans in quiet
-        if spans
-        for finding in _silences(name, source, spans, happened, clock, log)
-    ]
+    silences = [finding for each in quiet if each.spans for finding in _silences(each, happened, clock, log.of_topics)]
     whole = [each.name for each in found if each.component == AUTOPILOT and len(each.stamp_ns) >= LEAST_FRAMES]
     if whole and not (losses or silences):
         said = f"No frame of {' and '.join(whole)} is missing by its sequence"
@@ -105,9 +117,9 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
             facts.append(Fact(f"system_{each.system}_lost_percent", label, rounded(100.0 * each.ratio, 3), "%"))
     grids = [Grid.limited("senders", "MAVLink by sender", columns, rows)] if rows else []
     pauses: list[tuple[Value, ...]] = [
-        (name, clock.second(begin), clock.second(end), rounded((end - begin) * 1e-9))
-        for name, _, spans in quiet
-        for begin, end in spans
+        (each.name, clock.second(begin), clock.second(end), rounded((end - begin) * 1e-9))
+        for each in quiet
+        for begin, end in each.spans
     ]
     if pauses:
         grids.append(
@@ -208,7 +220,7 @@ def _losses(sender: Sender, unknown: int, clock: LogClock) -> Iterator[Finding]:
     )
 
 
-def _quiet(stamp_ns: Stamps, least_s: float, until_ns: int | None = None) -> list[tuple[int, int]]:
+def _quiet_spans(stamp_ns: Stamps, least_s: float, until_ns: int | None = None) -> list[tuple[int, int]]:
     """Pauses much longer than usual, that before `until_ns` included; a frame or two between them does not end one."""
     stamps = np.sort(stamp_ns if until_ns is None else np.append(stamp_ns, until_ns))
     between = np.diff(stamps)
@@ -225,29 +237,28 @@ def _quiet(stamp_ns: Stamps, least_s: float, until_ns: int | None = None) -> lis
     return spans
 
 
-def _silences(
-    name: str, source: str, spans: list[tuple[int, int]], happened: Sequence[Moment], clock: LogClock, log: Log
-) -> Iterator[Finding]:
+def _silences(quiet: Quiet, happened: Sequence[Moment], clock: LogClock, in_run: bool) -> Iterator[Finding]:
+    spans = quiet.spans
     total_s = sum((end - begin) * 1e-9 for begin, end in spans)
     begin, end = max(spans, key=lambda span: span[1] - span[0])
     beside = [one.text for one in moments_near(happened, begin, end, WINDOW_NS) if one.kind in ("fault", "takeover")]
     again = "once" if len(spans) == 1 else f"{len(spans)} times, {total_s:.1f} s in all"
     with_ = f", with: {'; '.join(dict.fromkeys(beside))}" if beside else ""
-    to_the_end = " to the end of the log" if log.span_ns is not None and end == log.span_ns[1] else ""
+    since = f"from {clock.text(begin)}{' to the end of the log' if end > quiet.last_ns else ''}"
     yield Finding(
         "links.silence",
         Severity.NOTICE if beside else Severity.WARNING,
-        f"{name}: no frame for {(end - begin) * 1e-9:.1f} s from {clock.text(begin)}{to_the_end} ({again}){with_}",
-        tuple(Evidence(source, None, from_ns, until_ns) for from_ns, until_ns in spans[:10]),
+        f"{quiet.name}: no frame for {(end - begin) * 1e-9:.1f} s {since} ({again}){with_}",
+        tuple(Evidence(quiet.source, None, from_ns, until_ns) for from_ns, until_ns in spans[:10]),
         "It was on purpose if the fault is of this link; see what the autopilot did meanwhile (modes, events)."
         if beside
         else "Look at the link and at both of its ends then: power, cable, antenna, restarts, a machine asleep."
-        if log.of_topics
+        if in_run
         else "Look at range and antennas then; the autopilot's failsafe may have acted (modes, events).",
     )
 
 
-def _plots(found: list[Sender], quiet: list[tuple[str, str, list[tuple[int, int]]]]) -> tuple[Plot, ...]:
+def _plots(found: list[Sender], quiet: list[Quiet]) -> tuple[Plot, ...]:
     traces = []
     for each in found[:6]:
         if len(each.stamp_ns) < LEAST_FRAMES:
@@ -259,7 +270,7 @@ def _plots(found: list[Sender], quiet: list[tuple[str, str, list[tuple[int, int]
         counted = np.bincount(window[kept], weights=each.lost[kept], minlength=size).astype(np.float64)
         instants_ns: Stamps = begin + WINDOW_NS * np.arange(size, dtype=np.int64)
         traces.append(Trace(each.name, instants_ns, counted, "steps"))
-    marks = tuple(Mark(begin, f"{name}: nothing", end) for name, _, spans in quiet for begin, end in spans)
+    marks = tuple(Mark(begin, f"{each.name}: nothing", end) for each in quiet for begin, end in each.spans)
     if not traces:
         return ()
     return (Plot("sequence_losses", "Frames missing each second", "frames", tuple(traces), marks=marks),)

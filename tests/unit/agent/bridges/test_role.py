@@ -257,49 +257,53 @@ def test_the_end_is_neutral_disarmed_and_counted(make: Callable[..., Bench]) -> 
     assert (order.command, order.param1) == (mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 
 
-@pytest.mark.parametrize("reboots", [False, True])
-def test_an_autopilot_that_hears_only_while_samples_come_gets_its_last_orders(
-    make: Callable[..., Bench], reboots: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As an ArduPilot with an external AHRS, whose main loop waits for inertial samples without an end."""
-    monkeypatch.setattr(role, "LAST_TRY_S", PATIENCE_S)
-    way = Way()
-    bench = make(way, reboots=reboots)
+DISARM, REBOOT = mav.MAV_CMD_COMPONENT_ARM_DISARM, mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+
+
+def last_orders(bench: Bench, way: Way, result: int | None) -> tuple[list[tuple[int, float]], str]:
+    """Those at the end of a run in real time, and what the host is told of them.
+
+    The autopilot answers with `result`, None for nothing, and hears only while samples come: as an ArduPilot with an
+    external AHRS, whose main loop waits for inertial samples without an end.
+    """
     bench.start(REALTIME)
     bench.tell(beat(ARMED))
     bench.send()
     bench.double.hear()
     bench.double.heard.clear()
 
-    def acknowledge() -> None:
+    def answer() -> None:
         for order in of(bench.double.hear(), "COMMAND_LONG"):
-            bench.double.say(mav.MAVLink_command_ack_message(order.command, mav.MAV_RESULT_ACCEPTED))
+            if result is not None:
+                bench.double.say(mav.MAVLink_command_ack_message(order.command, result))
 
-    way.repeated = acknowledge
-    said = [text.text for text in of(bench.stop(), "STATUSTEXT")]
-    orders = [(order.command, order.param1) for order in of(bench.double.heard, "COMMAND_LONG")]
-    disarm, reboot = (mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0), (mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
-    assert orders == ([disarm, reboot] if reboots else [disarm])
-    assert said == (["Bridge: the autopilot reboots: the run is over"] if reboots else [])
-
-
-def test_last_orders_that_are_not_accepted_are_repeated_and_told(make: Callable[..., Bench]) -> None:
-    way = Way()
-    bench = make(way, reboots=True)
-    bench.start(REALTIME)
-    bench.tell(beat())
-    bench.send()
-    bench.double.hear()
-    bench.double.heard.clear()
-
-    def refuse() -> None:
-        for order in of(bench.double.hear(), "COMMAND_LONG"):
-            bench.double.say(mav.MAVLink_command_ack_message(order.command, mav.MAV_RESULT_FAILED))
-
-    way.repeated = refuse
+    way.repeated = answer
     said = "".join(text.text for text in of(bench.stop(), "STATUSTEXT"))
-    assert said == "Bridge: the autopilot was told to reboot after the run and does not say that it did"
-    assert len(of(bench.double.heard, "COMMAND_LONG")) == 3 * 2
+    wait_until(lambda: not bench.double.hear())
+    return [(order.command, order.param1) for order in of(bench.double.heard, "COMMAND_LONG")], said
+
+
+@pytest.mark.parametrize("reboots", [False, True])
+def test_an_autopilot_that_hears_only_while_samples_come_gets_its_last_orders(
+    make: Callable[..., Bench], reboots: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(role, "LAST_TRY_S", PATIENCE_S)
+    way = Way()
+    orders, said = last_orders(make(way, reboots=reboots), way, mav.MAV_RESULT_ACCEPTED)
+    assert orders == ([(DISARM, 0.0), (REBOOT, 1.0)] if reboots else [(DISARM, 0.0)])
+    assert said == ("Bridge: the autopilot reboots: the run is over" if reboots else "")
+
+
+@pytest.mark.parametrize(("result", "times"), [(mav.MAV_RESULT_FAILED, 1), (None, 3)])
+def test_a_last_order_that_is_not_accepted_is_told_and_an_unheard_one_repeated(
+    make: Callable[..., Bench], result: int | None, times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if result is not None:
+        monkeypatch.setattr(role, "LAST_TRY_S", PATIENCE_S)
+    way = Way()
+    orders, said = last_orders(make(way, reboots=True), way, result)
+    assert orders == [(DISARM, 0.0)] * times  # armed still, it would refuse to reboot
+    assert said == "Bridge: the autopilot was told to disarm after the run and does not say that it did"
 
 
 def test_orders_to_an_autopilot_that_has_left_are_counted(make: Callable[..., Bench]) -> None:
