@@ -210,6 +210,23 @@ def _section(found: Section | None) -> Section:
     return found
 
 
+@pytest.mark.parametrize(
+    ("frames_s", "told"),
+    [
+        (np.arange(0.0, 8.0, 0.02), []),
+        (np.arange(0.0, 5.0, 0.02), ["agent/rx: no frame for 3.0 s from 0:05.0 to the end of the log (once)"]),
+        (np.append(np.arange(0.0, 5.0, 0.02), 8.0), ["agent/rx: no frame for 3.0 s from 0:05.0 (once)"]),
+    ],
+)
+def test_a_link_of_a_run_that_was_silent_to_the_end_is_told(frames_s: np.ndarray, told: list[str]) -> None:
+    stamps_ns = np.round(frames_s * SECOND).astype(np.int64)
+    link = MadeTable("/link/agent/rx", stamps_ns, {"frame": np.zeros(len(stamps_ns), int)})
+    pace = MadeTable("/pace", np.arange(9) * SECOND, {"slips": np.zeros(9, int)})
+    section = links.analyse(MadeLog(link, pace, kind="mcap"))
+    said = [] if section is None else [one.sentence for one in section.findings if one.key == "links.silence"]
+    assert said == told
+
+
 @pytest.mark.realtime
 def test_what_was_injected_is_what_is_found() -> None:
     run = recorded_faults()
