@@ -498,7 +498,13 @@ _TABLE = (
     Topic("/truth/fix", "foxglove.LocationFix", "10 Hz", "place on the Earth"),
     Topic("/scene", "foxglove.SceneUpdate", "once",
           "log boom, dam, water, mission, vessel; debris, and other missions, as they come", per_vessel=False),
-    Topic("/log", "foxglove.Log", "as it comes", "messages of the autopilot and of the run", per_vessel=False),
+    Topic(
+        "/log",
+        "foxglove.Log",
+        "as it comes",
+        "messages of the autopilot and of the run; the last of a run that failed is why",
+        per_vessel=False,
+    ),
     Topic("/lidar/points", "foxglove.PointCloud", "each frame",
           "a lidar's cloud in `base_link` (x forward, y left, z up): `t` after the stamp, `intensity`; each point as"
           " the vessel was at its instant", from_start=False),
