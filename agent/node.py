@@ -33,7 +33,8 @@ class AgentNode:
     In real time the tasks run on this machine's monotonic clock. In lockstep they run on XITL_TICK alone, and each tick
     ends with the role's answer, so that a run repeats bit for bit: there, what a machine would tell differently each
     time is unknown. Only the urgent tasks come before the answer; the others run while the host works on, and what they
-    say goes out ahead of the next answer.
+    say goes out ahead of the next answer. A role may leave a tick open because the autopilot behind it has not followed
+    yet. Each `poll` then asks it again, as the host sends a tick once where the link loses nothing.
 
     executor: runs the tasks of the run. `faults` are those of `link`'s transport. A host that is silent in real time
     for `silence_s` is gone, and its run with it; 0 waits forever. `clock` is this machine's. `say` gets what the person
@@ -90,7 +91,9 @@ class AgentNode:
 
     def poll(self, timeout_s: float = 0.0) -> None:
         """Handle what has arrived, waiting at most `timeout_s` for it, then run the tasks that are due."""
-        if timeout_s > 0.0:
+        if self._tick_is_open:
+            timeout_s = 0.0
+        elif timeout_s > 0.0:
             timeout_s = self._wait(timeout_s)
         messages = self._link.receive(timeout_s)
         if messages:
@@ -100,6 +103,8 @@ class AgentNode:
             for message in messages:
                 self._ahead -= 1
                 handlers.get(type(message), other)(message)
+        elif self._tick_is_open:
+            self._answer_tick()
         if self._link.strangers != self._strangers:
             self._tell_of_strangers()
         executor = self._due_now()
@@ -137,6 +142,7 @@ class AgentNode:
         self._lockstep = lockstep
         self._ticks = TickClock(start_ns)
         self._last_tick: int | None = None
+        self._tick_is_open = False
         self._deferred.clear()
         disturbed = None if lockstep else SteppedClock(self._monotonic)
         self._clock: Clock = self._ticks if disturbed is None else disturbed
@@ -182,6 +188,7 @@ class AgentNode:
         """Said again when the host asks again: it may have missed it."""
         self._host_is_gone = False
         was_running, self._running = self._running, False
+        self._tick_is_open = False
         now_ns = self._clock.now_ns()
         self._link.send_prepared(self._deferred)
         self._deferred.clear()
@@ -204,16 +211,26 @@ class AgentNode:
     def _on_tick(self, message: Message) -> None:
         if not (self._running and self._lockstep):
             return
-        if message.tick == self._last_tick:  # the answer alone: what waits goes with the next, as if that had arrived
+        if message.tick != self._last_tick:
+            self._last_tick = message.tick
+            self._ticks.advance_to(min(message.time_usec * 1000, LATEST_NS))
+            self.executor.run_urgent(self._clock.now_ns())
+            self._answer_tick()
+        elif self._tick_is_open:
+            self._answer_tick()
+        else:  # the answer alone: what waits goes with the next, as if that had arrived
             self._link.send(*self.role.end_tick(message.tick, self._clock.now_ns()))
-            return
-        self._last_tick = message.tick
-        self._ticks.advance_to(min(message.time_usec * 1000, LATEST_NS))
-        self.executor.run_urgent(self._clock.now_ns())
+
+    def _answer_tick(self) -> None:
+        """Answer the last tick. When the role cannot yet, the tick stays open and `poll` asks the role again."""
+        assert self._last_tick is not None
         now_ns = self._clock.now_ns()
-        self._link.send_prepared([*self._deferred, *map(prepare, self.role.end_tick(message.tick, now_ns))])
+        answer = self.role.end_tick(self._last_tick, now_ns)
+        self._link.send_prepared([*self._deferred, *map(prepare, answer)])
         self._deferred.clear()
-        self.executor.run_due(now_ns)
+        self._tick_is_open = not self.role.has_followed
+        if not self._tick_is_open:
+            self.executor.run_due(now_ns)
 
     def _send(self, *messages: Message) -> None:
         if self._lockstep and self._running:

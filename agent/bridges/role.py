@@ -159,6 +159,7 @@ class BridgeRole(Role):
         self._pulses_us: tuple[int, ...] = ()
         self._commands: tuple[float, ...] = (0.0,) * len(self._outputs.channels)
         self._raw_is_new = self._fresh = False
+        self._followed = True
         self._sent_ns: int | None = None
         self._told_ns: int | None = None
         self._patience_s = PATIENCE_S
@@ -239,14 +240,18 @@ class BridgeRole(Role):
         followed = True
         for injector in self._injectors:
             followed = injector.advance(now_ns) and followed
-        followed = followed and self._reach()
+        self._followed = followed and self._reach()
         self._hear(now_ns)
         waiting, self._waiting = self._waiting, []
-        if not followed:
+        if not self._followed:
             return waiting
         self._take_outputs()
         waiting.append(self._actuators(now_ns))
         return waiting
+
+    @property
+    def has_followed(self) -> bool:
+        return self._followed
 
     def _reach(self) -> bool:
         """The world waits a while for the connection, so that nothing of the autopilot's start is missed."""

@@ -57,8 +57,13 @@ class Role:
         raise NotImplementedError
 
     def end_tick(self, tick: int, now_ns: int) -> Sequence[Message]:
-        """Lockstep: what ends a tick."""
+        """Lockstep: what ends a tick. Called again for the same tick while `has_followed` is False."""
         return ()
+
+    @property
+    def has_followed(self) -> bool:
+        """Whether the last `end_tick` answered its tick; False while an autopilot behind the role is not there yet."""
+        return True
 
     def end_run(self, now_ns: int) -> Sequence[Message]:
         """The run is over, whoever ended it; returns the last word to the host."""

@@ -51,6 +51,8 @@ def main() -> None:
             ("sitl-ardupilot at 1200 frames a second", ">= 12", "x real time", measured.run),
             ("the same, of a bare echo of the frames", ">= 0.5", "x", measured.ratios),
             ("of an echo on one processor with ArduPilot", "", "x", measured.close_ratios),
+            (f"sitl-ardupilot, {bench_ardupilot.RUN_S} s: the whole command", "", "s", measured.wall_s),
+            ("the same, processor time", "", "s", measured.busy_s),
         ):
             cells = (statistics.median(values), min(values), max(values))
             table.add_row(name, unit, wanted, *(f"{value:.3g}" for value in cells))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import socket
 import statistics
 import struct
@@ -22,6 +23,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import FIND, find_firmware
 
 TURNS = 3
+RUN_S = 60  # of simulation time
 ECHO_FRAMES = 60_000
 RATE_HZ = 1200
 _FRAME = (
@@ -31,12 +33,39 @@ _FRAME = (
 
 
 @dataclass(frozen=True)
+class RunCost:
+    """One run. factor: times real time, as its summary has it. wall_s: the command from start to exit.
+
+    busy_s: processor time of the command and of ArduPilot. Processes that wait for each other show in wall_s alone.
+    """
+
+    factor: float
+    wall_s: float
+    busy_s: float
+
+
+@dataclass(frozen=True)
 class Factors:
-    """Times real time, by turn: bare echoes, left to the scheduler or on one processor with ArduPilot; whole runs."""
+    """By turn. Times real time of bare echoes, left to the scheduler or on one processor with ArduPilot; whole runs."""
 
     echo: list[float]
     close_echo: list[float]
-    run: list[float]
+    runs: list[RunCost]
+
+    @property
+    def run(self) -> list[float]:
+        """Times real time of whole runs."""
+        return [run.factor for run in self.runs]
+
+    @property
+    def wall_s(self) -> list[float]:
+        """Wall time of whole runs."""
+        return [run.wall_s for run in self.runs]
+
+    @property
+    def busy_s(self) -> list[float]:
+        """Processor time of whole runs."""
+        return [run.busy_s for run in self.runs]
 
     @property
     def ratios(self) -> list[float]:
@@ -76,22 +105,24 @@ def echo_factor(frames: int = ECHO_FRAMES) -> float:
             return (sim_s - from_s) / (time.perf_counter() - start_s)
 
 
-def run_factor(profile: str = "sitl-ardupilot") -> float:
-    """Real-time factor of a whole run with a mission, as its summary has it."""
+def run_cost(profile: str = "sitl-ardupilot", duration_s: int = RUN_S) -> RunCost:
+    """A run of so many seconds of simulation time."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "xitl_cli.main", "sim", "--profile", profile, "--json"]
-        command += ["--firmware", str(_program()), "--out", f"{folder}/run"]
+        command += ["--firmware", str(_program()), "--duration", str(duration_s), "--out", f"{folder}/run"]
+        before, began_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         done = subprocess.run(command, capture_output=True, text=True, check=False)
+        wall_s, after = time.perf_counter() - began_s, resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode:
             raise RuntimeError(f"{' '.join(command)}: exit code {done.returncode}: {done.stderr}")
-        return float(json.loads(done.stdout)["real_time_factor"])
+        busy_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        return RunCost(float(json.loads(done.stdout)["real_time_factor"]), wall_s, busy_s)
 
 
 def factors(turns: int = TURNS) -> Factors:
     """All, in turns, as the machine is noisy."""
-    measured = [(echo_factor(), close_echo_factor(), run_factor()) for _ in range(turns)]
-    echo, close_echo, run = (list(values) for values in zip(*measured, strict=True))
-    return Factors(echo, close_echo, run)
+    measured = [(echo_factor(), close_echo_factor(), run_cost()) for _ in range(turns)]
+    return Factors(*(list(values) for values in zip(*measured, strict=True)))
 
 
 def available() -> bool:
@@ -119,6 +150,8 @@ def main() -> None:
         ("sitl-ardupilot, x real time", "12 at least", measured.run),
         ("of the echo", "0.5 at least", measured.ratios),
         ("of the echo on one processor", "", measured.close_ratios),
+        (f"sitl-ardupilot, {RUN_S} s: wall time, s", "", measured.wall_s),
+        (f"sitl-ardupilot, {RUN_S} s: processor time, s", "", measured.busy_s),
     ):
         each = ", ".join(f"{value:.3g}" for value in values)
         print(f"{name:44s} {statistics.median(values):6.3g}  ({each})  {wanted}")

@@ -79,6 +79,7 @@ class Double:
     """
 
     kind = "double"
+    resends_s = RESENDS_S
 
     def __init__(self, pulses: dict[int, tuple[int, ...]] | None = None, channels: int = 16) -> None:
         self.told: list[Told] = []
@@ -125,7 +126,7 @@ class Double:
                         self.told.append(read_answer(self.frame, datagram))
                         self.frame += 1
                         break
-                    if time.monotonic() - sent_s > RESENDS_S:
+                    if time.monotonic() - sent_s > self.resends_s:
                         self.asked_again += 1
                         break
 

@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,18 @@ import pytest
 from json_autopilot import Double, Real, replayed_pulses
 
 from agent.bridges.json_world import JsonWorld
+from agent.node import PROTOCOL
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
+from agent.wire.transport import open_transport
 from tests.free_ports import unread_bytes
-from tests.patience import wait_until
+from tests.patience import PATIENCE_S, wait_until
+from xitl_cli.profile import load_profile
+from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.links.inbox import AgentInbox
+from xitl_cli.run.links.peer import InProcessAgent, options_from_profile
+from xitl_cli.run.links.ports import PortClaims
+from xitl_cli.run.world.world import local_frame
 
 CAPTURE = Path(__file__).parents[1] / "data" / "captures" / "json-servo-packets.bin.gz"
 FIRST_DRIVEN = 7800  # frame from which its outputs follow a person's sticks
@@ -251,6 +260,44 @@ def test_nobody_asks(world: JsonWorld) -> None:
     host = Host(world)
     assert not any(world.advance(0) for _ in range(4))
     assert host.said == [f"no autopilot has asked for the world at {world.address}; start it with --model JSON:HOST"]
+
+
+class PatientDouble(Double):
+    """Sends each packet once."""
+
+    resends_s = math.inf
+
+
+def test_an_autopilot_that_is_slow_to_start_gets_its_first_packet_answered_at_the_first_tick() -> None:
+    """The host sends that tick once: in this process nothing can be lost."""
+    vehicle, ports = open_transport("tcp://127.0.0.1:0", listen=True), PortClaims()
+    profile = load_profile("sitl-ardupilot").runnable()
+    address = ports.free_url("udp://127.0.0.1:0")
+    bridge = replace(profile.autopilot.bridge, mavlink=vehicle.address, world=address)
+    inbox = AgentInbox("agent", local_frame(profile.site), 2, True, lambda stamp_ns, estimate: None)
+    connection, double = AgentConnection("agent", profile, inbox), PatientDouble()
+    peer = InProcessAgent(options_from_profile(profile, None, bridge=bridge))
+    try:
+        connection.reach(peer)
+        mode = mav.XITL_CLOCK_MODE_LOCKSTEP
+        connection.send(mav.MAVLink_xitl_run_message(0, b"test", mav.XITL_RUN_COMMAND_START, mode, PROTOCOL))
+        connection.receive()
+        zero = (0.0, 0.0, 0.0)
+        connection.send(mav.MAVLink_xitl_truth_message(TICK_US, zero, zero, (1.0, 0.0, 0.0, 0.0), zero, -1.0, 0.0))
+        sent = connection.link.counters.sent
+        connection.send_tick(TICK_US * 1000, 1)
+        connection.receive()
+        assert inbox.answered_tick != 1
+        double.start(address)
+        connection.wait_for_answer(TICK_US * 1000, 1, PATIENCE_S, lambda: None)
+        assert inbox.answered_tick == 1
+        assert connection.link.counters.sent == sent + 1
+        wait_until(lambda: double.frame == TICK_US * 1200 // 1_000_000)
+    finally:
+        double.stop()
+        peer.close()
+        vehicle.close()
+        ports.close()
 
 
 def test_another_autopilot_takes_over(world: JsonWorld) -> None:

@@ -364,7 +364,7 @@ class AgentConnection:
         self.receive(0.0)
         started_s = sent_s = looked_s = time.monotonic()
         while inbox.answered_tick != tick:
-            self.receive(TICK_REPEAT_S)
+            self.receive(self.wait_s)
             if inbox.answered_tick == tick:
                 return
             now_s = time.monotonic()
@@ -377,6 +377,11 @@ class AgentConnection:
                 if now_s - sent_s > self.again_s(TICK_REPEAT_S, silent_s):
                     self.send_tick(sim_ns, tick)
                     sent_s = now_s
+
+    @property
+    def wait_s(self) -> float:
+        """How long to wait at a time for an answer: an agent in this process works only between the waits."""
+        return POLL_S if self.link.transport.fileno() is None else TICK_REPEAT_S
 
     def again_s(self, interval_s: float, patience_s: float) -> float:
         """After how long to say again what was said last and is not answered: after `interval_s` if it may be lost.

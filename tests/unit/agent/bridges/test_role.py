@@ -193,6 +193,50 @@ def test_an_autopilot_that_does_not_follow_is_not_answered_for(make: Callable[..
     assert way.advanced_ns == [10_000_000] * 2
 
 
+def test_an_autopilot_that_follows_late_is_answered_for_without_another_tick(make: Callable[..., Bench]) -> None:
+    """A host on a link that loses nothing sends a tick once."""
+    way = Way(pulses_us=[1700, 0, 1300])
+    bench = make(way)
+    bench.start(LOCKSTEP)
+    way.follows = False
+    assert of(bench.exchange() + bench.send() + bench.send(), "XITL_ACTUATORS") == []
+    way.follows = True
+    (answer,) = of(bench.send(), "XITL_ACTUATORS")
+    assert (answer.tick, list(answer.command[:2])) == (1, pytest.approx([0.5, -0.5]))
+    assert of(bench.send(), "XITL_ACTUATORS") == []
+    assert len(way.advanced_ns) == 4
+
+
+def test_the_host_is_told_the_same_in_the_same_order_however_late_the_autopilot_follows(
+    make: Callable[..., Bench],
+) -> None:
+    def told(late: bool) -> list[tuple[str, int]]:
+        way = Way(pulses_us=[1500] * 3)
+        bench = make(way)
+        bench.start(LOCKSTEP)
+        came = []
+        for _ in range(120):
+            way.follows = not late
+            came += bench.exchange()
+            way.follows = True
+            came += bench.send()
+        return [(message.get_type(), getattr(message, "time_usec", 0)) for message in came]
+
+    assert told(late=True) == told(late=False)
+
+
+def test_a_run_that_is_stopped_leaves_no_tick_open(make: Callable[..., Bench]) -> None:
+    way = Way(pulses_us=[1500] * 3)
+    bench = make(way)
+    bench.start(LOCKSTEP)
+    way.follows = False
+    bench.exchange()
+    bench.stop()
+    way.follows = True
+    assert bench.send() == []
+    assert len(way.advanced_ns) == 1
+
+
 def test_normalised_outputs_come_before_pulses(make: Callable[..., Bench]) -> None:
     bench = make(Way(), Way(pulses_us=[1900] * 3, values=[0.1, 0.2, 0.3]))
     bench.start(LOCKSTEP)

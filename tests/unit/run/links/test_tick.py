@@ -14,6 +14,8 @@ from xitl_cli.run.links.connection import AgentConnection
 class Agent:
     """In place of an AgentConnection: answers once the tick has been sent `after` times."""
 
+    wait_s = 0.0
+
     def __init__(self, after: int) -> None:
         self.inbox = self.peer = self
         self.answered_tick = -1
