@@ -68,6 +68,13 @@ class Injector:
         """Lockstep: let the autopilot run up to this instant; False when it has not followed after a short wait."""
         return True
 
+    def run_on(self, now_ns: int) -> bool:
+        """Lockstep, after the run: let the autopilot run up to this instant, without waiting.
+
+        It has orders to hear and a log to write. Returns whether it has taken all that it needs until then.
+        """
+        return True
+
     def pulses(self) -> Sequence[int] | None:
         """Latest pulse widths in us, by output from 1 on; None where the outputs do not come back this way."""
         return None

@@ -266,6 +266,10 @@ class JsonLine:
         self._unread = False
         return read_pulses_us(self._newest)
 
+    def fileno(self) -> int:
+        """Becomes readable when the autopilot asks."""
+        return self._socket.fileno()
+
     def close(self) -> None:
         """Stop serving."""
         self._socket.close()

@@ -139,6 +139,10 @@ class MotionInterpolator:
         (n, e, d), (vn, ve, vd) = end.pos_ned_m, end.vel_ned_mps
         return (n + vn * after_s, e + ve * after_s, d + vd * after_s, *end.quat_ned_frd, vn, ve, vd)
 
+    def free_force_frd_mps2(self) -> tuple[float, float, float]:
+        """Specific force beyond the end, where velocity and attitude stay."""
+        return _to_body(self._end.quat_ned_frd, (0.0, 0.0, -GRAVITY_MPS2))
+
     def specific_force_frd_mps2(self) -> tuple[float, float, float]:
         """What an accelerometer at the body origin would measure on the way, at the attitude of the end."""
         span_s = self._length_us * 1e-6
@@ -198,6 +202,7 @@ class JsonWorld(Injector):
         self._now_us = start_ns // 1000
         self._silent_since_s: float | None = None
         self._silence_said = False
+        self._runs_on = False
 
     # -- the host's side
 
@@ -272,6 +277,25 @@ class JsonWorld(Injector):
                 return True
             if not line.wait(WINDOW // 2, until_s):
                 return False
+
+    def run_on(self, now_ns: int) -> bool:
+        """The vessel goes on at constant velocity, and its inertial samples say the same."""
+        path = self._path
+        if path is None:
+            return False
+        if not self._runs_on:
+            self._runs_on = True
+            self._imu.clear()
+            self._imu_text = imu_text((0.0, 0.0, 0.0), path.free_force_frd_mps2())
+        line = self._line
+        line.hear()
+        times = self._times.next_frames(now_ns // 1000, WINDOW - line.behind)
+        if times:
+            line.answer(self._answers(path, times))
+        return not times and not line.behind
+
+    def descriptors(self) -> Sequence[int]:
+        return (self._line.fileno(),) if self._runs_on else ()
 
     def _answers(self, path: MotionInterpolator, times: list[tuple[int, float]]) -> list[bytes]:
         samples, text, extras = self._imu, self._imu_text, self._extras

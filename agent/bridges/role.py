@@ -106,6 +106,9 @@ SPACING_NS = 4_000_000  # of XITL_ACTUATORS in real time, at least
 REST_NS = 100_000_000  # at most, while the autopilot is disarmed: a PX4 then puts out nothing
 REACH_S, PATIENCE_S = 0.4, 3.0  # of real time: at a try, and in all
 LAST_TRIES, LAST_TRY_S, REPEAT_S = 3, 0.3, 0.01  # of real time: two orders end within the 2 s that a host waits
+RUN_ON_NS, RUN_ON_STEP_NS = 1_000_000_000, 10_000_000  # of a run in lockstep, after its end
+LEAVE_NS = 10_000_000_000  # most that there is after that, for an autopilot that has been told to end
+RUN_ON_S, RUN_ON_IDLE_S, RUN_ON_LOOK_S = 1.5, 0.3, 0.0005  # of real time: in all, without progress, between looks
 PREFIX = "Bridge: "
 
 _FOR_INJECTORS = (
@@ -160,6 +163,7 @@ class BridgeRole(Role):
         self._commands: tuple[float, ...] = (0.0,) * len(self._outputs.channels)
         self._raw_is_new = self._fresh = False
         self._followed = True
+        self._run_on_ns = self._run_on_end_ns = 0
         self._sent_ns: int | None = None
         self._told_ns: int | None = None
         self._patience_s = PATIENCE_S
@@ -183,12 +187,15 @@ class BridgeRole(Role):
         neutral = (0.0,) * len(self._outputs.channels)
         last = actuators_message(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
         waiting, self._waiting = self._waiting, []
-        return (*waiting, self._status(now_ns), last)
+        status = self._status(now_ns)
+        if self._lockstep:
+            self._run_on_from(now_ns)
+        return (*waiting, status, last)
 
     def _give_last_orders(self) -> None:
         """Disarm, then reboot: an autopilot that is armed refuses that. In real time each has to be acknowledged.
 
-        In lockstep it need not hear them: without the host no time passes.
+        In lockstep the autopilot runs on for a while, and hears them then.
         """
         orders: list[tuple[int, ...]] = []
         reboots = self._reboots and self._vehicle.heard
@@ -209,6 +216,34 @@ class BridgeRole(Role):
                 return
         if reboots:
             self.add_event(_NOTICE, "the autopilot reboots: the run is over")
+
+    def _run_on_from(self, over_ns: int) -> None:
+        """Lockstep: the autopilot goes on for a second, hears its last orders and writes what it has logged.
+
+        After that it goes on in `serve_peers`: a program hears that it is to end only while its time goes on.
+        """
+        self._run_on_ns, self._run_on_end_ns = over_ns, over_ns + RUN_ON_NS
+        began_s = moved_s = monotonic()
+        while self._run_on_ns < self._run_on_end_ns:
+            now_s = monotonic()
+            if self._run_on():
+                moved_s = now_s
+            elif now_s - moved_s > RUN_ON_IDLE_S or now_s - began_s > RUN_ON_S:
+                break
+            else:
+                sleep(RUN_ON_LOOK_S)
+            self._vehicle.receive(self._run_on_ns)
+        self._run_on_end_ns = self._run_on_ns + LEAVE_NS
+
+    def _run_on(self) -> bool:
+        """Whether the autopilot has gone a step further."""
+        next_ns = self._run_on_ns + RUN_ON_STEP_NS
+        if not all(injector.run_on(next_ns) for injector in self._injectors):
+            return False
+        self._run_on_ns = next_ns
+        for injector in self._injectors:
+            injector.repeat(next_ns)
+        return True
 
     def _hear_with_samples(self, timeout_s: float) -> list[Message]:
         """What the autopilot says while the newest sample is repeated: without any it may do nothing but wait."""
@@ -278,6 +313,8 @@ class BridgeRole(Role):
         self._hear(now_ns)
         if self._lockstep and self._running:
             return
+        if self._run_on_ns < self._run_on_end_ns:
+            self._run_on()
         self._take_outputs()
         out, self._waiting = self._waiting, []
         if self._running and self._is_due(now_ns):

@@ -300,6 +300,31 @@ def test_an_autopilot_that_is_slow_to_start_gets_its_first_packet_answered_at_th
         ports.close()
 
 
+def test_after_a_run_the_vessel_goes_on_as_it_was(world: JsonWorld, autopilot: Autopilot) -> None:
+    """So that the autopilot can end in order: it hears that it is to end only between two frames."""
+    host = Host(world)
+    host.run(0.5)
+    told = world.counts.solution_out
+    end_us = host.now_us + 1_000_000
+    wait_until(lambda: world.run_on(end_us * 1000))
+    assert world.counts.solution_out == told + 1200
+    if isinstance(autopilot, Real):
+        process = autopilot.rover.process
+        assert process is not None
+        process.stop(PATIENCE_S, lambda seconds: world.run_on((end_us + 10_000_000) * 1000))
+        assert "Exitting" in autopilot.rover.console
+        return
+    autopilot.stop()
+    pos, vel, quat = host.motion(host.now_us)
+    for frame in autopilot.told[told:]:
+        after_s = frame.timestamp_s - host.now_us * 1e-6
+        assert frame.position == pytest.approx([p + v * after_s for p, v in zip(pos, vel, strict=True)], abs=2e-5)
+        assert frame.velocity == pytest.approx(vel, abs=1e-5)
+        assert frame.quaternion == pytest.approx(quat, abs=1e-6)
+        assert frame.gyro == (0.0, 0.0, 0.0)
+        assert frame.accel_body == pytest.approx((0.0, 0.0, -9.80665), abs=1e-5)
+
+
 def test_another_autopilot_takes_over(world: JsonWorld) -> None:
     first, second = Double(), Double()
     second.frame = 5000

@@ -3,11 +3,13 @@
 
 In lockstep with the same world as when it was captured it is the real one's twin: the world is a function of its
 outputs. What is said to it changes nothing. XITL_CAPTURE names the file; XITL_REPLAY_DIES ends it at that frame.
+Like the real one it heeds SIGTERM only between two frames, and says "Exitting" then.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import sys
 from contextlib import suppress
@@ -17,10 +19,12 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from tests.doubles.capture import MAVLINK, OUTPUTS, at_frame, read_capture
 
 LOCAL = "127.0.0.1"
+told_to_end: list[int] = []
 
 
 def main() -> None:
     """Until the capture is over, then in silence until it is stopped."""
+    signal.signal(signal.SIGTERM, lambda number, frame: told_to_end.append(number))
     arguments = sys.argv[1:]
     world = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     world.connect((LOCAL, int(arguments[arguments.index("--sim-port-out") + 1])))
@@ -52,6 +56,9 @@ def main() -> None:
 
 def _exchange(world: socket.socket, packet: bytes) -> None:
     """One frame: the outputs, then the world's answer; asked again after a second, as the real one does."""
+    if told_to_end:
+        print("Exitting", flush=True)
+        sys.exit(0)
     world.send(packet)
     while True:
         try:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 from pathlib import Path
 
 import pytest
 from conftest import command, environment, summary
+
+from tests.patience import PATIENCE_S, wait_until
 
 TESTS = Path(__file__).parents[1]
 DOUBLE = TESTS / "doubles" / "replayed_rover.py"
@@ -53,6 +56,7 @@ def test_the_mission_that_was_captured_is_sailed_again(tmp_path: Path) -> None:
     assert bridge["world_lost"] == bridge["world_resent"] == bridge["restarts"] == 0
     assert bridge["world_in"] == pytest.approx(1200 * result["duration_s"], abs=1200)
     assert bridge["mavlink_lost"] == 0
+    assert (tmp_path / "run" / "autopilot" / "console.txt").read_text().endswith("Exitting\n")  # it ended in order
     # ArduRover's own estimate, from its own sensors, told over MAVLink and stamped by its clock
     assert result["estimation"]["position_rms_m"] < 0.5
 
@@ -65,3 +69,16 @@ def test_an_autopilot_that_dies_under_way_ends_the_run_with_its_last_words(tmp_p
     result = summary(tmp_path / "run")
     assert result["ended"] == "failed"
     assert result["duration_s"] == pytest.approx(DEATH / 1200, abs=1.0)
+
+
+@pytest.mark.realtime
+def test_an_interrupted_run_lets_the_autopilot_end_in_order(tmp_path: Path) -> None:
+    console, recording = tmp_path / "run" / "autopilot" / "console.txt", tmp_path / "run" / "run.mcap"
+    words = command("sim", "--profile", "sitl-ardupilot", "--firmware", str(DOUBLE), "--out", "run")
+    variables = {**environment(), "XITL_CAPTURE": str(CAPTURE), "PYTHONPATH": os.pathsep.join(_paths())}
+    with subprocess.Popen(words, cwd=tmp_path, env=variables, stdout=subprocess.DEVNULL) as process:
+        wait_until(lambda: recording.is_file() and recording.stat().st_size > 50_000)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 130
+    assert summary(tmp_path / "run")["ended"] == "interrupted"
+    assert console.read_text().endswith("Exitting\n")

@@ -17,6 +17,7 @@ from xitl_cli.errors import UserError
 CONSOLE = "console.txt"
 STOP_S = 5.0
 _POLL_S = 0.02
+_LOOK_S = 0.002
 _LAST_BYTES = 4096
 _PR_SET_PDEATHSIG = 1
 
@@ -56,6 +57,11 @@ class FirmwareProcess:
     def pid(self) -> int:
         """Of the process."""
         return self._process.pid
+
+    @property
+    def ended_in_order(self) -> bool:
+        """Whether it has ended with exit code 0."""
+        return self._process.poll() == 0
 
     def check(self) -> None:
         """Raise UserError when it has ended by itself, with the last thing it said."""
@@ -97,13 +103,17 @@ class FirmwareProcess:
             return ""
         return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
-    def stop(self, patience_s: float = STOP_S) -> None:
-        """End it, gently first, and for good after `patience_s`. Safe to call again."""
+    def stop(self, patience_s: float = STOP_S, meanwhile: Callable[[float], object] = time.sleep) -> None:
+        """End it, gently first, and for good after `patience_s`. Safe to call again.
+
+        meanwhile: called with seconds to spend until it has ended, for a program that hears only while it is served.
+        """
         self._stopped = True
         if self._process.poll() is None:
             self._signal(signal.SIGTERM)
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(patience_s)
+            until_s = time.monotonic() + patience_s
+            while self._process.poll() is None and time.monotonic() < until_s:
+                meanwhile(_LOOK_S)
         self._signal(signal.SIGKILL)  # what it may have started
         self._process.wait()
 

@@ -139,3 +139,18 @@ def test_it_is_looked_for_on_the_path_and_then_in_the_cache(tmp_path: Path, monk
     assert find_firmware("rover", "sitl") == own
     linux = script(tmp_path / "bin" / "ardurover-linux", "")
     assert find_firmware("rover", "linux") == linux
+
+
+def test_one_that_hears_only_while_it_is_served_is_served_until_it_has_ended(tmp_path: Path) -> None:
+    body = """
+told = []
+signal.signal(signal.SIGTERM, lambda *_: told.append(1))
+print("ready", flush=True)
+while not (told and os.path.exists("frame")):
+    time.sleep(0.001)
+print("ended in order", flush=True)
+"""
+    process = FirmwareProcess(script(tmp_path / "rover", body), [], tmp_path)
+    assert process.wait_for("ready", timeout_s=PATIENCE_S)
+    process.stop(PATIENCE_S, lambda seconds: (tmp_path / "frame").touch())
+    assert process.last_line() == "ended in order"

@@ -540,6 +540,11 @@ class AgentConnection:
         while (self.link.wake_s() is not None or transport.backlog_s() > 0.0) and time.monotonic() < until_s:
             self.receive(0.01)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether there is an agent to talk to, from `reach` to `close`."""
+        return self._peer is not None and self.gone is None
+
     def close(self) -> None:
         """Give back process and sockets. Safe to call at any time."""
         if self._peer is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -18,7 +19,7 @@ from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.process import CONSOLE, STOP_S, FirmwareProcess, newest_log
+from xitl_cli.firmware.process import CONSOLE, FirmwareProcess, newest_log
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Table, first_of
@@ -101,6 +102,22 @@ def scheduler_record(log: Path) -> SchedulerRecord | None:
         return None
 
 
+def drop_partial_record(log: Path) -> int:
+    """Cut the bytes of an incomplete last record off a DataFlash log; returns how many.
+
+    ArduPilot writes its log in blocks of 512 bytes, whatever the length of its records (AP_Logger_File::io_timer). So
+    a log ends within a record although the autopilot ended in order.
+    """
+    try:
+        with DataFlashLog(log) as opened:
+            health = opened.health
+    except LogError:
+        return 0
+    if health.truncated_bytes:
+        os.truncate(log, health.size_bytes - health.truncated_bytes)
+    return health.truncated_bytes
+
+
 def _record(table: Table) -> SchedulerRecord:
     loops, long_loops = _column(table, first_of(table, _LOOPS)), _column(table, first_of(table, ("NLon",)))
     longest, load = _column(table, first_of(table, ("MaxT",))), _column(table, first_of(table, ("Load",)))
@@ -177,7 +194,7 @@ def _scheduler(record: SchedulerRecord) -> dict[str, Any]:
 BRIDGE = "Bridge: "
 WRONG_VEHICLE = f"{BRIDGE}the autopilot is "
 CHECK_EVERY = 16  # exchanges
-BLOCKED_STOP_S = 0.3  # it waits for its world, which has stopped, and does not listen
+LOCKSTEP_STOP_S = 2.0  # its world goes on until it has heard; if it does not take that any more, it never will
 NO_BRIDGE_NS = 10_000_000_000  # a bridge tells its counts every second
 PAIR_MS = 50  # attitude and position come by their own rates
 _MAKES = {"ardupilot": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, "px4": dialect.MAV_AUTOPILOT_PX4}
@@ -401,13 +418,24 @@ class BridgeNode(RunNode):
         if self._launch is None:
             return
         if self._process is not None and self._directory is not None:
-            waits = self._profile.clock.mode == "lockstep"
-            self._process.stop(BLOCKED_STOP_S if waits else STOP_S)
+            if self._profile.clock.mode == "lockstep":
+                self._process.stop(LOCKSTEP_STOP_S, self._serve)
+            else:
+                self._process.stop()
             log = newest_log(self._process.directory, self._launch.log_suffix)
             if log is not None:
                 self._log = log.replace(self._directory / self._launch.log_name)
+                if self._process.ended_in_order and self._profile.autopilot.kind == "ardupilot":
+                    drop_partial_record(self._log)
             self._process = None
         self._launch.end()
+
+    def _serve(self, seconds: float) -> None:
+        """Let the agent go on with the autopilot's time, in which alone that hears that it is to end."""
+        if self._agent is not None and self._agent.is_open:
+            self._agent.receive(seconds)
+        else:
+            time.sleep(seconds)
 
     def close(self) -> None:
         self.end()

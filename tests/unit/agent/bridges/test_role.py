@@ -36,6 +36,7 @@ class Way(Injector):
         self.pulses_us, self.values = pulses_us, values
         self.say: Callable[[int, str], None] = lambda severity, text: None
         self.repeated: Callable[[], object] = lambda: None
+        self.ran_on_ns: list[int] = []
         self.closed = False
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
@@ -52,6 +53,10 @@ class Way(Injector):
 
     def repeat(self, now_ns: int) -> None:
         self.repeated()
+
+    def run_on(self, now_ns: int) -> bool:
+        self.ran_on_ns += [now_ns] if self.follows else []
+        return self.follows
 
     def pulses(self) -> Sequence[int] | None:
         return self.pulses_us
@@ -299,6 +304,38 @@ def test_the_end_is_neutral_disarmed_and_counted(make: Callable[..., Bench]) -> 
     wait_until(lambda: bench.double.hear() and of(bench.double.heard, "COMMAND_LONG"))
     order = of(bench.double.heard, "COMMAND_LONG")[-1]
     assert (order.command, order.param1) == (mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+
+
+def test_after_the_end_the_autopilot_runs_on_for_a_second_and_then_as_long_as_it_is_waited_for(
+    make: Callable[..., Bench],
+) -> None:
+    """It hears and logs the last orders, and a SIGTERM, only while its time goes on."""
+    way = Way(pulses_us=[1900] * 3)
+    bench = make(way)
+    bench.start(LOCKSTEP)
+    for _ in range(3):
+        bench.exchange()
+    bench.send()
+    assert way.ran_on_ns == []
+    bench.stop()
+    assert way.ran_on_ns[:100] == [30_000_000 + step * 10_000_000 for step in range(1, 101)]
+    before = len(way.ran_on_ns)
+    bench.send()
+    bench.send()
+    assert len(way.ran_on_ns) == before + 2
+    bench.start(LOCKSTEP)
+    bench.send()
+    assert len(way.ran_on_ns) == before + 2
+
+
+def test_an_autopilot_that_has_left_is_not_waited_for_at_the_end(make: Callable[..., Bench]) -> None:
+    way = Way(pulses_us=[1900] * 3)
+    bench = make(way)
+    bench.start(LOCKSTEP)
+    bench.exchange()
+    way.follows = False
+    assert of(bench.stop(), "XITL_ACTUATORS")[-1].flags == 0
+    assert way.ran_on_ns == []
 
 
 DISARM, REBOOT = mav.MAV_CMD_COMPONENT_ARM_DISARM, mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import lzma
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,15 +21,18 @@ from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
 from xitl_cli.commands.sim_report import autopilot_rows
 from xitl_cli.errors import UserError
+from xitl_cli.logs import open_log
+from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
-from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, BridgeNode, SchedulerRecord
+from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, BridgeNode, SchedulerRecord, drop_partial_record
 from xitl_cli.run.nodes.drivers import NoDriver
 from xitl_cli.run.world.world import local_frame
 
+LOGS = Path(__file__).parents[3] / "data" / "logs"
 SECOND = 1_000_000_000
 STILL = MotorCommand((0.0, 0.0))
 EXTERNAL = [
@@ -213,3 +217,19 @@ def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path
 
 def _fields(report: Any) -> dict[str, Any]:
     return {name: getattr(report, name) for name in type(report).__dataclass_fields__}
+
+
+def test_a_log_whose_last_block_ends_within_a_record_is_cut_to_whole_records(tmp_path: Path) -> None:
+    log = tmp_path / "1.bin"
+    log.write_bytes(lzma.decompress((LOGS / "boat-auto-external-ahrs.bin.xz").read_bytes()))
+    size, before = log.stat().st_size, log_health(log)
+    assert drop_partial_record(log) == before.truncated_bytes == 26
+    assert log.stat().st_size == size - 26
+    after = log_health(log)
+    assert (after.records, after.truncated_bytes) == (before.records, 0)
+    assert drop_partial_record(log) == 0
+
+
+def log_health(log: Path) -> LogHealth:
+    with open_log(log) as opened:
+        return opened.health
