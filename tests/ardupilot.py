@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from types import TracebackType
 
@@ -10,10 +9,9 @@ import pytest
 
 from tests.free_ports import free_port
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.cache import FIND, find_firmware
+from xitl_cli.firmware.cache import ROVER_VARIABLES, find_firmware
 from xitl_cli.firmware.process import FirmwareProcess
 
-VARIABLES = {"sitl": "XITL_ARDUROVER", "linux": "XITL_ARDUROVER_LINUX"}
 BOAT = {"FRAME_CLASS": 2, "SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74}
 STARTS_S = 10.0
 PATIENCE_S = 0.3  # one that waits for its world does not heed SIGTERM
@@ -22,9 +20,9 @@ PATIENCE_S = 0.3  # one that waits for its world does not heed SIGTERM
 def find_ardurover(build: str = "sitl") -> Path:
     """Named by an environment variable, on the PATH or in the cache; the test is skipped when there is none."""
     try:
-        return find_firmware("rover", build, os.environ.get(VARIABLES[build], FIND))
+        return find_firmware("rover", build)
     except UserError as error:
-        pytest.skip(f"needs a real ardurover ({VARIABLES[build]}=PATH): {error}")
+        pytest.skip(f"needs a real ardurover ({ROVER_VARIABLES[build]}=PATH): {error}")
 
 
 class Rover:

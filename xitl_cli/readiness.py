@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from urllib.parse import urlsplit
 
 from agent.board.doctor import OK, PROBLEM, WARNING, DoctorFinding
 from xitl_cli.errors import UserError
 from xitl_cli.extras import EXTRAS, ROS2
-from xitl_cli.firmware.cache import find_firmware, find_px4
+from xitl_cli.firmware.cache import PX4_VARIABLE, ROVER_VARIABLES, SITL, find_firmware, find_px4, named_by
 from xitl_cli.profile.schema.profile import USUAL
 from xitl_cli.profile.schema.ros import RosSpec
 
@@ -45,15 +46,23 @@ def check_extras() -> Iterator[DoctorFinding]:
 
 def check_firmware() -> Iterator[DoctorFinding]:
     """Programs of other autopilots, which the embedded one does without."""
+    advice = f"xitl firmware get rover, or export {ROVER_VARIABLES[SITL]}=…/ardurover"
+    yield _program("ArduRover", lambda: find_firmware("rover", SITL), named_by("rover", SITL), advice)
+    variable = PX4_VARIABLE if os.environ.get(PX4_VARIABLE) else None
+    advice = f"build PX4 with `make px4_sitl_default`, then export {PX4_VARIABLE}=…/bin/px4"
+    yield _program("PX4", lambda: find_px4()[0], variable, advice)
+
+
+def _program(name: str, find: Callable[[], Path], variable: str | None, advice: str) -> DoctorFinding:
+    """variable: the environment variable that names it, if one does."""
     try:
-        yield DoctorFinding("ArduRover", OK, str(find_firmware("rover", "sitl")))
-    except UserError:
-        yield DoctorFinding("ArduRover", OK, "none found (only for profiles with ArduPilot)", "xitl firmware get rover")
-    try:
-        yield DoctorFinding("PX4", OK, str(find_px4()[0]))
-    except UserError:
-        advice = "build PX4 with `make px4_sitl_default`, then export XITL_PX4=…/bin/px4"
-        yield DoctorFinding("PX4", OK, "none found (only for profiles with PX4)", advice)
+        found = str(find())
+    except UserError as error:
+        if variable is None:
+            profiles = name.replace("ArduRover", "ArduPilot")
+            return DoctorFinding(name, OK, f"none found (only for profiles with {profiles})", advice)
+        return DoctorFinding(name, WARNING, str(error), f"correct {variable}, or unset it")
+    return DoctorFinding(name, OK, found if variable is None else f"{found} (named by {variable})")
 
 
 def check_ros() -> DoctorFinding:

@@ -18,9 +18,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.ardupilot import VARIABLES, Rover
+from tests.ardupilot import Rover
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.cache import FIND, find_firmware
+from xitl_cli.firmware.cache import find_firmware
 
 TURNS = 3
 RUN_S = 60  # of simulation time
@@ -135,7 +135,7 @@ def available() -> bool:
 
 
 def _program() -> Path:
-    return find_firmware("rover", "sitl", os.environ.get(VARIABLES["sitl"], FIND))
+    return find_firmware("rover", "sitl")
 
 
 def main() -> None:

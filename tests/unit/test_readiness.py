@@ -46,12 +46,26 @@ def test_firmware_is_found_where_a_run_would_find_it(monkeypatch: pytest.MonkeyP
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XITL_CACHE", str(tmp_path))
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert next(iter(check_firmware())).advice == "xitl firmware get rover"
+    assert next(iter(check_firmware())).advice == "xitl firmware get rover, or export XITL_ARDUROVER=…/ardurover"
     assert len(without_optional(list(check_firmware())).split(",")) == 3
     program = tmp_path / "ardurover"
     program.write_bytes(Path(sys.executable).resolve().read_bytes()[:4096])
     program.chmod(0o755)
     assert next(iter(check_firmware())).found == str(program)
+    mine = program.rename(tmp_path / "mine")
+    monkeypatch.setenv("XITL_ARDUROVER", str(mine))
+    assert next(iter(check_firmware())).found == f"{mine} (named by XITL_ARDUROVER)"
+
+
+@pytest.mark.parametrize(("number", "variable"), [(0, "XITL_ARDUROVER"), (1, "XITL_PX4")])
+def test_a_variable_that_names_no_program_is_a_warning(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, number: int, variable: str
+) -> None:
+    monkeypatch.setenv(variable, str(tmp_path / "none"))
+    finding = list(check_firmware())[number]
+    assert finding.level == WARNING
+    assert finding.found.startswith(f"{variable}: {tmp_path / 'none'} does not exist")
+    assert finding.advice == f"correct {variable}, or unset it"
 
 
 def test_a_port_that_is_taken_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,11 +25,16 @@ if TYPE_CHECKING:
 _ASK_AGAIN_S = 2.0
 _TRIES = 9
 
-FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A DataFlash .bin, a .tlog or an .mcap.")]
+FileArgument = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A DataFlash .bin, a .tlog, an .mcap, or the directory of a run.")
+]
 
 
 def info(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog, .mcap or bag of ROS.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog, .mcap, bag of ROS, or a run's directory."),
+    ],
     fields: Annotated[bool, typer.Option("--fields", help="All fields of each message, with their units.")] = False,
     vessel: Vessel = None,
     as_json: Json = False,
@@ -40,11 +45,12 @@ def info(
     """
     from xitl_cli.commands.logs_info import summary_lines
     from xitl_cli.logs import open_log
+    from xitl_cli.logs.formats.run_directory import logs_in
     from xitl_cli.logs.summary import summarize_log
 
     summaries, refusals = [], []
     with quiet_pipe():
-        for path in files:
+        for path in dict.fromkeys(log for file in files for log in logs_in(file, vessel or "")):
             try:
                 with open_log(path, vessel) as log:
                     summary = summarize_log(log, every_field=fields)
@@ -196,7 +202,9 @@ def _tell_export(done: ExportResult, as_json: bool) -> None:
 
 
 def repair(
-    file: Annotated[Path, typer.Argument(metavar="MCAP", help="A recording that is damaged, or was never closed.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="MCAP", help="A recording that is damaged or was never closed, or its directory.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="Where it goes (default: <name>-repaired.mcap beside it)."),

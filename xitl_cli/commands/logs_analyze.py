@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 def analyze(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog, .mcap or bag; several of one run are aligned."),
+        typer.Argument(
+            metavar="FILE...",
+            help="DataFlash .bin, .tlog, .mcap or bag; several of one run are aligned. The directory of a run stands "
+            "for its recording and its autopilot's log.",
+        ),
     ],
     report: Annotated[
         Path | None,
@@ -121,8 +125,9 @@ def plot(
         list[str],
         typer.Argument(
             metavar="FILE... SIGNAL...",
-            help="Logs, then what to draw: ATT.Roll, 'IMU[1].AccX', RCOU, '/truth/state.position_ned_m[0]', or "
-            "expressions of these: 'wrap180(ATT.DesYaw - ATT.Yaw)', 'hypot(XKF1.VN, XKF1.VE)'.",
+            help="Logs or directories of runs, then what to draw: ATT.Roll, 'IMU[1].AccX', RCOU, "
+            "'/truth/state.position_ned_m[0]', or expressions of these: 'wrap180(ATT.DesYaw - ATT.Yaw)', "
+            "'hypot(XKF1.VN, XKF1.VE)'.",
         ),
     ],
     out: Annotated[

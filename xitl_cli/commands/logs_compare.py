@@ -34,7 +34,9 @@ class StartMethod(StrEnum):
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="A", help="The reference: a .bin, .tlog or MCAP file.")],
+    a: Annotated[
+        Path, typer.Argument(metavar="A", help="The reference: a .bin, .tlog or MCAP file, or a run's directory.")
+    ],
     b: Annotated[Path, typer.Argument(metavar="B", help="The log to compare with it; may be the same file.")],
     align: Annotated[
         AlignMethod,

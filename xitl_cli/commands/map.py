@@ -19,7 +19,9 @@ _FORMATS = ("ply", "pcd")
 
 
 def map_command(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording or a bag with lidar clouds.")],
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="A recording or bag with lidar clouds, or a run's directory.")
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Where the files go; beside the recording otherwise.")
     ] = None,
@@ -33,6 +35,7 @@ def map_command(
     """
     from xitl_cli.extras import PERCEPTION
     from xitl_cli.logs import open_log
+    from xitl_cli.logs.formats.run_directory import recording_in
     from xitl_cli.mapping.rebuild import measure, written
 
     if kind not in _FORMATS:
@@ -42,7 +45,7 @@ def map_command(
     with open_log(recording, vessel or "") as log:
         if vessel is None:
             tell_vessels((log.path, log.vessel, log.vessels))
-        directory = recording.parent / log.vessel if out is None else out
+        directory = recording_in(recording).parent / log.vessel if out is None else out
         found = measure(log)
         files = written(found, directory, "ply" if kind == "ply" else "pcd")
         tell_damage(log)

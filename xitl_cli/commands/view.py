@@ -64,6 +64,7 @@ def view(
     ] = True,
 ) -> None:
     """Play recordings of runs and vehicles in 3D, or write them as a page or pictures."""
+    from xitl_cli.logs.formats.run_directory import recording_in
     from xitl_cli.logs.model.text import parse_optional_seconds
     from xitl_cli.view.recording import open_scene
     from xitl_cli.view.server import check_view_extra
@@ -76,7 +77,7 @@ def view(
     for path, beginning in ((html, _PAGE), (png, _PNG), (gif, _GIF)):
         if path is not None:
             _refuse_other(path, beginning)
-    with open_scene([_log_in(path) for path in logs], vessel) as recording:
+    with open_scene([recording_in(path) for path in logs], vessel) as recording:
         for note in recording.scene.notes:
             typer.echo(printable(f"note: {note}"), err=True)
         tell_damage(*recording.logs)
@@ -149,11 +150,6 @@ def _quietly(find: Callable[[], None]) -> Callable[[], None]:
             find()
 
     return found
-
-
-def _log_in(path: Path) -> Path:
-    """The recording of a run whose folder was given."""
-    return path / "run.mcap" if path.is_dir() and (path / "run.mcap").is_file() else path
 
 
 def _size(text: str | None) -> tuple[int, int] | None:

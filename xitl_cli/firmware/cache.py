@@ -28,6 +28,8 @@ SIMULATED = (SITL, SITL_ARMHF)
 RECORD = "firmware.json"
 FIND = "find"
 PX4_VARIABLE = "XITL_PX4"
+ROVER_VARIABLES = {"sitl": "XITL_ARDUROVER", "linux": "XITL_ARDUROVER_LINUX"}
+"""Environment variables that may name the program, by build."""
 IMAGE_SUFFIX = ".apj"
 _MOVING = {"stable": 3, "beta": 1, "latest": 0}
 _NUMBERED = re.compile(r"\d+\.\d+\.\d+")
@@ -105,11 +107,15 @@ def find_program(vehicle: str, build: str) -> Path | None:
 def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:
     """The program of `vehicle` (`rover`) for `build`, `sitl` or `linux`.
 
-    `given` is its path, or `find` to look on the PATH and then in the cache. On the PATH a Linux build is the one whose
-    name ends in `-linux`. Raises UserError when there is none that runs here.
+    `given` is its path, or `find` for the one that XITL_ARDUROVER names (XITL_ARDUROVER_LINUX for a Linux build), else
+    on the PATH, else in the cache. On the PATH a Linux build is the one whose name ends in `-linux`. Raises UserError
+    when there is none that runs here.
     """
     if given != FIND:
         return _checked_program(Path(given).expanduser())
+    variable = named_by(vehicle, build)
+    if variable is not None:
+        return _checked_program(Path(os.environ[variable]).expanduser(), variable)
     name = PROGRAMS[vehicle] if build == SITL else f"{PROGRAMS[vehicle]}-linux"
     on_path = shutil.which(name)
     found = Path(on_path) if on_path is not None else find_program(vehicle, build)
@@ -118,12 +124,18 @@ def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:
     if build == SITL:
         raise UserError(
             f"autopilot.firmware: there is no {name} on the PATH or in the cache; "
-            f"run `xitl firmware get {vehicle}`, or give its path with --firmware"
+            f"run `xitl firmware get {vehicle}`, or give its path with --firmware or in {ROVER_VARIABLES[build]}"
         )
     raise UserError(
         f"autopilot.firmware: there is no {name} on the PATH or in the cache; build ArduPilot for the board `linux` "
         "(or for this machine's board) and give the path of its program with --firmware"
     )
+
+
+def named_by(vehicle: str, build: str) -> str | None:
+    """The environment variable that names the program of `vehicle`; None where none is set."""
+    variable = ROVER_VARIABLES[build] if vehicle == "rover" else ""
+    return variable if os.environ.get(variable) else None
 
 
 def find_px4(given: str = FIND) -> tuple[Path, Path]:
@@ -132,13 +144,14 @@ def find_px4(given: str = FIND) -> tuple[Path, Path]:
     `given` is the program's path, or `find` for the one that XITL_PX4 names or that is on the PATH. Raises UserError
     when there is none that runs here.
     """
-    named = os.environ.get(PX4_VARIABLE) or shutil.which("px4") if given == FIND else given
+    variable = os.environ.get(PX4_VARIABLE) if given == FIND else None
+    named = variable or shutil.which("px4") if given == FIND else given
     if not named:
         raise UserError(
             f"autopilot.firmware: there is no px4 on the PATH, and {PX4_VARIABLE} names none; build PX4 with "
             "`make px4_sitl_default` and give the path of its bin/px4 with --firmware"
         )
-    program = _checked_program(Path(named).expanduser())
+    program = _checked_program(Path(named).expanduser(), PX4_VARIABLE if variable else _KEY)
     data = program.resolve().parent.parent / "etc"
     if not (data / "init.d-posix" / "rcS").is_file():
         raise UserError(
@@ -202,14 +215,31 @@ def _rank(version: str) -> tuple[int, int, int, int]:
     return (_MOVING.get(version, -1), 0, 0, 0)
 
 
-def _checked_program(path: Path) -> Path:
-    if not path.is_file():
-        raise UserError(f"autopilot.firmware: {path} does not exist; check the path, or use `find`")
+_KEY = "autopilot.firmware"
+
+
+def _checked_program(path: Path, key: str = _KEY) -> Path:
+    """key: what names it. Raises UserError for what is no program of this machine."""
+    if path.is_dir():
+        raise UserError(f"{key}: {path} is a directory; give the path of the program in it")
+    if not path.exists():
+        raise UserError(f"{key}: {path} does not exist; check the path, or use `find`")
+    if not path.is_file() or not _looks_like_program(path):
+        raise UserError(f"{key}: {path} is not a program, but another kind of file; give the path of the program")
     if not os.access(path, os.X_OK):
-        raise UserError(f"autopilot.firmware: {path} is not executable; run `chmod +x {path}`")
+        raise UserError(f"{key}: {path} is not executable; run `chmod +x {path}`")
     if not runs_here(path):
         raise UserError(
-            f"autopilot.firmware: {path} is no program for this machine's processor; "
+            f"{key}: {path} is no program for this machine's processor; "
             "use one that is, for instance of `xitl firmware get rover`"
         )
     return path.absolute()
+
+
+def _looks_like_program(path: Path) -> bool:
+    """Whether it begins as an ELF program or a script does; True for one that cannot be read."""
+    try:
+        with path.open("rb") as opened:
+            return opened.read(4).startswith((b"#!", b"\x7fELF"))
+    except OSError:
+        return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,6 +20,17 @@ STOP_S = 5.0
 _POLL_S = 0.02
 _LOOK_S = 0.002
 _LAST_BYTES = 4096
+_MOST_LINES = 2
+_ROUTINE = re.compile(
+    r"Skipping port|Starting|Setting |Suggested |Using |Home: |bind port|SERIAL\d+ on |JSON control interface|"
+    r"Creating model|validate_structures|Loaded defaults|Waiting for |Connection on |Exitting$"
+)
+"""What ArduPilot says at every start, and at an end in order."""
+_TROUBLE = re.compile(
+    r"panic|error|fail|fault\b|abort|assert|exception|unable|cannot|can't|could not|unknown|invalid|unrecogni[sz]ed|"
+    r"not found|no such|denied|in use|out of|bad ",
+    re.IGNORECASE,
+)
 _PR_SET_PDEATHSIG = 1
 
 
@@ -64,12 +76,12 @@ class FirmwareProcess:
         return self._process.poll() == 0
 
     def check(self) -> None:
-        """Raise UserError when it has ended by itself, with the last thing it said."""
+        """Raise UserError when it has ended by itself, with the last that it said of the cause."""
         code = self._process.poll()
         if code is None or self._stopped:
             return
         how = f"signal {-code} ended it" if code < 0 else f"exit code {code}"
-        said = self.last_line()
+        said = "; ".join(self.telling_lines())
         raise UserError(
             f"{self.program.name} ended by itself ({how})"
             + (f"; the last it said: {said}" if said else "")
@@ -94,14 +106,28 @@ class FirmwareProcess:
 
     def last_line(self) -> str:
         """The last thing it said; empty when it said nothing."""
+        return next(iter(self._last_lines()), "")
+
+    def telling_lines(self) -> list[str]:
+        """The last lines that tell of trouble, oldest first; else the last line that is not said at every start.
+
+        The last line of all seldom tells the cause: ArduPilot's standard output reaches the console only at its end,
+        behind its standard error.
+        """
+        lines = [line for line in self._last_lines() if not _ROUTINE.match(line)]
+        trouble = list(dict.fromkeys(line for line in lines if _TROUBLE.search(line)))[:_MOST_LINES]
+        return trouble[::-1] or lines[:1]
+
+    def _last_lines(self) -> list[str]:
+        """The newest first, without empty ones."""
         try:
             with self._console.open("rb") as console:
                 console.seek(0, os.SEEK_END)
                 console.seek(max(console.tell() - _LAST_BYTES, 0))
                 lines = console.read().decode(errors="replace").split("\n")
         except OSError:
-            return ""
-        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+            return []
+        return [line.strip() for line in reversed(lines) if line.strip()]
 
     def stop(self, patience_s: float = STOP_S, meanwhile: Callable[[float], object] = time.sleep) -> None:
         """End it, gently first, and for good after `patience_s`. Safe to call again.

@@ -112,8 +112,13 @@ def test_the_newest_log_is_found_below(tmp_path: Path) -> None:
 def test_a_path_that_is_given_is_checked(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="does not exist"):
         find_firmware("rover", "sitl", str(tmp_path / "none"))
+    with pytest.raises(UserError, match="is a directory; give the path of the program in it"):
+        find_firmware("rover", "sitl", str(tmp_path))
     plain = tmp_path / "ardurover"
-    plain.write_text("not executable")
+    plain.write_text("a text")
+    with pytest.raises(UserError, match="is not a program, but another kind of file; give the path of the program"):
+        find_firmware("rover", "sitl", str(plain))
+    plain.write_bytes(b"\x7fELF")
     with pytest.raises(UserError, match="is not executable; run `chmod"):
         find_firmware("rover", "sitl", str(plain))
     plain.chmod(0o755)
@@ -125,6 +130,8 @@ def test_a_path_that_is_given_is_checked(tmp_path: Path) -> None:
 def test_it_is_looked_for_on_the_path_and_then_in_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XITL_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    for variable in ("XITL_ARDUROVER", "XITL_ARDUROVER_LINUX"):
+        monkeypatch.delenv(variable, raising=False)
     with pytest.raises(UserError, match="no ardurover on the PATH or in the cache; run `xitl firmware get rover`"):
         find_firmware("rover", "sitl")
     with pytest.raises(UserError, match="no ardurover-linux on the PATH or in the cache; build ArduPilot"):
@@ -139,6 +146,50 @@ def test_it_is_looked_for_on_the_path_and_then_in_the_cache(tmp_path: Path, monk
     assert find_firmware("rover", "sitl") == own
     linux = script(tmp_path / "bin" / "ardurover-linux", "")
     assert find_firmware("rover", "linux") == linux
+    monkeypatch.setenv("XITL_ARDUROVER", str(script(tmp_path / "mine", "")))
+    assert find_firmware("rover", "sitl") == tmp_path / "mine"
+    assert find_firmware("rover", "sitl", str(own)) == own
+    assert find_firmware("rover", "linux") == linux
+    monkeypatch.setenv("XITL_ARDUROVER_LINUX", str(tmp_path / "none"))
+    with pytest.raises(UserError, match=f"^XITL_ARDUROVER_LINUX: {tmp_path / 'none'} does not exist"):
+        find_firmware("rover", "linux")
+
+
+# How ArduRover 4.7 starts: standard error at once, standard output when it ends.
+CONSOLE_OF_ROVER = """\
+Setting SIM_SPEEDUP=200.000000
+bind port 5760 for SERIAL0
+{}
+Starting SITL: JSON
+JSON control interface set to 127.0.0.1:9002
+Starting sketch 'Rover'
+Starting SITL input
+Using Irlock at port : 9005
+Skipping port (null)
+Skipping port (null)
+"""
+
+
+@pytest.mark.parametrize(
+    ("trouble", "said"),
+    [
+        ("bind failed on port 5760 - Address already in use", "bind failed on port 5760 - Address already in use"),
+        ("PANIC: Invalid device path: x", "PANIC: Invalid device path: x"),
+        ("Defaults changed", "Defaults changed"),
+        ("one error\nanother error\nanother error\nit fails", "another error; it fails"),
+    ],
+)
+def test_the_lines_that_tell_why_it_ended_are_given_and_not_the_last_ones(
+    tmp_path: Path, trouble: str, said: str
+) -> None:
+    program = script(tmp_path / "ardurover", f"sys.stderr.write({CONSOLE_OF_ROVER.format(trouble)!r})\nsys.exit(1)")
+    error = wait_for_end(FirmwareProcess(program, [], tmp_path))
+    assert f"ardurover ended by itself (exit code 1); the last it said: {said}; look at " in str(error)
+
+
+def test_one_that_says_only_what_it_always_says_is_not_quoted(tmp_path: Path) -> None:
+    program = script(tmp_path / "ardurover", "print('Skipping port (null)')\nsys.exit(1)")
+    assert "(exit code 1); look at " in str(wait_for_end(FirmwareProcess(program, [], tmp_path)))
 
 
 def test_one_that_hears_only_while_it_is_served_is_served_until_it_has_ended(tmp_path: Path) -> None:

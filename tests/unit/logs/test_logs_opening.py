@@ -135,8 +135,10 @@ def test_places_without_a_file(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"is a directory; give a DataFlash"):
         open_log(tmp_path)
     (tmp_path / "autopilot.bin").touch()
+    with pytest.raises(LogError, match=r"is a directory; give a file of it, such as .*autopilot\.bin"):
+        open_log(tmp_path)
     (tmp_path / "run.mcap").touch()
-    with pytest.raises(LogError, match=r"is a directory; give a file of it, such as .*run\.mcap"):
+    with pytest.raises(LogError, match=r"run\.mcap: is empty"):
         open_log(tmp_path)
     with pytest.raises(LogError, match="cannot be read"):
         open_log(tmp_path / "run.mcap" / "log.bin")

@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from xitl_cli.logs.formats.run_directory import recording_in
 from xitl_cli.logs.model.errors import LogError
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ _WANTED = "give a DataFlash .bin, a .tlog, an .mcap or a bag of ROS"
 def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     """Open the log at `path`, also a damaged one: `health` says what of it is lost.
 
+    The directory of a run stands for its recording.
+
     vessel: of a recording or bag of several the one whose topics are to be as of a vessel alone; without it all topics
     are there with the names that they have in the file, and "" is the first vessel. A .bin or .tlog is of one anyhow.
 
@@ -51,6 +54,7 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     path = Path(path)
     if _is_bag_folder(path):
         return _of_vessel(_bag_folder(path), vessel)
+    path = recording_in(path)
     head, size = _head(path)
     try:
         if head.startswith(_MCAP_MAGIC):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -242,25 +243,36 @@ def build_report(
 def open_all(paths: Sequence[Path], opened: ExitStack, vessel: str | None = "") -> tuple[list[Log], list[RefusedFile]]:
     """In their order; a file that was given twice is opened once.
 
+    The directory of a run stands for its recording and the log of its autopilot.
+
     vessel: the one that is shown of a recording of several. "": that whose folder another of the files is in, as the
     run made them, else the first; None: all, as they are.
     """
     from xitl_cli.logs.formats import open_log
+    from xitl_cli.logs.formats.run_directory import own_log_in, recording_in
 
     folders = [path.absolute().parent.name for path in paths]
-    logs: list[Log] = []
+    logs: dict[Path, Log] = {}
     refusals = []
-    for path in dict.fromkeys(paths):
+    wanted = deque(paths)
+    while wanted:
+        path = wanted.popleft()
+        if recording_in(path) in logs:
+            continue
         try:
             log = open_log(path, vessel)
             nearest = next((folder for folder in folders if folder in log.vessels), log.vessel)
             if vessel == "" and nearest != log.vessel:
                 log.close()
                 log = open_log(path, nearest)
-            logs.append(opened.enter_context(log))
+            logs[log.path] = opened.enter_context(log)
         except LogError as error:
             refusals.append(RefusedFile(path, str(error)))
-    return logs, refusals
+            continue
+        own = own_log_in(path, log.vessel)
+        if own is not None:
+            wanted.appendleft(own)
+    return list(logs.values()), refusals
 
 
 def of_vessel(log: Log) -> str:

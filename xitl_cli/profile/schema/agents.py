@@ -215,8 +215,8 @@ class AutopilotSpec(Specification):
     bridge: BridgeSpec = BridgeSpec()
     firmware: Annotated[
         str,
-        "external: somebody else starts it; find: it is started here, from the PATH or what `xitl firmware get` has "
-        "brought, PX4 from XITL_PX4 or the PATH; or the path of its program",
+        "external: somebody else starts it; find: it is started here, the program that XITL_ARDUROVER or XITL_PX4 "
+        "names, else that on the PATH, else what `xitl firmware get` has brought; or the path of its program",
     ] = EXTERNAL
     firmware_build: Literal["sitl", "linux"] = "sitl"
     firmware_arguments: Annotated[tuple[str, ...], "after our own"] = ()
