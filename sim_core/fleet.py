@@ -25,6 +25,8 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel import vessel as vessel_motion
+from sim_core.vessel.battery import BatteryState
+from sim_core.vessel.condition import Condition
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.vessel import VesselState
 from sim_core.world import waterway as waterways
@@ -223,6 +225,7 @@ def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | 
             _row(vessel.motion, rows) if motion is None else motion,
             vessel.rotor_speed[rows],
             None if half_change is None else half_change[rows],
+            battery=None if vessel.battery is None else _battery_row(vessel.battery, rows),
         ),
         together.environment,
         _own(together.current_ned_mps, rows),
@@ -268,6 +271,15 @@ def held(fleet: Fleet, state: FleetState, before: FleetState, numbers: Sequence[
         if len(rows) < len(fleet.members[batch]):
             then = _mixed(now, then, rows)
         batches[batch] = replace(batches[batch], vessel=then)
+    return replace(state, batches=tuple(batches))
+
+
+def with_condition(fleet: Fleet, state: FleetState, number: int, condition: Condition | None) -> FleetState:
+    """`state` with one vessel in this condition (N = 1) from now on; None: nothing is wrong with it."""
+    batch, row = fleet.rows[number]
+    batches = list(state.batches)
+    vessel = vessel_motion.with_condition(fleet.batches[batch].vessel, batches[batch].vessel, condition, row)
+    batches[batch] = replace(batches[batch], vessel=vessel)
     return replace(state, batches=tuple(batches))
 
 
@@ -378,6 +390,10 @@ def _row(motion: Kinematics, rows: slice) -> Kinematics:
     )
 
 
+def _battery_row(battery: BatteryState, rows: slice) -> BatteryState:
+    return BatteryState(battery.used_as[rows], battery.voltage_v[rows], battery.current_a[rows])
+
+
 def _own(values: Array, rows: slice) -> Array:
     """Of what is one row for all, or one a vessel."""
     return values if len(values) == 1 else values[rows]
@@ -392,4 +408,11 @@ def _mixed(now: VesselState, then: VesselState, rows: Sequence[int]) -> VesselSt
         return mixed
 
     motion = Kinematics(*(kept(getattr(now.motion, name), getattr(then.motion, name)) for name in _MOTION))
-    return VesselState(motion, kept(now.rotor_speed, then.rotor_speed), now.half_change)
+    battery = now.battery
+    if battery is not None and then.battery is not None:
+        battery = BatteryState(
+            kept(battery.used_as, then.battery.used_as),
+            kept(battery.voltage_v, then.battery.voltage_v),
+            kept(battery.current_a, then.battery.current_a),
+        )
+    return VesselState(motion, kept(now.rotor_speed, then.rotor_speed), now.half_change, now.condition, battery)

@@ -17,6 +17,7 @@ from sim_core.environment.waves import FlatWater, HullSurface, HullWaves, StillH
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.vessel import vessel as vessel_motion
+from sim_core.vessel.condition import Condition
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
 from sim_core.world import waterway as waterways
@@ -155,6 +156,11 @@ def launch(simulation: Simulation, state: SimulationState, body: Launch) -> Simu
     water = water_motion(simulation, state.environment, state.time_ns)
     debris = waterways.launch_body(state.afloat.debris, body, water)
     return replace(state, afloat=replace(state.afloat, debris=debris))
+
+
+def with_condition(simulation: Simulation, state: SimulationState, condition: Condition | None) -> SimulationState:
+    """`state` with its one vessel in this condition from now on; None: nothing is wrong with it."""
+    return replace(state, vessel=vessel_motion.with_condition(simulation.vessel, state.vessel, condition))
 
 
 def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) -> WaterMotion:

@@ -360,14 +360,19 @@ class Propulsion:
         """(N, P) speeds one step later."""
         return self.shafts.spin(actuators, command)
 
-    def terms(self, actuators: Array, nu_r: Array, air_frd_mps: Array) -> tuple[Array, ...]:
+    def terms(
+        self, actuators: Array, nu_r: Array, air_frd_mps: Array, thrust_share: Array | None = None
+    ) -> tuple[Array, ...]:
         """What the force is linear in, for (N, P) speeds.
 
         nu_r: (N, 6) velocities of the body's origin relative to the water, air_frd_mps: (N, 3) relative to the air.
+        thrust_share: (N, P) what a fault leaves of each thrust.
         """
-        if self.inflow is None:
-            return self.law.terms(actuators, nu_r)
-        return self.law.terms(actuators, np.concatenate((nu_r, air_frd_mps), axis=1) @ self.inflow)
+        advance = nu_r
+        if self.inflow is not None:
+            advance = np.concatenate((nu_r, air_frd_mps), axis=1) @ self.inflow
+        terms = self.law.terms(actuators, advance)
+        return terms if thrust_share is None else tuple(term * thrust_share for term in terms)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -415,8 +420,13 @@ class SteeredPropulsion:
         turn = np.minimum(np.maximum(wanted - share, -self.most_per_step), self.most_per_step)
         return np.concatenate((speed, share + turn), axis=1)
 
-    def terms(self, actuators: Array, nu_r: Array, air_frd_mps: Array) -> tuple[Array, ...]:
-        """(N, P), (N, P) and of rudders (N, R), (N, R): newtons along the rows of `wrench`."""
+    def terms(
+        self, actuators: Array, nu_r: Array, air_frd_mps: Array, thrust_share: Array | None = None
+    ) -> tuple[Array, ...]:
+        """(N, P), (N, P) and of rudders (N, R), (N, R): newtons along the rows of `wrench`.
+
+        thrust_share: (N, P) what a fault leaves of each thrust, and so of each race.
+        """
         flow = np.concatenate((nu_r, air_frd_mps), axis=1)
         propellers, gears = self.law.per_mps.size, self.geared.size
         speed, angle = actuators[:, :propellers], actuators[:, propellers:] * self.full_angle_rad
@@ -425,6 +435,8 @@ class SteeredPropulsion:
         cosine, sine = np.cos(turned), np.sin(turned)
         advance = cosine * (flow @ self.inflow) + sine * (flow @ self.inflow_to_port)
         thrust_n = _thrust_n(self.law, speed, advance)
+        if thrust_share is not None:
+            thrust_n *= thrust_share
         forces_n = (thrust_n * cosine, thrust_n * sine)
         if self.rudders is None:
             return forces_n

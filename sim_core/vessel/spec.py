@@ -375,6 +375,32 @@ class Windage(Specification):
         return 0.5 * self.lateral_area_m2 / self.length_m if self.length_m else 0.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatterySpec(Specification):
+    """The battery that feeds all propellers: [vessel.md](vessel.md#battery)."""
+
+    cells: Annotated[int, Bounds(at_least=1, at_most=1000), "in series"]
+    full_voltage_v: Annotated[Positive, "at the terminals, without current"]
+    empty_voltage_v: Annotated[Positive, "the same at no charge; in between it falls with the charge"]
+    capacity_ah: Positive
+    resistance_ohm: Annotated[NonNegative, "of cells and wires"]
+    full_current_a: Annotated[Positive, "of all propellers at full speed"]
+    idle_current_a: Annotated[NonNegative, "of all else on board"] = 0.0
+    initial_charge: Annotated[Share, "of the capacity"] = 1.0
+
+    def check(self) -> None:
+        if self.empty_voltage_v > self.full_voltage_v:
+            raise SpecificationError(
+                ("empty_voltage_v",),
+                f"= {self.empty_voltage_v:g} is above full_voltage_v ({self.full_voltage_v:g}); lower it",
+            )
+        if self.resistance_ohm * (self.full_current_a + self.idle_current_a) >= 0.5 * self.empty_voltage_v:
+            raise SpecificationError(
+                ("resistance_ohm",),
+                f"= {self.resistance_ohm:g} takes half of empty_voltage_v or more at full_current_a; lower one of them",
+            )
+
+
 def _refuse_indefinite(
     key: str, matrix: Sequence[Sequence[float]], definite: str, diagonal: Sequence[str] | None = None
 ) -> None:
@@ -432,6 +458,7 @@ class VesselSpec(Specification):
     propellers: Annotated[tuple[Propeller, ...], Items(1, 16), "port first, then starboard"]
     rudders: Annotated[tuple[Rudder, ...], Items(0, 8)] = ()
     wind: Annotated[Windage, Required] = Windage()
+    battery: Annotated[BatterySpec | None, "null: nothing is known of it"] = None
 
     def check(self) -> None:
         ixx, iyy, izz = self.inertia_kgm2
@@ -619,6 +646,31 @@ class VesselSpec(Specification):
             *(f"steering {number}" for number, one in enumerate(self.propellers) if one.steering is not None),
             *(f"rudder {number}" for number in range(len(self.rudders))),
         )
+
+    @property
+    def steering_names(self) -> tuple[str, ...]:
+        """The rudders among the commands, then the gears that turn a propeller."""
+        names = self.command_names[len(self.propellers) :]
+        return tuple(sorted(names, key=lambda name: not name.startswith("rudder")))
+
+    def full_angle_deg(self, name: str) -> float:
+        """To either side, of one of `steering_names`."""
+        kind, number = name.split()
+        if kind == "rudder":
+            return self.rudders[int(number)].max_angle_deg
+        gear = self.propellers[int(number)].steering
+        assert gear is not None
+        return gear.max_angle_deg
+
+    def actuator_named(self, name: str) -> str | None:
+        """The command of this name; `port` and `starboard` are the one propeller on that side. None: there is none."""
+        if name in self.command_names:
+            return name
+        if name not in ("port", "starboard"):
+            return None
+        side = -1.0 if name == "port" else 1.0
+        found = [number for number, each in enumerate(self.propellers) if side * each.position_frd_m[1] > 0.0]
+        return f"propeller {found[0]}" if len(found) == 1 else None
 
     @property
     def moves_by_sticks(self) -> bool:

@@ -10,7 +10,9 @@ from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import FLAT_WATER, FlatWater, HullSurface, StillHull, WaveField
 from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
+from sim_core.vessel.battery import Battery, BatteryState
 from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy
+from sim_core.vessel.condition import Condition, healthy, with_row
 from sim_core.vessel.floating import FloatingPose, floating_pose
 from sim_core.vessel.hydrodynamics import Hydrodynamics
 from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
@@ -36,12 +38,15 @@ class VesselState:
 
     That is the fraction of full speed, negative in reverse, of each propeller, then of full angle of each gear and
     rudder. half_change: (N, 6) of the velocities, linear NED, then angular in body axes: half of what water, air and
-    propellers changed in the step before; None before the first step.
+    propellers changed in the step before; None before the first step. condition: what is wrong with actuators and
+    battery, None for nothing. battery: None for a vessel whose model gives none.
     """
 
     motion: Kinematics
     rotor_speed: Array
     half_change: Array | None = None
+    condition: Condition | None = None
+    battery: BatteryState | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +71,7 @@ class Vessel:
     hydrodynamics: Hydrodynamics
     buoyancy: Buoyancy
     propulsion: Propulsion | SteeredPropulsion
+    battery: Battery | None
     windage: WindDrag
     wave_forces: WaveForces | NoWaveForces
     acceleration_per_term: Array  # (terms, 6), in the order of `accelerate`
@@ -89,6 +95,7 @@ class Vessel:
             hydrodynamics=hydrodynamics,
             buoyancy=buoyancy,
             propulsion=make_propulsion(model, water, dt_s),
+            battery=Battery.from_spec(model, dt_s),
             windage=WindDrag.from_spec(model, -rest.depth_m),
             wave_forces=FLAT,
             acceleration_per_term=np.zeros((0, 6)),
@@ -123,25 +130,56 @@ def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
     quat = euler_to_quat(euler_rad)
     zero = np.zeros((vessels, 3))
     motion = Kinematics(pos_ned_m, zero, zero, quat, quat_to_matrix(quat), zero, zero)
-    return VesselState(motion, np.zeros((vessels, vessel.model.commands)))
+    battery = None if vessel.battery is None else vessel.battery.initial(vessels)
+    return VesselState(motion, np.zeros((vessels, vessel.model.commands)), battery=battery)
 
 
 def step(
     vessel: Vessel, state: VesselState, command: Array, around: Surroundings, wrench_frd: Array | None = None
 ) -> VesselState:
     """One step under (N, C) commands in [-1, 1]; wrench_frd: (N, 6) force and moment from outside, in body axes."""
-    motion, dt_s = state.motion, vessel.dt_s
-    half_change = _change(motion, accelerate(vessel, motion, state.rotor_speed, around), 0.5 * dt_s)
+    motion, dt_s, condition = state.motion, vessel.dt_s, state.condition
+    thrust_share = None if condition is None else condition.thrust_share
+    half_change = _change(motion, accelerate(vessel, motion, state.rotor_speed, around, thrust_share), 0.5 * dt_s)
     change = 3.0 * half_change
     change -= half_change if state.half_change is None else state.half_change
     if wrench_frd is not None:
         change += _change(motion, wrench_frd @ vessel.hydrodynamics.inverse_mass, dt_s)
+    battery, command = _drive(vessel, state, command)
     rotor_speed = vessel.propulsion.spin(state.rotor_speed, command)
-    return VesselState(advance(motion, change, half_change, dt_s), rotor_speed, half_change)
+    return VesselState(advance(motion, change, half_change, dt_s), rotor_speed, half_change, condition, battery)
 
 
-def accelerate(vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: Surroundings) -> Array:
+def _drive(vessel: Vessel, state: VesselState, command: Array) -> tuple[BatteryState | None, Array]:
+    """The battery one step on, and what the actuators follow of (N, C) commands."""
+    condition, battery = state.condition, state.battery
+    if condition is not None:
+        command = condition.actual(np.clip(command, -1.0, 1.0))
+    if vessel.battery is None or battery is None:
+        return battery, command
+    propellers = len(vessel.model.propellers)
+    of_battery = None if condition is None else condition.battery
+    battery, left = vessel.battery.step(battery, state.rotor_speed[:, :propellers], of_battery)
+    if condition is not None:
+        command[:, :propellers] *= left  # a row of its own, made by `actual`
+    return battery, command
+
+
+def with_condition(vessel: Vessel, state: VesselState, condition: Condition | None, row: int = 0) -> VesselState:
+    """The same vessels, that of `row` in this condition (N = 1) from now on; None: nothing is wrong with it."""
+    vessels = len(state.rotor_speed)
+    if vessels == 1:
+        return replace(state, condition=condition)
+    of_all = healthy(vessel.model, vessels) if state.condition is None else state.condition
+    return replace(state, condition=with_row(of_all, row, condition or healthy(vessel.model, 1)))
+
+
+def accelerate(
+    vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: Surroundings, thrust_share: Array | None = None
+) -> Array:
     """(N, 6) acceleration against NED and angular acceleration, both in body axes.
+
+    thrust_share: (N, P) what a fault leaves of each thrust.
 
     Every force is linear in some terms: the terms side by side times one constant matrix is the acceleration.
     """
@@ -157,7 +195,7 @@ def accelerate(vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: S
     terms = (
         *vessel.hydrodynamics.terms(nu_r),
         *vessel.buoyancy.terms(motion.pos_ned_m, down_frd, -down_frd, surface),
-        *vessel.propulsion.terms(rotor_speed, nu_r, frd[:, 1]),
+        *vessel.propulsion.terms(rotor_speed, nu_r, frd[:, 1], thrust_share),
         *vessel.windage.terms(frd[:, 1]),
         down_frd,
         *vessel.wave_forces.terms(ned[:, 0, 2:], down_frd, frd[:, 2], surface, around.drift_frd_n),

@@ -32,6 +32,9 @@ _TYPE = re.compile(r"(?P<base>[a-z0-9]+)(?P<array>\[(?P<count>[0-9]*)\])?")
 _NUMBER, _ARRAY, _SEQUENCE, _BYTES, _TEXT = range(5)
 
 _UNITS = {
+    "v": "V",
+    "a": "A",
+    "ah": "A h",
     "m": "m", "s": "s", "ns": "ns", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "radps": "rad/s", "radpm": "rad/m",
     "n": "N", "hz": "Hz", "grad": "gon", "ppm": "ppm", "percent": "%", "mib": "MiB", "c": "°C",
 }  # fmt: skip

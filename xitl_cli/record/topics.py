@@ -130,6 +130,15 @@ class ContactMessage:
     began: Annotated[Bool, "no contact with it until now"]
 
 
+@dataclass(frozen=True, slots=True)
+class BatteryMessage:
+    """The vessel's battery at its terminals."""
+
+    voltage_v: Float64
+    current_a: Float64
+    used_ah: Annotated[Float64, "taken out of a full one so far"]
+
+
 # Autopilot, companion and the links to them
 
 
@@ -456,6 +465,8 @@ _TABLE = (
           OdometryMessage),
     Topic("/environment", "xitl_msgs/msg/Environment", "10 Hz",
           "current and wind (NED) at the vessel, surface elevation", EnvironmentMessage),
+    Topic("/battery", "xitl_msgs/msg/Battery", "10 Hz, of a vehicle with `vehicle.battery`",
+          "voltage and current of the battery, charge used", BatteryMessage, from_start=False),
     Topic("/environment/waves", "xitl_msgs/msg/Waves", "as an operator changes them, 2 Hz while they do",
           "the components of the sea from then on", SeaComponents, per_vessel=False, from_start=False),
     Topic("/actuators", "xitl_msgs/msg/Actuators", "`clock.exchange_rate_hz`",

@@ -159,9 +159,14 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     faults = links = None
     if autopilot is not None:
         if profile.faults or setup.operated:
-            schedule = FaultSchedule(profile.faults, setup.seeds)
             faults = FaultInjection(
-                schedule, agents, autopilots, autopilot.sample_faults, profile.clock, autopilot.set_sample_fault
+                FaultSchedule(profile.faults, setup.seeds),
+                plant,
+                agents,
+                autopilots,
+                profile.clock,
+                autopilot.sample_faults,
+                autopilot.set_sample_fault,
             )
         if setup.operated and faults is not None:
             frame = local_frame(profile.site)
@@ -173,6 +178,8 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         # In lockstep how much has come from a companion depends on the wall clock.
         age = autopilot.actuator_age if realtime else None
         links = LinkRecorder(profile.clock, agents if realtime else autopilots, age)
+    elif profile.faults:
+        faults = FaultInjection(FaultSchedule(profile.faults, setup.seeds), plant, (), (), profile.clock)
     sensors = estimate_rate = None
     if autopilot is not None and companion is None and profile.ros.enabled and profile.ros.estimate_rate_hz:
         estimate_rate = EstimateRate(autopilot.new_commands(), profile.ros.estimate_rate_hz)

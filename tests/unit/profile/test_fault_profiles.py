@@ -26,7 +26,8 @@ def problems(write: Write, base: str, fault: str) -> list[str]:
 
 @pytest.mark.parametrize("name", PARTS)
 def test_every_shipped_fault_goes_with_a_real_time_run(name: str, write: Write) -> None:
-    profile = load_profile(str(write(f"extends: [hitl-loopback, {name}]"))).runnable()
+    vehicle = "vehicles/asv-steered, " if name == "faults/rudder-jam" else ""
+    profile = load_profile(str(write(f"extends: [hitl-loopback, {vehicle}{name}]"))).runnable()
     assert list(profile.faults) == [name.removeprefix("faults/")]
     assert load_profile("hitl-loopback").runnable().faults == {}
 
@@ -67,7 +68,26 @@ def test_a_fault_can_be_moved_from_the_command_line(write: Write) -> None:
             "faults.x.until_s = 1.01 ends it before it acts: faults.x.link is put in force at exchanges, "
             "every 0.02 s (clock.exchange_rate_hz); use 1.02 or later",
         ),
-        ("{from_s: 3}", "faults.x does nothing; give it link, agent, imu, gnss, magnetometer or barometer"),
+        ("{from_s: 3}", "faults.x does nothing; give it link, agent, imu, gnss, magnetometer, barometer, propeller"),
+        ("{propeller: {which: port}}", "faults.x.propeller does nothing; give it thrust_loss, stuck, stuck_at or rev"),
+        (
+            "{propeller: {which: propeller 2, reversed: true}}",
+            "faults.x.propeller.which = 'propeller 2' names no propeller of asv-full; use propeller 0, propeller 1",
+        ),
+        ("{propeller: {stuck_at: 2}}", "faults.x.propeller.stuck_at = 2 is too large; use a value of at most 1"),
+        (
+            "{rudder: {jam: true}}",
+            "faults.x.rudder has nothing to act on: asv-full has neither a rudder nor a steering gear; use prop",
+        ),
+        (
+            "{battery: {failed_cells: 15}}",
+            "faults.x.battery.failed_cells = 15 is more than the 14 cells of vehicle.battery; use 14 or less",
+        ),
+        ("{gnss: {drift_bearing_deg: 90}}", "faults.x.gnss does nothing; give it dropout, freeze, position_bias_ned_m"),
+        (
+            "{from_s: 1.0, until_s: 1.01, propeller: {stuck: true}}",
+            "faults.x.until_s = 1.01 ends it before it acts: faults.x.propeller is put in force at exchanges",
+        ),
         ("{link: {}}", "faults.x.link does nothing; give it delay_s, jitter_s, loss, duplicate, reorder or cut"),
         ("{link: {direction: sensors}}", "faults.x.link does nothing; give it delay_s"),
         ("{agent: {}}", "faults.x.agent does nothing; give it cpu_load, clock_offset_s or clock_skew_ppm"),
@@ -124,6 +144,54 @@ def test_without_an_autopilot_there_is_nothing_to_go_wrong(write: Write) -> None
     found = problems(write, "mitl", "{imu: {freeze: true}}")
     assert len(found) == 1
     assert "faults.x.imu has nothing to act on: without an autopilot there is neither a link nor a sensor" in found[0]
+
+
+@pytest.mark.parametrize(
+    ("base", "fault", "sentence"),
+    [
+        (
+            "[sitl, vehicles/asv-steered]",
+            "{rudder: {which: rudder 0, jam: true}}",
+            "faults.x.rudder.which = 'rudder 0' names no rudder or gear of asv-steered; use steering 0",
+        ),
+        (
+            "[sitl, vehicles/asv-steered]",
+            "{rudder: {jam_angle_deg: 60}}",
+            "faults.x.rudder.jam_angle_deg = 60 is beyond the stop of steering 0; use an angle from -45 to 45",
+        ),
+        (
+            "[sitl, vehicles/asv-steered]",
+            "{propeller: {which: port, reversed: true}}",
+            "faults.x.propeller.which = 'port' names no propeller of asv-steered; use propeller 0",
+        ),
+        (
+            "[sitl, vehicles/heron]",
+            "{battery: {voltage_drop_v: 1}}",
+            "faults.x.battery has nothing to act on: vehicle.battery of heron is not given; give its cells",
+        ),
+        (
+            "sitl-ardupilot",
+            "{gnss: {drift_mps: 0.1}}",
+            "faults.x.gnss reaches nobody: this autopilot simulates its own gnss from the true motion",
+        ),
+    ],
+)
+def test_a_fault_that_the_vessel_cannot_have_is_refused(base: str, fault: str, sentence: str, write: Write) -> None:
+    found = problems(write, base, fault)
+    assert len(found) == 1
+    assert found[0].startswith(f"boat.yaml:3: {sentence}")
+
+
+def test_faults_of_the_vessel_need_no_autopilot(write: Write) -> None:
+    profile = load_profile(str(write("extends: [mitl, faults/thrust-loss]"))).runnable()
+    assert profile.faults["thrust-loss"].propeller is not None
+
+
+def test_a_vessel_whose_samples_are_recorded_shows_no_fault(write: Write) -> None:
+    recorded = "sensors: {recorded: {file: somebody.mcap}}"
+    path = write(f"extends: sitl\n{recorded}\nfaults: {{x: {{propeller: {{reversed: true}}}}}}")
+    with pytest.raises(ProfileError, match=r"faults\.x\.propeller reaches nobody: the sensors replay a recording"):
+        load_profile(str(path))
 
 
 def test_the_page_names_every_key_and_every_shipped_part() -> None:

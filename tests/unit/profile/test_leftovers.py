@@ -64,7 +64,11 @@ def test_hulls_in_place_of_the_hull_are_another_vessel(write: Write) -> None:
 @pytest.mark.parametrize(
     ("text", "leftover", "gone"),
     [
-        (VESSEL.replace("WIND", "") + "autopilot: {parameter_files: []}", "vehicle.wind is still", "added_mass"),
+        (
+            VESSEL.replace("WIND", "") + "autopilot: {parameter_files: []}",
+            "vehicle.wind and vehicle.battery are still",
+            "added_mass",
+        ),
         (VESSEL.replace("WIND", WIND), "embedded-asv-full has the gains", "vehicle."),
         (NORWAY + OWN_WAY, "world.log_boom and world.dam are still", "mission"),
         (NORWAY + OWN_WAY + "world: {dam: null, log_boom: null}", "", "is"),

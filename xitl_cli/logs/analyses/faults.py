@@ -45,6 +45,7 @@ EXPECTED: Mapping[str, Mapping[str, str]] = {
         "freeze": "a position that stands still (GNSS)",
         "position_bias_ned_m": "position innovations, a reset (estimator)",
         "velocity_bias_ned_mps": "velocity innovations (estimator)",
+        "drift_mps": "a position that leaves what its velocity makes (actuators and power)",
     },
     "magnetometer": {
         "dropout": "gaps of the compass (sensors)",
@@ -55,6 +56,21 @@ EXPECTED: Mapping[str, Mapping[str, str]] = {
         "dropout": "gaps of the barometer (sensors)",
         "freeze": "a barometer that stands still (sensors)",
         "pressure_bias_pa": "height innovations (estimator)",
+    },
+    "propeller": {
+        "thrust_loss": "less thrust on one side (actuators and power)",
+        "stuck": "a thrust that follows no command (actuators and power)",
+        "stuck_at": "a thrust that follows no command (actuators and power)",
+        "reversed": "a thrust against its command (actuators and power)",
+    },
+    "rudder": {
+        "jam": "a turn that follows no command (actuators and power)",
+        "jam_angle_deg": "a turn that follows no command (actuators and power)",
+    },
+    "battery": {
+        "added_resistance_ohm": "a voltage that falls more with the current (actuators and power)",
+        "failed_cells": "a voltage too low for the current (actuators and power)",
+        "voltage_drop_v": "a voltage too low for the current (actuators and power)",
     },
 }
 """By group and key of a fault in a profile: what other sections then show."""

@@ -5,14 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import fields
 
+from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.files.entry import KeyPath, dotted
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.faults import AgentFault, FaultSpec, LinkFault, SensorFault
+from xitl_cli.profile.schema.faults import (
+    FAULT_GROUPS,
+    AgentFault,
+    BatteryFault,
+    FaultSpec,
+    LinkFault,
+    PropellerFault,
+    RudderFault,
+    SensorFault,
+)
 from xitl_cli.profile.schema.profile import ClockSpec
 
-GROUPS = ("link", "agent", "imu", "gnss", "magnetometer", "barometer")
 CLOCK_KEYS = ("clock_offset_s", "clock_skew_ppm")
-_WHERE = ("which", "direction")
+_WHERE = ("which", "direction", "drift_bearing_deg")
+_PHYSICAL = (PropellerFault, RudderFault, BatteryFault)
+Group = LinkFault | AgentFault | SensorFault | PropellerFault | RudderFault | BatteryFault
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
@@ -20,9 +31,9 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     for name, fault in (profile.faults or {}).items():
         path: KeyPath = ("faults", name)
         yield from _times(path, fault)
-        groups = [(group, value) for group in GROUPS if (value := getattr(fault, group)) is not None]
+        groups = [(group, value) for group in FAULT_GROUPS if (value := getattr(fault, group)) is not None]
         if not groups:
-            yield path, f"{dotted(path)} does nothing; give it {', '.join(GROUPS[:-1])} or {GROUPS[-1]}"
+            yield path, f"{dotted(path)} does nothing; give it {', '.join(FAULT_GROUPS[:-1])} or {FAULT_GROUPS[-1]}"
         for group, value in groups:
             yield from _group(profile, (*path, group), fault, value)
 
@@ -36,9 +47,7 @@ def _times(path: KeyPath, fault: FaultSpec) -> Iterator[tuple[KeyPath, str]]:
         )
 
 
-def _group(
-    profile: Profile, path: KeyPath, fault: FaultSpec, value: LinkFault | AgentFault | SensorFault
-) -> Iterator[tuple[KeyPath, str]]:
+def _group(profile: Profile, path: KeyPath, fault: FaultSpec, value: Group) -> Iterator[tuple[KeyPath, str]]:
     key = dotted(path)
     default = type(value)()
     known = [field.name for field in fields(value)]
@@ -46,6 +55,11 @@ def _group(
     if not set(set_keys) - set(_WHERE):
         keys = [name for name in known if name not in _WHERE]
         yield path, f"{key} does nothing; give it {', '.join(keys[:-1])} or {keys[-1]}"
+    if isinstance(value, _PHYSICAL):
+        yield from _shortest(profile, path, fault)
+        yield from _recorded(profile, path)
+        yield from _vessel(profile, path, value)
+        return
     if profile.autopilot is not None and profile.autopilot.kind == "none":
         yield (
             path,
@@ -67,8 +81,71 @@ def _group(
         yield from _standby(profile, path, value)
 
 
+def _recorded(profile: Profile, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:
+    """Samples of a recording are those of another vessel, which has no such fault."""
+    if profile.sensors is not None and profile.sensors.recorded is not None:
+        yield (
+            path,
+            f"{dotted(path)} reaches nobody: the sensors replay a recording (sensors.recorded), whatever this vessel "
+            "does; drop the fault, or sensors.recorded",
+        )
+
+
+def _vessel(
+    profile: Profile, path: KeyPath, value: PropellerFault | RudderFault | BatteryFault
+) -> Iterator[tuple[KeyPath, str]]:
+    """Actuators that the vessel does not have, angles that they cannot reach, a battery that it does not give."""
+    model = profile.vehicle
+    if model is None:
+        return
+    if isinstance(value, PropellerFault):
+        names = model.command_names[: len(model.propellers)]
+        if model.actuator_named(value.which) not in names:
+            yield (
+                (*path, "which"),
+                f"{dotted(path)}.which = {value.which!r} names no propeller of {model.name}; use {', '.join(names)}",
+            )
+    elif isinstance(value, RudderFault):
+        yield from _rudder(model, path, value)
+    elif model.battery is None:
+        yield (
+            path,
+            f"{dotted(path)} has nothing to act on: vehicle.battery of {model.name} is not given; "
+            "give its cells, voltages and currents, or drop the fault",
+        )
+    elif value.failed_cells > model.battery.cells:
+        yield (
+            (*path, "failed_cells"),
+            f"{dotted(path)}.failed_cells = {value.failed_cells} is more than the {model.battery.cells} cells of "
+            f"vehicle.battery; use {model.battery.cells} or less",
+        )
+
+
+def _rudder(model: VesselSpec, path: KeyPath, value: RudderFault) -> Iterator[tuple[KeyPath, str]]:
+    names = model.steering_names
+    if not names:
+        yield (
+            path,
+            f"{dotted(path)} has nothing to act on: {model.name} has neither a rudder nor a steering gear; "
+            "use propeller.stuck, or a vehicle with rudders",
+        )
+    elif value.which is not None and value.which not in names:
+        yield (
+            (*path, "which"),
+            f"{dotted(path)}.which = {value.which!r} names no rudder or gear of {model.name}; use {', '.join(names)}",
+        )
+    elif value.jam_angle_deg is not None:
+        most_deg = model.full_angle_deg(value.which or names[0])
+        if abs(value.jam_angle_deg) > most_deg:
+            yield (
+                (*path, "jam_angle_deg"),
+                f"{dotted(path)}.jam_angle_deg = {value.jam_angle_deg:g} is beyond the stop of "
+                f"{value.which or names[0]}; use an angle from {-most_deg:g} to {most_deg:g}",
+            )
+
+
 def _shortest(profile: Profile, path: KeyPath, fault: FaultSpec) -> Iterator[tuple[KeyPath, str]]:
-    """Faults of links and agents are put in force at exchanges: between two of them there is nothing to hurt."""
+    """Faults but those of sensors are put in force at exchanges: between two of them they would do nothing."""
     period_s = 1.0 / (profile.clock or ClockSpec()).exchange_rate_hz
     if fault.until_s is not None and 0.0 < fault.until_s - fault.from_s < period_s:
         name = dotted(path[:-1])

@@ -12,13 +12,17 @@ from typing import Any
 from agent.wire import dialect
 from agent.wire.impaired import NO_FAULTS, LinkFaults
 from xitl_cli.profile.schema.faults import (
+    FAULT_GROUPS,
     AgentFault,
     BarometerFault,
+    BatteryFault,
     FaultSpec,
     GnssFault,
     ImuFault,
     LinkFault,
     MagnetometerFault,
+    PropellerFault,
+    RudderFault,
     SensorFault,
 )
 from xitl_cli.record.recorder import Recorder
@@ -47,6 +51,13 @@ def describe_fault(fault: FaultSpec) -> str:
         sensor = getattr(fault, name)
         if sensor is not None:
             parts.append((name, _sensor(sensor)))
+    if fault.propeller is not None:
+        which = fault.propeller.which
+        parts.append((which if which.startswith("propeller") else f"{which} propeller", _propeller(fault.propeller)))
+    if fault.rudder is not None:
+        parts.append((fault.rudder.which or "rudder", _rudder(fault.rudder)))
+    if fault.battery is not None:
+        parts.append(("battery", _battery(fault.battery)))
     return "; ".join(f"{what}: {', '.join(words)}" for what, words in parts)
 
 
@@ -82,11 +93,41 @@ def _sensor(sensor: SensorFault) -> Iterator[str]:
                 yield f"{name} + [{', '.join(f'{part:g}' for part in value)}] {unit}"
         elif value:
             yield f"{name} + {value:g} {unit}"
+    if isinstance(sensor, GnssFault) and sensor.drift_mps:
+        yield f"position drifts {sensor.drift_mps:g} m/s to {sensor.drift_bearing_deg:g} degrees"
+
+
+def _propeller(propeller: PropellerFault) -> Iterator[str]:
+    if propeller.thrust_loss:
+        yield f"{propeller.thrust_loss:.0%} of the thrust lost"
+    if propeller.stuck_at is not None:
+        yield f"stuck at {propeller.stuck_at:+.2f}"
+    elif propeller.stuck:
+        yield "stuck at its speed"
+    if propeller.reversed:
+        yield "reversed"
+
+
+def _rudder(rudder: RudderFault) -> Iterator[str]:
+    if rudder.jam_angle_deg is not None:
+        yield f"jammed at {rudder.jam_angle_deg:+g} degrees"
+    elif rudder.jam:
+        yield "jammed at its angle"
+
+
+def _battery(battery: BatteryFault) -> Iterator[str]:
+    if battery.added_resistance_ohm:
+        yield f"{battery.added_resistance_ohm:g} ohm more resistance"
+    if battery.failed_cells:
+        yield f"{battery.failed_cells} cells failed"
+    if battery.voltage_drop_v:
+        yield f"{battery.voltage_drop_v:g} V less"
 
 
 NEVER_NS = 1 << 62
+_ALL = ""
 _NOTICE = dialect.MAV_SEVERITY_NOTICE
-_KINDS = ("link", "agent", "imu", "gnss", "magnetometer", "barometer")
+_KINDS = FAULT_GROUPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +194,14 @@ class FaultSchedule:
             return None
         self._in_force[link] = faults
         return faults
+
+    def changed(self, sim_ns: int) -> dict[str, FaultSpec] | None:
+        """All faults in force from now on, by name; None while they are those of the last call."""
+        if sim_ns < self._next_ns.get(_ALL, 0):
+            return None
+        edges = [edge for timed in self._timed for edge in timed.edges_ns if edge > sim_ns]
+        self._next_ns[_ALL] = min(edges, default=NEVER_NS)
+        return {timed.name: timed.fault for timed in self._timed if timed.in_force(sim_ns)}
 
     def set(self, name: str, fault: FaultSpec) -> None:
         """The fault of this name, or in its place: one that begins anew, or whose end has moved."""

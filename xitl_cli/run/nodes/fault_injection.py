@@ -1,4 +1,4 @@
-"""Fault injection on the links to agents and on the agents themselves, by the schedule of the profile."""
+"""Fault injection on links, agents and the vessel itself, by the schedule of the profile."""
 
 from __future__ import annotations
 
@@ -9,29 +9,34 @@ from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.core.vessel_faults import VesselFaults
 from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.world.plant import PlantView
 
 COUNT_RATE_HZ = 1.0
 
 
 class FaultInjection(RunNode):
-    """Puts faults in force on the links to `agents`; those of `autopilots` are counted once more at the end.
+    """Puts faults in force on the links to `agents` and on the vessel of `plant`.
 
-    sample_faults: how many samples each fault has touched, by its name: the sensors inject theirs by themselves, and
-    are told of others by set_sample_fault.
+    Links of `autopilots` are counted once more at the end. sample_faults: how many samples each fault has touched, by
+    its name: the sensors inject theirs by themselves, and learn of others by set_sample_fault.
     """
 
     def __init__(
         self,
         schedule: FaultSchedule,
+        plant: PlantView,
         agents: Sequence[AgentConnection],
         autopilots: Sequence[AgentConnection],
-        sample_faults: Callable[[], Mapping[str, Mapping[str, int]]],
         clock: ClockSpec,
+        sample_faults: Callable[[], Mapping[str, Mapping[str, int]]] = dict,
         set_sample_fault: Callable[[str, FaultSpec], object] = lambda name, fault: None,
     ) -> None:
         self.schedule = schedule
         self._set_sample_fault = set_sample_fault
+        self._plant = plant
+        self._vessel = VesselFaults(plant.simulation.vessel.model)
         self._agents = agents
         self._autopilots = autopilots
         self._sample_faults = sample_faults
@@ -43,6 +48,9 @@ class FaultInjection(RunNode):
 
     def exchange(self, step: RunStep) -> None:
         self.schedule.record(step.now_ns, self._recorder)
+        if (faults := self.schedule.changed(step.now_ns)) is not None:
+            rotor = step.state.vessel.rotor_speed[0]
+            self._plant.set_condition(self._vessel.condition(faults, rotor))
         counts = self._exchanges % self._count_every == 0
         self._exchanges += 1
         for agent in self._agents:

@@ -8,9 +8,10 @@ from agent.wire.codec import Packer
 from sim_core.environment.wind import Air
 from sim_core.sensors.rangefinder import HullsAround
 from sim_core.simulation import elevation_m
+from sim_core.vessel.battery import COULOMB_PER_AH
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
-from xitl_cli.record.topics import ActuatorAge
+from xitl_cli.record.topics import ActuatorAge, BatteryMessage
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
@@ -54,6 +55,11 @@ class TruthRecorder(RunNode):
             recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], surface_m)
             lat, lon, alt = self._frame.geodetic(motion.pos_ned_m)
             recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))
+            if (battery := state.vessel.battery) is not None:
+                used_ah = float(battery.used_as[0]) / COULOMB_PER_AH
+                recorder.write(
+                    now_ns, BatteryMessage(float(battery.voltage_v[0]), float(battery.current_a[0]), used_ah)
+                )
 
 
 class SensorRecorder(RunNode):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -25,7 +26,8 @@ from xitl_cli.profile.schema.faults import (
 from xitl_cli.run.core.faults import span_ns
 from xitl_cli.seeds import Seeds
 
-Bias = Callable[[Any], Any]
+Bias = Callable[[Any, float], Any]
+"""A sample and the seconds since the fault began; returns the sample that is sent."""
 
 
 class SensorFaults:
@@ -55,7 +57,7 @@ class SensorFaults:
         """
         in_force = [fault for fault in self._faults.values() if fault.from_ns <= stamp_ns < fault.until_ns]
         for fault in in_force:
-            sample = fault.biased(sample)
+            sample = fault.biased(stamp_ns, sample)
         frozen = [fault for fault in in_force if fault.freezes]
         for fault in frozen:
             fault.count("frozen")
@@ -79,11 +81,11 @@ class _SensorFault:
         self._counts = counts
         self._rng = default_rng(seeds.sequence(f"faults/{name}/{sensor}"))
 
-    def biased(self, sample: Any) -> Any:
+    def biased(self, stamp_ns: int, sample: Any) -> Any:
         if self._bias is None:
             return sample
         self.count("biased")
-        return self._bias(sample)
+        return self._bias(sample, (stamp_ns - self.from_ns) * 1e-9)
 
     def drops(self) -> bool:
         if not self._dropout or self._rng.random() >= self._dropout:
@@ -97,11 +99,11 @@ class _SensorFault:
 
 
 def _bias(fault: SensorFault, frame: LocalFrame) -> Bias | None:
-    """What adds the constants of `fault` to a sample, None where there are none."""
+    """What adds the errors of `fault` to a sample, None where there are none."""
     if isinstance(fault, ImuFault):
         gyro, accel = np.array([fault.gyro_bias_frd_radps]), np.array([fault.accel_bias_frd_mps2])
 
-        def imu(sample: ImuSample) -> ImuSample:
+        def imu(sample: ImuSample, since_s: float) -> ImuSample:
             return replace(
                 sample, gyro_frd_radps=sample.gyro_frd_radps + gyro, accel_frd_mps2=sample.accel_frd_mps2 + accel
             )
@@ -109,26 +111,28 @@ def _bias(fault: SensorFault, frame: LocalFrame) -> Bias | None:
         return imu if gyro.any() or accel.any() else None
     if isinstance(fault, GnssFault):
         position, velocity = np.array([fault.position_bias_ned_m]), np.array([fault.velocity_bias_ned_mps])
+        bearing_rad = math.radians(fault.drift_bearing_deg)
+        drift_mps = fault.drift_mps * np.array([[math.cos(bearing_rad), math.sin(bearing_rad), 0.0]])
 
-        def gnss(sample: GnssSample) -> GnssSample:
-            place = frame.ned(sample.lat_deg, sample.lon_deg, sample.alt_m) + position
+        def gnss(sample: GnssSample, since_s: float) -> GnssSample:
+            place = frame.ned(sample.lat_deg, sample.lon_deg, sample.alt_m) + position + drift_mps * since_s
             lat_deg, lon_deg, alt_m = frame.geodetic(place)
             return replace(
                 sample, lat_deg=lat_deg, lon_deg=lon_deg, alt_m=alt_m, vel_ned_mps=sample.vel_ned_mps + velocity
             )
 
-        return gnss if position.any() or velocity.any() else None
+        return gnss if position.any() or velocity.any() or fault.drift_mps else None
     if isinstance(fault, MagnetometerFault):
         field = np.array([fault.field_bias_frd_gauss])
 
-        def magnetometer(sample: MagnetometerSample) -> MagnetometerSample:
+        def magnetometer(sample: MagnetometerSample, since_s: float) -> MagnetometerSample:
             return replace(sample, field_frd_gauss=sample.field_frd_gauss + field)
 
         return magnetometer if field.any() else None
     assert isinstance(fault, BarometerFault)
     pressure_pa = fault.pressure_bias_pa
 
-    def barometer(sample: BarometerSample) -> BarometerSample:
+    def barometer(sample: BarometerSample, since_s: float) -> BarometerSample:
         return replace(sample, pressure_pa=sample.pressure_pa + pressure_pa)
 
     return barometer if pressure_pa else None

@@ -15,6 +15,7 @@ from sim_core.environment.environment import Environment, EnvironmentState
 from sim_core.fleet import Fleet, FleetState
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
+from sim_core.vessel.condition import Condition
 from sim_core.world.contact import Contacts
 from sim_core.world.debris import Launch
 from sim_core.world.plan import Walls
@@ -66,6 +67,15 @@ class Plant:
     def launch(self, body: Launch) -> None:
         """One body more adrift. Raises ValueError for an impossible length."""
         self.state = self._launch(self.simulation, self.state, body)
+
+    def set_condition(self, number: int, condition: Condition | None) -> None:
+        """From the next step on the actuators and the battery of one vessel are so; None: nothing is wrong."""
+        if isinstance(self.state, SimulationState):
+            assert isinstance(self.simulation, Simulation)
+            self.state = simulations.with_condition(self.simulation, self.state, condition)
+        else:
+            assert isinstance(self.simulation, Fleet)
+            self.state = fleets.with_condition(self.simulation, self.state, number, condition)
 
     def change_environment(
         self, environment: Environment, fluctuate: Callable[[EnvironmentState, int, Generator], EnvironmentState]
@@ -140,6 +150,10 @@ class PlantView:
             return state.contacts
         assert isinstance(simulation, Fleet)
         return fleets.contacts_of(simulation, state, self.number)
+
+    def set_condition(self, condition: Condition | None) -> None:
+        """As of Plant, of this vessel."""
+        self._plant.set_condition(self.number, condition)
 
     def motion(self) -> Kinematics:
         """Of the latest state."""

@@ -132,6 +132,19 @@ def test_a_bias_in_position_moves_the_fix_by_so_many_metres() -> None:
         assert (moved.h_acc, moved.fix_type, moved.satellites) == (message.h_acc, message.fix_type, message.satellites)
 
 
+def test_a_drift_of_the_position_grows_from_zero_and_leaves_the_velocity() -> None:
+    clean, _ = sensed(None, 3.0)
+    drifting, _ = sensed({"x": {"from_s": 1.0, "gnss": {"drift_mps": 0.5, "drift_bearing_deg": 90.0}}}, 3.0)
+    profile = load_profile("sitl")
+    assert profile.site is not None
+    frame = local_frame(profile.site)
+    for stamp_us, fix in clean["gnss"].items():
+        other = drifting["gnss"][stamp_us]
+        one, two = (frame.ned(*(np.array([v]) for v in (m.lat / 1e7, m.lon / 1e7, 0.0)))[0] for m in (fix, other))
+        assert two[:2] - one[:2] == pytest.approx([0.0, 0.5 * max(stamp_us * 1e-6 - 1.0, 0.0)], abs=0.02)
+        assert list(other.velocity) == list(fix.velocity)
+
+
 @pytest.mark.parametrize("sensor", IDS.values())
 def test_a_frozen_sensor_repeats_its_last_values_with_new_stamps(sensor: str) -> None:
     plain, _ = sensed(None, 3.0)
