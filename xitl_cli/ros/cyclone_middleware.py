@@ -12,7 +12,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Set
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from importlib.metadata import version
 from typing import Any
 
@@ -36,10 +37,19 @@ from cyclonedds.qos import DomainParticipantQos, Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
-from xitl_cli.ros.definitions import ros2_types, serialize, type_hash
+from xitl_cli.ros.definitions import deserialize, ros2_types, serialize, type_hash
+from xitl_cli.ros.discovery import (
+    RANGE_VARIABLE,
+    Commanders,
+    SenderCheck,
+    WriterNames,
+    discovery_range,
+    stays_on_machine,
+)
 from xitl_cli.ros.middleware import (
     LOOK_S,
     NODE_NAME,
@@ -63,13 +73,13 @@ LOCAL_CONFIGURATION = """<CycloneDDS><Domain>
 </Domain></CycloneDDS>"""
 """On this machine alone. By number and peer: nodes of Fast DDS that stay on it are not found by multicast."""
 DOMAIN_VARIABLE, CONFIGURATION_VARIABLE = "ROS_DOMAIN_ID", "CYCLONEDDS_URI"
-LOCAL_VARIABLE, RANGE_VARIABLE = "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS_VARIABLE = "ROS_STATIC_PEERS"
 BLOCKED_NS = 100_000_000
 MOST_TAKEN = 100
 MOST_ENDPOINTS = 10_000
 GRAPH = "ros_discovery_info"
 GRAPH_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+GRAPH_DEPTH = 1000
 GRAPH_QOS = QosProfile(durability="transient_local", depth=1)
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 _TYPES: dict[str, Any] = {
@@ -88,7 +98,7 @@ class CycloneMiddleware:
         self._domain_id = ros_domain(spec)
         self._node = node_name
         given = os.environ.get(CONFIGURATION_VARIABLE)
-        self._local = localhost_only()
+        self._local = stays_on_machine(spec)
         parts = [LOCAL_CONFIGURATION] if self._local else []
         parts += [given] if given else []
         try:
@@ -98,11 +108,15 @@ class CycloneMiddleware:
         except DDSException as error:
             hint = f"; see {CONFIGURATION_VARIABLE}" if given else ""
             raise UserError(f"ros: domain {self._domain_id} cannot be entered ({error}){hint}") from error
-        self.name = f"cyclonedds {version('cyclonedds')}, domain {self._domain_id}"
+        reach = "this machine" if self._local else "subnet"
+        self.name = f"cyclonedds {version('cyclonedds')}, domain {self._domain_id}, {reach}"
         self._topics: dict[str, Topic[Any]] = {}
         self._writers: list[DataWriter[Any]] = []
         self._published: list[str] = []
-        self._readers: list[tuple[DataReader[Any], Callable[[bytes], None]]] = []
+        self._readers: list[tuple[str, DataReader[Any], Callable[[bytes], None]]] = []
+        self._names = WriterNames()
+        self._commanders = Commanders(spec.commanders)
+        self._senders = SenderCheck(self._commanders, self._names.node_of)
         self._waiting = WaitSet(self._participant)
         self._conditions: list[ReadCondition] = []
         self._services: RtpsServices | None = None
@@ -110,12 +124,17 @@ class CycloneMiddleware:
         self._requests: deque[ServiceRequest] = deque()
         self._request_come = GuardCondition(self._participant)
         self._waiting.attach(self._request_come)
-        self._problems = list(unread_variables())
+        self._problems = list(unread_variables(spec))
         self._told: set[tuple[str, int]] = set()
         self._others = OtherEndpoints(self._participant)
         self._next_look_s = 0.0
         self._lock = threading.Lock()
         self._graph = self._writer(GRAPH, GRAPH_TYPE, GRAPH_QOS)
+        self._graph_reader: DataReader[Any] | None = None
+        if not self._commanders.everyone:
+            qos = _qos(replace(GRAPH_QOS, depth=GRAPH_DEPTH), GRAPH_TYPE)
+            self._graph_reader = DataReader(self._participant, self._topic(GRAPH, GRAPH_TYPE), qos)
+            self._attach(self._graph_reader)
         self._graph_changed = True
         self._closed = False
 
@@ -137,11 +156,14 @@ class CycloneMiddleware:
         listener = self._mismatch(topic, qos, False)
         named = self._topic(f"rt{topic}", type_name)
         reader = DataReader(self._participant, named, _qos(qos, type_name), listener)
+        self._attach(reader)
+        self._readers.append((topic, reader, take))
+        self._graph_changed = True
+
+    def _attach(self, reader: DataReader[Any]) -> None:
         condition = ReadCondition(reader, _ANY)
         self._conditions.append(condition)
         self._waiting.attach(condition)
-        self._readers.append((reader, take))
-        self._graph_changed = True
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         """See Middleware: by a participant of its own, see `rtps_services`."""
@@ -168,29 +190,54 @@ class CycloneMiddleware:
         if self._graph_changed:
             self._graph_changed = False
             ddspy_write(self._graph._ref, self._node_graph())
-        if self._waiting.wait(round(timeout_s * 1e9)) == 0:
+        if self._waiting.wait(round(timeout_s * 1e9)) > 0:
+            self._request_come.take()
+            self._read_names()
+            while self._requests:
+                request = self._requests.popleft()
+                self._senders.check(request.service.name, request.writer, partial(self._answer, request))
+            for topic, reader, take in self._readers:
+                for payload, about in _taken(reader):
+                    self._pass_on(topic, reader, take, payload, about)
+        self._senders.flush()
+
+    def _pass_on(
+        self, topic: str, reader: DataReader[Any], take: Callable[[bytes], None], payload: bytes, about: Any
+    ) -> None:
+        """Give a message to its handler, where its sender may command."""
+        if self._commanders.everyone:
+            take(payload)
+        else:
+            self._senders.check(topic, _writer_guid(reader, about), partial(take, payload))
+
+    def _answer(self, request: ServiceRequest) -> None:
+        assert self._services is not None
+        self._services.respond(request, self._answers[request.service.name](request.cdr))
+
+    def _read_names(self) -> None:
+        """Which writers belong to which nodes, as other participants announce it."""
+        if self._graph_reader is None:
             return
-        self._request_come.take()
-        while self._requests:
-            request = self._requests.popleft()
-            assert self._services is not None
-            self._services.respond(request, self._answers[request.service.name](request.cdr))
-        for reader, take in self._readers:
-            taken = ddspy_take(reader._ref, _ANY, MOST_TAKEN)
-            if isinstance(taken, list):
-                for payload, about in taken:
-                    if about.valid_data:
-                        take(payload)
+        for payload, about in _taken(self._graph_reader):
+            try:
+                message = deserialize(payload, GRAPH_TYPE)
+            except (SerdeError, ValueError, IndexError):
+                self._commanders.refused[GRAPH] += 1
+                continue
+            self._names.update(_writer_guid(self._graph_reader, about), message)
 
     def losses(self) -> MiddlewareLosses:
         """See Middleware."""
-        refused = 0 if self._services is None else self._services.refused
-        return MiddlewareLosses(refused={"services": refused} if refused else {})
+        refused = dict(self._commanders.refused)
+        if self._services is not None and self._services.refused:
+            refused["services"] = self._services.refused
+        return MiddlewareLosses(refused=refused)
 
     def problems(self) -> list[str]:
         """See Middleware."""
         with self._lock:
             problems, self._problems = self._problems, []
+        problems += self._commanders.problems()
         now_s = time.monotonic()
         if now_s >= self._next_look_s:
             self._next_look_s = now_s + LOOK_S
@@ -236,7 +283,7 @@ class CycloneMiddleware:
         def gid(guid: bytes) -> Any:
             return kinds["rmw_dds_common/msg/Gid"](data=np.frombuffer(guid, dtype=np.uint8))
 
-        readers = [reader.get_guid().bytes for reader, _ in self._readers]
+        readers = [reader.get_guid().bytes for _, reader, _ in self._readers]
         writers = [writer.get_guid().bytes for writer in self._writers]
         if self._services is not None:
             of_services = self._services.gids()
@@ -297,20 +344,29 @@ def ros_domain(spec: RosSpec) -> int:
     raise UserError(f"{DOMAIN_VARIABLE}={given}: is no domain of ROS 2; use 0 to 232, or ros.domain")
 
 
-def localhost_only() -> bool:
-    """Whether the environment has ROS stay on this machine."""
-    return os.environ.get(LOCAL_VARIABLE) == "1" or os.environ.get(RANGE_VARIABLE) == "LOCALHOST"
-
-
-def unread_variables() -> Iterator[str]:
+def unread_variables(spec: RosSpec) -> Iterator[str]:
     """A sentence for each variable of ROS 2's discovery that is set and does nothing here."""
-    asked = os.environ.get(RANGE_VARIABLE) or "SUBNET"
-    if asked not in ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"):
-        fix = "use LOCALHOST, another domain, or ros.way: rclpy"
-        yield f"ros: {RANGE_VARIABLE}={asked} does nothing without rclpy; {fix}"
+    if discovery_range(spec) == "OFF":
+        fix = "nodes of this machine are found; use another domain, or ros.way: rclpy"
+        yield f"ros: {RANGE_VARIABLE}=OFF is taken as LOCALHOST without rclpy: {fix}"
     if os.environ.get(PEERS_VARIABLE):
         fix = f"give peers in {CONFIGURATION_VARIABLE}, or use ros.way: rclpy"
         yield f"ros: {PEERS_VARIABLE} does nothing without rclpy; {fix}"
+
+
+def _taken(reader: DataReader[Any]) -> Iterator[tuple[bytes, Any]]:
+    """New samples with their information."""
+    taken = ddspy_take(reader._ref, _ANY, MOST_TAKEN)
+    if isinstance(taken, list):
+        for payload, about in taken:
+            if about.valid_data:
+                yield payload, about
+
+
+def _writer_guid(reader: DataReader[Any], about: Any) -> bytes:
+    """Of the writer of a sample; empty for one that is gone already."""
+    writer = reader.get_matched_publication_data(about.publication_handle)
+    return b"" if writer is None else writer.key.bytes
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import rclpy
@@ -17,6 +17,14 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec
+from xitl_cli.ros.discovery import (
+    GUID_BYTES,
+    LOCAL_VARIABLE,
+    RANGE_VARIABLE,
+    Commanders,
+    discovery_range,
+    full_node_name,
+)
 from xitl_cli.ros.middleware import (
     LOOK_S,
     NODE_NAME,
@@ -32,6 +40,10 @@ class RclpyMiddleware:
     """A node in a context of its own: see Middleware."""
 
     def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
+        reach = discovery_range(spec)
+        os.environ.pop(LOCAL_VARIABLE, None)  # deprecated, and stronger than the other
+        os.environ[RANGE_VARIABLE] = reach  # which rclpy reads
+        self._commanders = Commanders(spec.commanders)
         self._context = rclpy.context.Context()
         rclpy.init(args=[], context=self._context, domain_id=spec.domain)
         self._node = rclpy.create_node(node_name, context=self._context, start_parameter_services=False)
@@ -45,9 +57,8 @@ class RclpyMiddleware:
         self._told: set[tuple[str, str]] = set()
         implementation = rclpy.get_rmw_implementation_identifier()
         distribution = os.environ.get("ROS_DISTRO", "")
-        self.name = f"rclpy {distribution} ({implementation}), domain {self._context.get_domain_id()}".replace(
-            "  ", " "
-        )
+        self.name = f"rclpy {distribution} ({implementation}), domain {self._context.get_domain_id()}, {reach}"
+        self.name = self.name.replace("  ", " ")
 
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
         """See Middleware."""
@@ -70,7 +81,13 @@ class RclpyMiddleware:
             incompatible_qos=self._mismatch(topic, qos, False), use_default_callbacks=False
         )
         self._types[topic] = type_name
-        self._node.create_subscription(kind, topic, take, _qos(qos), event_callbacks=events, raw=True)
+
+        def take_checked(cdr: bytes, about: Mapping[str, Any]) -> None:
+            if self._commanders.admit(topic, self._sender(topic, about)):
+                take(cdr)
+
+        callback = take if self._commanders.everyone else take_checked
+        self._node.create_subscription(kind, topic, callback, _qos(qos), event_callbacks=events, raw=True)
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         """See Middleware."""
@@ -79,6 +96,10 @@ class RclpyMiddleware:
             return
 
         def serve(request: Any, response: Any) -> Any:
+            if not self._commanders.everyone:
+                requests = f"rq{self._node.resolve_service_name(service)}Request"
+                if not self._commanders.admit(service, self._unlisted(requests, no_mangle=True)):
+                    return response  # as the type has it: without success
             return deserialize_message(answer(serialize_message(request)), kind.Response)
 
         self._node.create_service(kind, service, serve)
@@ -89,11 +110,12 @@ class RclpyMiddleware:
 
     def losses(self) -> MiddlewareLosses:
         """See Middleware."""
-        return MiddlewareLosses()
+        return MiddlewareLosses(refused=dict(self._commanders.refused))
 
     def problems(self) -> list[str]:
         """See Middleware."""
         problems, self._problems = self._problems, []
+        problems += self._commanders.problems()
         now_s = time.monotonic()
         if now_s >= self._next_look_s:
             self._next_look_s = now_s + LOOK_S
@@ -113,6 +135,26 @@ class RclpyMiddleware:
                 if theirs != ours and (topic, theirs) not in self._told:
                     self._told.add((topic, theirs))
                     yield type_text(topic, ours, theirs)
+
+    def _sender(self, topic: str, about: Mapping[str, Any]) -> str | None:
+        """Full name of the node that sent a message; from Kilted on rclpy tells its GID.
+
+        Before, that of any publisher that may not command, where there is one: then no message of the topic counts.
+        """
+        gid = about.get("publisher_gid")
+        if gid is None:
+            return self._unlisted(topic)
+        sender = bytes(gid["data"])[:GUID_BYTES]
+        for endpoint in self._node.get_publishers_info_by_topic(topic):
+            if bytes(endpoint.endpoint_gid)[:GUID_BYTES] == sender:
+                return full_node_name(endpoint.node_namespace, endpoint.node_name)
+        return None
+
+    def _unlisted(self, topic: str, no_mangle: bool = False) -> str | None:
+        """A publisher that may not command, else one that may; None where there is none."""
+        endpoints = self._node.get_publishers_info_by_topic(topic, no_mangle)
+        names = [full_node_name(one.node_namespace, one.node_name) for one in endpoints]
+        return min(names, key=self._commanders.listed, default=None)
 
     def _type_of(self, name: str, type_name: str) -> Any:
         """Its class; None, and said, where this ROS has none: the run goes on without the topic."""

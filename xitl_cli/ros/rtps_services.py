@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -21,6 +22,10 @@ from xitl_cli.ros import rtps
 from xitl_cli.ros.rtps import Submessage
 
 GROUP, LOOPBACK = "239.255.0.1", "127.0.0.1"
+IP_MULTICAST_ALL = 49
+"""Of Linux (ip(7)); Python has no name for it."""
+LOCAL_PARTICIPANTS = range(32)
+"""Of this machine, by their numbers: who is told without multicast that there is this participant."""
 ANNOUNCED_S = (0.1, 3.0)
 """Between announcements: of the first ten, and later."""
 FIRST_ANNOUNCEMENTS = 10
@@ -127,10 +132,11 @@ class RtpsService:
 
 @dataclass(frozen=True, slots=True)
 class ServiceRequest:
-    """A request as it came: CDR, and to whom its response goes."""
+    """A request as it came: CDR, and to whom its response goes. writer: GUID of the client's writer."""
 
     service: RtpsService
     cdr: bytes
+    writer: bytes
     identity: bytes
     before: bytes
 
@@ -157,8 +163,8 @@ class RtpsServices:
         self._descriptions: dict[bytes, list[bytes]] = {writer: [] for writer, _ in _SEDP}
         self._remotes: dict[bytes, Remote] = {}
         self._lock = threading.RLock()
+        self._local = local
         self._address = LOOPBACK if local else own_address()
-        self._bound = LOOPBACK if local else ""
         self._unicast, self._port = self._bind_unicast()
         self._multicast = self._join()
         self._announced = 0
@@ -217,7 +223,7 @@ class RtpsServices:
                 break
             end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             try:
-                end.bind((self._bound, port))
+                end.bind((LOOPBACK if self._local else "", port))
             except OSError:
                 end.close()
                 continue
@@ -227,9 +233,18 @@ class RtpsServices:
         raise OSError(f"domain {self._domain}: no port of a participant is free")
 
     def _join(self) -> socket.socket:
+        """For packets to the group. On this machine alone, packets that come any other way do not get in."""
         end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         end.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        end.bind(("", 7400 + 250 * self._domain))
+        port = 7400 + 250 * self._domain
+        if not self._local:
+            end.bind(("", port))
+        elif sys.platform == "win32":  # cannot bind to a group
+            end.bind((LOOPBACK, port))
+        else:
+            end.bind((GROUP, port))
+        if sys.platform == "linux":
+            end.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)  # not what other sockets have joined
         for address in dict.fromkeys((self._address, LOOPBACK)):
             membership = socket.inet_aton(GROUP) + socket.inet_aton(address)
             try:
@@ -279,13 +294,22 @@ class RtpsServices:
             first = self._announced < FIRST_ANNOUNCEMENTS
             self._announced += 1
             self._next_s = now_s + ANNOUNCED_S[0 if first else 1]
-            self._send([(GROUP, 7400 + 250 * self._domain)], [self._announcement()])
+            self._announce()
         if now_s >= self._beat_s:
             self._beat_s = now_s + HEARTBEAT_S
             for remote in [one for one in self._remotes.values() if now_s - one.heard_s > one.lease_s]:
                 del self._remotes[remote.prefix]
             for remote in self._remotes.values():
                 self._beat(remote)
+
+    def _announce(self) -> None:
+        """To the group, and to each known participant, which need not hear the group: its lease runs out otherwise."""
+        base = 7400 + 250 * self._domain
+        self._send([(GROUP, base)], [self._announcement()])
+        to = dict.fromkeys(place for remote in self._remotes.values() for place in remote.meta)
+        if self._local:
+            to |= dict.fromkeys((LOOPBACK, base + 10 + 2 * number) for number in LOCAL_PARTICIPANTS)
+        self._send(list(to), [self._announcement()])
 
     def _announcement(self) -> bytes:
         place = rtps.locator(self._address, self._port)
@@ -464,10 +488,10 @@ def _request(service: RtpsService, remote: Remote, vendor: bytes, part: Submessa
         end = HEADER_BYTES + CYCLONE_HEADER_BYTES
         payload, before = payload[:HEADER_BYTES] + payload[end:], payload[HEADER_BYTES:end]
     related = (part.inline.get(pid, b"")[:16] for pid in (rtps.PID_RELATED, rtps.PID_RELATED_EPROSIMA))
-    whose = next((guid for guid in related if len(guid) == 16 and any(guid)), remote.prefix + part.writer)
-    return ServiceRequest(
-        service, payload, whose + struct.pack("<iI", part.first >> 32, part.first & 0xFFFFFFFF), before
-    )
+    writer = remote.prefix + part.writer
+    whose = next((guid for guid in related if len(guid) == 16 and any(guid)), writer)
+    identity = whose + struct.pack("<iI", part.first >> 32, part.first & 0xFFFFFFFF)
+    return ServiceRequest(service, payload, writer, identity, before)
 
 
 def own_address() -> str:

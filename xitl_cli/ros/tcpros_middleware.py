@@ -15,6 +15,7 @@ from rosbags.serde import SerdeError
 
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.ros.definitions import deserialize, from_ros1, ros1_definition, service_md5, to_ros1
+from xitl_cli.ros.discovery import Commanders
 from xitl_cli.ros.middleware import NODE_NAME, MiddlewareLosses, QosProfile
 from xitl_cli.ros.tcpros.master import SIM_TIME, Registrar, master_uri, own_host
 from xitl_cli.ros.tcpros.notes import NodeNotes
@@ -33,7 +34,10 @@ from xitl_cli.ros.tcpros.wire import (
     shut,
 )
 
-MOST_CONNECTIONS = 256
+MOST_CONNECTIONS, MOST_OF_HOST = 256, 64
+"""At once, of all hosts and of one. At the limit the connection that has been idle for longest is closed."""
+IDLE_S = 300.0
+"""After which an idle persistent call of a service is closed."""
 ANSWER_S = 15.0
 ACCEPT_AGAIN_S = 0.1
 DESCRIPTION = "robot_description"
@@ -48,6 +52,18 @@ def ros1_type(type_name: str) -> Ros1Type:
     """Of a type as ROS 2 names it."""
     definition, md5 = ros1_definition(type_name)
     return Ros1Type(ros1_name(type_name), md5, definition)
+
+
+class PeerConnection:
+    """A connection to our port. idle_since_s: since when the peer has sent nothing; None while it waits for us."""
+
+    def __init__(self, end: socket.socket, host: str, port: int) -> None:
+        self.end, self.host = end, host
+        self.name = f"{host}:{port}"
+        self.idle_since_s: float | None = time.monotonic()
+
+    def close(self) -> None:
+        shut(self.end)
 
 
 class ServiceCall:
@@ -80,12 +96,13 @@ class TcprosMiddleware:
         bound = "127.0.0.1" if host in ("localhost", "127.0.0.1") else ""
         self.name = f"ROS 1, master {uri}"
         self._notes = NodeNotes()
+        self._commanders = Commanders(spec.commanders)
         self._publishers: dict[str, TopicPublisher] = {}
         self._subscribers: dict[str, TopicSubscriber] = {}
         self._services: dict[str, OfferedService] = {}
         self._inbox: deque[Callable[[], None]] = deque()
         self._arrived = threading.Condition()
-        self._connections: set[socket.socket] = set()
+        self._connections: set[PeerConnection] = set()
         self._closed = False
         self._host = host
         self._listener = socket.create_server((bound, 0))
@@ -143,7 +160,9 @@ class TcprosMiddleware:
                 self._arrived.notify()
 
         kind = ros1_type(type_name)
-        subscriber = TopicSubscriber(topic, kind, arrive, lambda: self._registrar.node, self._notes)
+        subscriber = TopicSubscriber(
+            topic, kind, arrive, lambda: self._registrar.node, self._notes, self._commanders.listed
+        )
         self._subscribers[topic] = subscriber
         self._registrar.add_subscriber(topic, kind.name, subscriber)
 
@@ -209,7 +228,7 @@ class TcprosMiddleware:
         for publisher in self._publishers.values():
             publisher.close()
         for connection in tuple(self._connections):
-            shut(connection)
+            connection.close()
 
     # Connections of others, for topics and services
 
@@ -221,49 +240,69 @@ class TcprosMiddleware:
                 if not self._closed:
                     time.sleep(ACCEPT_AGAIN_S)
                 continue
-            if len(self._connections) >= MOST_CONNECTIONS:
-                shut(connection)
-                self._notes.refuse("connections", f"more than {MOST_CONNECTIONS} connections at once are refused")
+            peer = PeerConnection(connection, *place[:2])
+            if not self._has_room(peer.host):
+                peer.close()
                 continue
-            self._connections.add(connection)
-            greet = partial(self._greet, connection, f"{place[0]}:{place[1]}")
-            threading.Thread(target=greet, name="tcpros peer", daemon=True).start()
+            self._connections.add(peer)
+            threading.Thread(target=self._greet, args=(peer,), name="tcpros peer", daemon=True).start()
 
-    def _greet(self, connection: socket.socket, peer: str) -> None:
+    def _has_room(self, host: str) -> bool:
+        """Whether a connection of the host may be added; closes the one that is idle for longest to make room."""
+        of_host = [peer for peer in tuple(self._connections) if peer.host == host]
+        limits = ((of_host, MOST_OF_HOST, f" of {host}"), (list(self._connections), MOST_CONNECTIONS, ""))
+        for peers, most, whose in limits:
+            if len(peers) < most:
+                continue
+            idle = [(since_s, peer) for peer in peers if (since_s := peer.idle_since_s) is not None]
+            if not idle:
+                self._notes.refuse("connections", f"more than {most} connections{whose} at once are refused")
+                return False
+            _, longest = min(idle, key=lambda one: one[0])
+            text = f"more than {most} connections{whose} at once: that of {longest.name}, idle for longest, is closed"
+            self._notes.refuse("connections", text)
+            self._connections.discard(longest)
+            longest.close()
+        return True
+
+    def _greet(self, peer: PeerConnection) -> None:
         """Find out what the peer wants."""
         asked: Header = {}
         try:
-            connection.settimeout(HEADER_S)
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            asked = receive_header(connection)
+            peer.end.settimeout(HEADER_S)
+            peer.end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            asked = receive_header(peer.end)
             if "service" in asked:
-                self._serve(connection, asked)
+                self._serve(peer, asked)
             elif (topic := asked.get("topic", "")) in self._publishers:
-                self._publishers[topic].accept(connection, asked, self.node)
-                self._connections.discard(connection)  # the publisher's from here on
+                self._publishers[topic].accept(peer.end, asked, self.node)
+                self._connections.discard(peer)  # the publisher's from here on
                 return
             else:
                 raise TcprosError(f"it asked for the topic {topic!r}, which is not published here")
         except TcprosError as error:
             ours = (*self._publishers, *self._services)
             about = next((name for key in ("topic", "service") if (name := asked.get(key)) in ours), "connections")
-            self._notes.refuse(about, f"{about}: the peer at {peer} is refused: {error}")
+            self._notes.refuse(about, f"{about}: the peer at {peer.name} is refused: {error}")
             with contextlib.suppress(OSError):
-                connection.sendall(encode_header({"error": str(error)}))
+                peer.end.sendall(encode_header({"error": str(error)}))
         except OSError:
             pass
-        self._connections.discard(connection)
-        shut(connection)
+        self._connections.discard(peer)
+        peer.close()
 
-    def _serve(self, connection: socket.socket, asked: Header) -> None:
-        """Answer requests until the peer closes, or one where it does not ask for more."""
+    def _serve(self, peer: PeerConnection, asked: Header) -> None:
+        """Answer requests until the peer closes or is idle for too long, or one where it does not ask for more."""
         service = self._services.get(asked["service"])
         if service is None:
             raise TcprosError(f"it asked for the service {asked['service']!r}, which is not offered here")
         kind = service.kind
         if asked.get("md5sum") not in (ANY, service.md5):
             raise TcprosError(f"it called it as {asked.get('type', 'another type')}, it is {kind}")
-        connection.sendall(
+        probe, persistent = (asked.get(key) == "1" for key in ("probe", "persistent"))
+        if not probe and not self._commanders.listed(asked.get("callerid")):
+            raise TcprosError(f"{asked.get('callerid', 'a node without a name')} is not in ros.commanders")
+        peer.end.sendall(
             encode_header(
                 {
                     "callerid": self.node,
@@ -275,20 +314,35 @@ class TcprosMiddleware:
                 }
             )
         )
-        if asked.get("probe") == "1":
+        if probe:
             return
-        connection.settimeout(None if asked.get("persistent") == "1" else HEADER_S)
-        while (request := receive_block(connection, MOST_MESSAGE)) is not None:
-            waiting = ServiceCall(request)
-            with self._arrived:
-                self._inbox.append(partial(self._answer, service, waiting))
-                self._arrived.notify()
-            waiting.given_up = not waiting.answered.wait(ANSWER_S)
-            response = waiting.response
-            good = response is not None
-            connection.sendall(bytes([good]) + block(waiting.error.encode() if response is None else response))
-            if asked.get("persistent") != "1":
+        peer.end.settimeout(IDLE_S if persistent else HEADER_S)
+        while (request := self._next_request(peer, asked["service"])) is not None:
+            peer.end.sendall(self._response(service, request))
+            if not persistent:
                 return
+
+    def _next_request(self, peer: PeerConnection, service: str) -> bytes | None:
+        """None where the peer has closed, or has asked for nothing for too long."""
+        peer.idle_since_s = time.monotonic()
+        try:
+            return receive_block(peer.end, MOST_MESSAGE)
+        except TimeoutError:
+            self._notes.refuse(service, f"{service}: the connection of {peer.name} was idle for too long and is closed")
+            return None
+        finally:
+            peer.idle_since_s = None
+
+    def _response(self, service: OfferedService, request: bytes) -> bytes:
+        """On the wire."""
+        waiting = ServiceCall(request)
+        with self._arrived:
+            self._inbox.append(partial(self._answer, service, waiting))
+            self._arrived.notify()
+        waiting.given_up = not waiting.answered.wait(ANSWER_S)
+        response = waiting.response
+        good = response is not None
+        return bytes([good]) + block(waiting.error.encode() if response is None else response)
 
     def _answer(self, service: OfferedService, waiting: ServiceCall) -> None:
         if waiting.given_up:  # the peer was told so

@@ -69,7 +69,7 @@ def test_a_qos_that_does_not_match_is_named_once(node: CycloneMiddleware) -> Non
 @pytest.mark.parametrize(
     ("variable", "value", "fix"),
     [
-        ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF", "use LOCALHOST, another domain, or ros.way: rclpy"),
+        ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF", "use another domain, or ros.way: rclpy"),
         ("ROS_STATIC_PEERS", "192.0.2.7", "give peers in CYCLONEDDS_URI, or use ros.way: rclpy"),
     ],
 )
@@ -108,3 +108,19 @@ def test_the_domain_is_the_profile_s_or_the_environment_s(monkeypatch: pytest.Mo
     monkeypatch.setenv("ROS_DOMAIN_ID", "one")
     with pytest.raises(UserError, match="ROS_DOMAIN_ID=one: is no domain"):
         ros_domain(RosSpec())
+
+
+@pytest.mark.parametrize(("commander", "come"), [("/xitl", True), ("/helm", False)])
+def test_a_message_counts_where_its_node_is_listed(commander: str, come: bool) -> None:
+    node = CycloneMiddleware(RosSpec(domain=DOMAIN, commanders=(commander,)))
+    try:
+        taken: list[bytes] = []
+        node.subscribe("/armed", "std_msgs/msg/Bool", RELIABLE, taken.append)
+        publish = node.advertise("/armed", "std_msgs/msg/Bool", RELIABLE)  # of the node /xitl
+        publish(b"\0\1\0\0\1")
+        until(node, lambda: bool(taken or node.losses().refused))
+        assert (bool(taken), dict(node.losses().refused)) == (come, {} if come else {"/armed": 1})
+        refusals = [problem for problem in node.problems() if "ros: /armed: /xitl may not command" in problem]
+        assert len(refusals) == (0 if come else 1)
+    finally:
+        node.close()

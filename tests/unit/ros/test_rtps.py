@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ros2 import own_domain
 
-from tests.patience import wait_until
-from xitl_cli.ros import rtps
+from tests.patience import PATIENCE_S, wait_until
+from xitl_cli.ros import rtps, rtps_services
 from xitl_cli.ros.rtps_services import MOST_AHEAD, MOST_ENDPOINTS, MOST_PARTICIPANTS, Received, RtpsServices
 
 PREFIX, OTHER = bytes(range(12)), bytes(range(12, 24))
@@ -208,3 +208,32 @@ def test_what_a_participant_asked_by_is_forgotten_with_it(services: RtpsServices
     gone = [(rtps.PID_STATUS, b"\0\0\0\3")]
     peer.say(rtps.data(rtps.NO_ENTITY, rtps.SPDP_WRITER, 2, b"", gone))
     wait_until(lambda: not services._remotes)
+
+
+def test_a_known_participant_is_told_again_before_its_lease_ends(
+    services: RtpsServices, peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that hears no multicast, as nodes of ROS 2 that stay on this machine."""
+    monkeypatch.setattr(rtps_services, "ANNOUNCED_S", (0.02, 0.02))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind(("127.0.0.1", 0))
+        end.settimeout(PATIENCE_S)
+        place = rtps.locator("127.0.0.1", end.getsockname()[1])
+        announced = rtps.PARAMETERS_LE + rtps.parameters([(rtps.PID_META_UNICAST, place)])
+        peer.say(rtps.data(rtps.NO_ENTITY, rtps.SPDP_WRITER, 1, announced))
+        heard = 0
+        while heard < 5:
+            packet = rtps.read_packet(end.recv(65536))
+            assert packet is not None
+            heard += sum(part.writer == rtps.SPDP_WRITER for _, part in packet.parts)
+
+
+def test_on_this_machine_alone_only_multicast_comes_in_at_the_group_s_port(services: RtpsServices, peer: Peer) -> None:
+    """That port is the same for all and takes packets of every interface."""
+    other = b"\7" * rtps.PREFIX_BYTES
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.sendto(rtps.packet(other, [ANNOUNCED]), ("127.0.0.1", 7400 + 250 * own_domain()))
+    peer.say(ANNOUNCED)
+    remote_of(services)
+    wait_until(lambda: services._announced > 3)
+    assert other not in services._remotes

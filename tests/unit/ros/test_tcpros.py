@@ -503,3 +503,78 @@ def test_the_master_may_stop_the_node(nodes: Callable[[str], TcprosMiddleware], 
     assert any("user request" in problem for problem in node.problems())
     publish(cdr(FLOAT, data=1.0))
     node.spin(0.0)
+
+
+def persistent_call(node: TcprosMiddleware, caller: str = "/helm") -> socket.socket:
+    """A client that has asked for a persistent connection to /arm, and has its answer to that."""
+    connection = socket.create_connection(("127.0.0.1", node._port), PATIENCE_S)
+    asked = {"callerid": caller, "service": "/arm", "md5sum": "*", "persistent": "1"}
+    connection.sendall(encode_header(asked))
+    return connection
+
+
+def serve_arm(node: TcprosMiddleware) -> None:
+    node.serve("/arm", SET_BOOL, lambda request: cdr(f"{SET_BOOL}_Response", success=True, message=""))
+
+
+def test_idle_persistent_calls_lock_nobody_out(nodes: Callable[[str], TcprosMiddleware]) -> None:
+    node = nodes("xitl")
+    serve_arm(node)
+    idle = []
+    for _ in range(300):
+        idle.append(persistent_call(node))
+        receive_header(idle[-1])
+    replies: list[bytes] = []
+
+    def call() -> None:
+        with persistent_call(node) as client:
+            assert "error" not in receive_header(client)
+            client.sendall(block(b"\x01"))
+            replies.append(client.recv(1))
+
+    caller = threading.Thread(target=call)
+    caller.start()
+    wait(lambda: replies, node)
+    caller.join()
+    assert replies == [b"\x01"]
+    assert node.losses().refused == {"connections": 301 - middleware_module.MOST_OF_HOST}
+    assert any("idle for longest" in problem for problem in node.problems())
+    for each in idle:
+        each.close()
+
+
+def test_an_idle_persistent_call_ends_and_is_counted(
+    nodes: Callable[[str], TcprosMiddleware], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(middleware_module, "IDLE_S", 0.05)
+    node = nodes("xitl")
+    serve_arm(node)
+    with persistent_call(node) as client:
+        receive_header(client)
+        assert client.recv(1) == b""  # closed
+    wait(lambda: node.losses().refused == {"/arm": 1})
+    assert any("idle for too long" in problem for problem in node.problems())
+
+
+def test_a_node_that_is_not_listed_may_not_command(master: FakeMaster) -> None:
+    commanded = TcprosMiddleware(RosSpec(master=master.uri, commanders=("/helm",)), "xitl")
+    helm, stranger = (TcprosMiddleware(RosSpec(master=master.uri), name) for name in ("helm", "stranger"))
+    got: list[float] = []
+    try:
+        commanded.subscribe("/thrust", FLOAT, RELIABLE, lambda data: got.append(deserialize(data, FLOAT).data))
+        serve_arm(commanded)
+        publish = [(node.advertise("/thrust", FLOAT, RELIABLE), node) for node in (helm, stranger)]
+        wait(lambda: commanded.losses().refused == {"/thrust": 1} and helm.connections())
+        for number, (send, _) in enumerate(publish):
+            send(cdr(FLOAT, data=float(number)))
+        wait(lambda: got, commanded)
+        with persistent_call(commanded, "/stranger") as client:
+            assert "ros.commanders" in receive_header(client)["error"]
+        with persistent_call(commanded, "/helm") as client:
+            assert "error" not in receive_header(client)
+        commanded.spin(0.0)
+        assert got == [0.0]
+        assert commanded.losses().refused == {"/thrust": 1, "/arm": 1}
+    finally:
+        for node in (commanded, helm, stranger):
+            node.close()

@@ -10,6 +10,7 @@ from sim_core.keys import Bounds, Items, NonNegative, Positive, Specification, S
 
 Depth = Annotated[int, Bounds(at_least=1, at_most=10_000)]
 _NAMESPACE = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
+_NODE = re.compile(r"(/[A-Za-z_]\w*)+", re.ASCII)
 _MASTER = re.compile(r"ros1://[^/:\s]+(:\d{1,5})?/?")
 
 
@@ -66,6 +67,14 @@ class RosSpec(Specification):
     domain: Annotated[
         Annotated[int, Bounds(at_least=0, at_most=232)] | None, "of ROS 2; null: $ROS_DOMAIN_ID, else 0"
     ] = None
+    discovery: Annotated[
+        Literal["localhost", "subnet"] | None,
+        "where ROS 2 looks for nodes: on this machine, or in the subnet too; null: $ROS_AUTOMATIC_DISCOVERY_RANGE or "
+        "$ROS_LOCALHOST_ONLY where one is set, else localhost",
+    ] = None
+    commanders: Annotated[
+        tuple[str, ...] | None, "full names of the nodes that may command, as `/helm`; null: every node that is found"
+    ] = None
     namespace: Annotated[str, "before every topic but `/clock`, `/tf` and `/tf_static`"] = ""
     depth: Annotated[Depth, "messages that a publisher keeps for a reader that is behind"] = 100
     pace: Annotated[Positive | None, "times real time, in lockstep; null: as fast as it goes"] = 1.0
@@ -94,6 +103,11 @@ class RosSpec(Specification):
     topics: Annotated[dict[str, RosTopicSpec], "by name without namespace, as `imu/data`"] = field(default_factory=dict)
 
     def check(self) -> None:
+        for number, name in enumerate(self.commanders or ()):
+            if not _NODE.fullmatch(name):
+                raise SpecificationError(
+                    ("commanders", str(number)), f"= {name!r} is not a full node name; use one such as /helm"
+                )
         if self.namespace and not _NAMESPACE.fullmatch(self.namespace):
             raise SpecificationError(
                 ("namespace",), f"= {self.namespace!r} is no namespace of ROS; use letters, digits and _, as boats/one"

@@ -26,15 +26,25 @@ MOST_PUBLISHERS = 64
 
 
 class TopicSubscriber:
-    """taken: called with each message as ROS 1 has it, in the thread of its publisher. node: gives the node's name."""
+    """taken: called with each message as ROS 1 has it, in the thread of its publisher. node: gives the node's name.
+
+    listed: whether a publisher may command, by the name of its node.
+    """
 
     def __init__(
-        self, topic: str, kind: Ros1Type, taken: Callable[[bytes], None], node: Callable[[], str], notes: NodeNotes
+        self,
+        topic: str,
+        kind: Ros1Type,
+        taken: Callable[[bytes], None],
+        node: Callable[[], str],
+        notes: NodeNotes,
+        listed: Callable[[str | None], bool],
     ) -> None:
         self.topic, self.kind = topic, kind
         self.node = node
         self.taken = taken
         self.notes = notes
+        self.listed = listed
         self._links: dict[str, PublisherLink] = {}
         self._updated = False
         self._lock = threading.Lock()
@@ -139,6 +149,8 @@ class PublisherLink:
             raise TcprosError(f"{told['error'][:200]}; publish {kind.name}")
         if told.get("md5sum") not in (ANY, kind.md5):
             raise TcprosError(f"it publishes {told.get('type', 'another type')}; publish {kind.name}")
+        if not own.listed(told.get("callerid")):
+            raise TcprosError(f"{told.get('callerid', 'a node without a name')} is not in ros.commanders")
         connection.settimeout(None)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self.connected = True
