@@ -4,10 +4,12 @@ Bearings are from each vessel's heading, as the rules speak of lights, which are
 
 - Rule 13 (b): overtaking is coming up from more than 22.5 degrees abaft the other's beam, so that by night her stern
   light alone would be seen: seen from her on a bearing beyond 90 + 22.5 = 112.5 degrees, where sidelights end (21 (b)).
-- Rule 14 (b): head-on is seeing the other ahead or nearly ahead, so that by night both sidelights would be seen. They
-  reach 1 to 3 degrees across the bow (annex I, 9 (a)), and a vessel yaws by a few degrees more: 6 degrees each side.
-  14 (c): where there is doubt, it is head-on. So is one where each has the other on the same side, as no two that cross
-  do: it is neither overtaking nor has one of them the other to starboard alone.
+- Rule 14 (a): head-on is meeting on reciprocal or nearly reciprocal courses; (b) presumes it where each sees the other
+  ahead or nearly ahead, so that by night both sidelights would be seen. The rule gives no figure. Sidelights reach 1 to
+  3 degrees across the bow (annex I, 9 (a)). We add 10 degrees for the yaw of a small vessel in waves: both bearings,
+  and the headings from reciprocal, are within 13 degrees. 14 (c): where there is doubt, it is head-on. So is an
+  encounter in which each has the other on the same side: neither overtakes, and not only one has the other to
+  starboard.
 - Rule 15: of two that cross the one gives way that has the other on her own starboard side.
 
 Rule 13 (d) has an encounter stay what it was when it began: classify it once. The rules hold between power-driven
@@ -22,7 +24,8 @@ from typing import Literal
 
 Geometry = Literal["overtaking", "head-on", "crossing"]
 ABAFT_DEG = 112.5
-NEARLY_AHEAD_DEG = 6.0
+NEARLY_DEG = 13.0
+"""Rule 14: so near to ahead the other is, and so near to reciprocal the headings are."""
 RULES: dict[Geometry, int] = {"overtaking": 13, "head-on": 14, "crossing": 15}
 
 
@@ -61,7 +64,8 @@ def encounter_geometry(
     if any(astern):
         overtaken = astern.index(True) if not all(astern) else min((0, 1), key=lambda one: speeds_mps[one])
         return EncounterGeometry("overtaking", (1 - overtaken,), seen)
-    ahead = all(abs(bearing) <= NEARLY_AHEAD_DEG for bearing in seen)
+    from_reciprocal = _degrees(headings_rad[0] - headings_rad[1] + math.pi)
+    ahead = all(abs(angle) <= NEARLY_DEG for angle in (*seen, from_reciprocal))
     if ahead or seen[0] * seen[1] >= 0.0:
         return EncounterGeometry("head-on", (0, 1), seen)
     return EncounterGeometry("crossing", (0,) if seen[0] > 0.0 else (1,), seen)

@@ -62,7 +62,10 @@ class SentenceReceiver:
 
 
 def ais_vessel(position: AisPosition, static: AisStatic | None) -> Any:
-    """The message, in the steps of AIS: a ten-thousandth of a minute, a tenth of a knot, of a degree."""
+    """The message, in the steps of AIS: a ten-thousandth of a minute, a tenth of a knot, of a degree.
+
+    Its turn rate is in ddeg/s (common.xml of MAVLink; ArduPilot 4.7 still sends cdeg/s).
+    """
     flags = dialect.AIS_FLAGS_POSITION_ACCURACY if position.accurate else 0
     tenths = 0
     if position.speed_mps is not None:
@@ -74,9 +77,9 @@ def ais_vessel(position: AisPosition, static: AisStatic | None) -> Any:
         course_cdeg = round(position.course_deg * 10.0) % 3600 * 10
         flags |= dialect.AIS_FLAGS_VALID_COG
     heading_cdeg = 0xFFFF if position.heading_deg is None else round(position.heading_deg) % 360 * 100
-    turn_cdegps = 0
+    turn_ddegps = 0
     if position.turn_rate_degpmin is not None:
-        turn_cdegps = round(min(max(position.turn_rate_degpmin / 0.6, -126.0), 126.0))
+        turn_ddegps = round(min(max(position.turn_rate_degpmin / 6.0, -126.0), 126.0))
         flags |= dialect.AIS_FLAGS_VALID_TURN_RATE
     what = static or AisStatic(position.mmsi)
     ends = what.dimensions
@@ -91,7 +94,7 @@ def ais_vessel(position: AisPosition, static: AisStatic | None) -> Any:
         course_cdeg,
         heading_cdeg,
         round(tenths * KNOT_MPS * 10.0),
-        turn_cdegps,
+        turn_ddegps,
         position.status,
         what.ship_type,
         ends.bow_m,

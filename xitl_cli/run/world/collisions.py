@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from sim_core.world.contact import Contacts
 
 APART_NS = 500_000_000  # not touched for as long: the next touch is another collision
+
+_NUMBER = re.compile(r" \d+$")
 
 
 @dataclass(slots=True)
@@ -35,8 +38,8 @@ class Collision:
 
     @property
     def kind(self) -> str:
-        """Without the number."""
-        return self.what.rstrip("0123456789").rstrip()
+        """`trunk` of `trunk 3`. A number that is part of a name stays: `t3` is a vessel."""
+        return _NUMBER.sub("", self.what)
 
 
 class Collisions:

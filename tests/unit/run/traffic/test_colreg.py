@@ -28,7 +28,11 @@ def seen(bearing_deg: float, other_heading_deg: float, speeds: tuple[float, floa
         (5.9, 180.0, "head-on", (0, 1), 14),  # both nearly ahead
         (-5.9, 180.0, "head-on", (0, 1), 14),
         (20.0, 180.0, "head-on", (0, 1), 14),  # each has the other to starboard: in doubt
-        (7.0, 200.0, "crossing", (0,), 15),  # no longer nearly ahead, and on opposite sides
+        (2.0, 188.3, "head-on", (0, 1), 14),  # headings 171.7 degrees apart, bearings 2.0 and -6.3
+        (6.4, 192.8, "head-on", (0, 1), 14),  # 167.2 apart
+        (6.4, 193.2, "crossing", (0,), 15),  # 166.8 apart: no longer nearly reciprocal
+        (13.5, 193.5, "head-on", (0, 1), 14),  # 1 has 0 right ahead: no side at all, so in doubt
+        (13.1, 193.2, "crossing", (0,), 15),  # not nearly ahead, and on opposite sides
         (0.0, 0.0, "overtaking", (0,), 13),  # 0 comes up from right astern of 1
         (180.0, 0.0, "overtaking", (1,), 13),
         (30.0, 0.0, "overtaking", (0,), 13),
@@ -61,8 +65,8 @@ def test_it_is_the_same_from_the_other_vessel_and_wherever_north_is(
     near_a_limit = any(
         abs(abs(one) - limit) < 1e-6
         for one in seen(bearing_deg, heading_deg).bearings_deg
-        for limit in (0, 6, 112.5, 180)
-    )  # fmt: skip
+        for limit in (0, 13, 112.5, 180)
+    ) or abs(abs(math.remainder(heading_deg - 180.0, 360.0)) - 13.0) < 1e-6  # fmt: skip
     if near_a_limit:
         return
     found = seen(bearing_deg, heading_deg)

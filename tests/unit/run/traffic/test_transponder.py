@@ -99,7 +99,7 @@ def test_ais_vessel_has_the_units_of_the_message() -> None:
     position = AisPosition(BARGE.mmsi, -8.8, -63.95, 2.0, 90.04, 79.6, -60.0, accurate=True)
     message = ais_vessel(position, BARGE)
     assert (message.MMSI, message.lat, message.lon) == (BARGE.mmsi, -88_000_000, -639_500_000)
-    assert (message.COG, message.heading, message.turn_rate) == (9000, 8000, -100)
+    assert (message.COG, message.heading, message.turn_rate) == (9000, 8000, -10)  # -60 deg/min: -1 deg/s
     assert message.velocity == round(3.9 * KNOT * 100)  # 2 m/s in tenths of a knot
     assert (message.name, message.callsign, message.type, message.dimension_bow) == ("BARGE", "BRG1", 70, 30)
     known = ("POSITION_ACCURACY", "VALID_COG", "VALID_VELOCITY", "VALID_TURN_RATE", "VALID_DIMENSIONS")

@@ -62,3 +62,9 @@ def test_what_moves_apart_at_the_first_touch_hits_at_no_speed() -> None:
 
 def test_nothing_happened() -> None:
     assert Collisions().report() == {"count": 0, "by": {}, "first_s": None, "max_impact_mps": None, "list": []}
+
+
+def test_vessels_whose_names_end_in_a_number_are_counted_apart() -> None:
+    collisions = Collisions()
+    collisions.add(0, contact("t1", "t3", "trunk 3", "trunk 4"))
+    assert collisions.report()["by"] == {"t1": 1, "t3": 1, "trunk": 2}
