@@ -29,6 +29,9 @@ class Loop:
     controlling node waits for somebody, its vessel's state is frozen; the duration counts that time too. completed:
     the controlling nodes of the vessels that are awaited did all they were there for.
 
+    With `on_loss` other than `end`, a vessel of a fleet whose node raises UserError is lost: its nodes only record from
+    then on. losses: why, by vessel. The run ends with that error when no vessel that is awaited is left.
+
     In an exchange the nodes of all vessels up to the controlling ones are called first, then the controlling ones: in
     lockstep all agents have their tick before the first answer is waited for. A fleet records in between: that is work
     for the host while agents elsewhere do theirs, and what is recorded then hangs on no answer.
@@ -46,12 +49,13 @@ class Loop:
         world: WorldNodes | None = None,
     ) -> None:
         self.completed = False
+        self.losses: dict[str, str] = {}
         self._plant = plant
         self._world = world or WorldNodes()
-        self._controls = [vessel.control for vessel in vessels]
-        self._awaited = [vessel.control for vessel in vessels if vessel.awaited]
+        self._awaited = [vessel for vessel in vessels if vessel.awaited]
         self._vessels = vessels
         self._alone = not vessels[0].name
+        self._on_loss = "end" if self._alone else keys.on_loss
         self._names = ["", *(vessel.name for vessel in vessels)]
         self._pace = pace
         self._clock = clock
@@ -77,17 +81,17 @@ class Loop:
             steps = self._steps(number)
             self._call(sense, steps)
             if number % self._every_exchange:
-                self._call(record, steps)
+                self._call(record, steps, of_lost=True)
             else:
                 self._call(ticks, steps)
                 if not self._alone:
-                    self._call(record, steps)
+                    self._call(record, steps, of_lost=True)
                 self._call(answers, steps)
                 self._look_at_progress()
                 self._recorder.flush_if_due()
                 if self._alone:
-                    self._call(record, steps)
-                if self._awaited and all(control.progress.finished for control in self._awaited):
+                    self._call(record, steps, of_lost=True)
+                if self._awaited and all(one.control.progress.finished for one in self._remaining(self._awaited)):
                     return Ending.FINISHED
                 if self._interrupted():
                     return Ending.INTERRUPTED
@@ -103,15 +107,35 @@ class Loop:
         steps = [FleetStep.of(number, now_ns, view) for view in plant.vessels]
         return [steps[0], *steps]
 
-    def _call(self, groups: list[Group], steps: list[RunStep]) -> None:
-        """Raises UserError that names the vessel whose node could not go on."""
+    def _call(self, groups: list[Group], steps: list[RunStep], of_lost: bool = False) -> None:
+        """Raises UserError that names the vessel whose node could not go on.
+
+        of_lost: call the nodes of lost vessels too.
+        """
         for number, calls in groups:
+            if not of_lost and self._names[number] in self.losses:
+                continue
             step = steps[number]
             try:
                 for call in calls:
                     call(step)
             except UserError as error:
-                raise named(self._names[number], error) from error
+                self._lose(self._names[number], error)
+
+    def _lose(self, name: str, error: UserError) -> None:
+        """Leave the vessel to itself from now on. Raises the error where that ends the run."""
+        if not name or self._on_loss == "end" or isinstance(error, RecordingError):
+            raise named(name, error) from error
+        if name in self.losses:  # its recording
+            return
+        self.losses[name] = str(error)
+        what = "drifts with its motors stopped" if self._on_loss == "drift" else "goes on with its last motor commands"
+        self._recorder.log(self._plant.state.time_ns, WARNING, "run", f"{name} is lost and {what}: {error}")
+        if not self._remaining(self._awaited or self._vessels):
+            raise named(name, error) from error
+
+    def _remaining(self, vessels: Sequence[VesselNodes]) -> list[VesselNodes]:
+        return [vessel for vessel in vessels if vessel.name not in self.losses]
 
     def _groups(self, method: str) -> list[Group]:
         world = self._world
@@ -140,7 +164,7 @@ class Loop:
         return [group for group in groups if group[1]]
 
     def _calls(self, method: str) -> list[Callable[..., Any]]:
-        return [call for vessel in self._vessels for call in overriding(vessel.nodes, method)]
+        return [call for vessel in self._remaining(self._vessels) for call in overriding(vessel.nodes, method)]
 
     def _wait_until(self, sim_ns: int) -> None:
         pace = self._pace
@@ -157,18 +181,23 @@ class Loop:
         elif len(links) > 1:
             wait_for_any(links, seconds)
             seconds = 0.0
-        for vessel in self._vessels:
+        for vessel in self._remaining(self._vessels):
             try:
                 for receive in overriding(vessel.nodes, "receive"):
                     receive(seconds)
             except UserError as error:
-                raise named(vessel.name, error) from error
+                self._lose(vessel.name, error)
 
     def _look_at_progress(self) -> None:
-        for view, control in zip(self._plant.vessels, self._controls, strict=True):
-            view.held = bool(control.progress.waits_for)
-        self._motors = [control.command.motors for control in self._controls]
-        self.completed = bool(self._awaited) and all(control.progress.completed for control in self._awaited)
+        self._motors = []
+        for view, vessel in zip(self._plant.vessels, self._vessels, strict=True):
+            lost, control = vessel.name in self.losses, vessel.control
+            view.held = bool(control.progress.waits_for) and not lost
+            motors = control.command.motors
+            self._motors.append((0.0,) * len(motors) if lost and self._on_loss == "drift" else motors)
+        self.completed = bool(self._awaited) and all(
+            vessel.control.progress.completed and vessel.name not in self.losses for vessel in self._awaited
+        )
 
 
 def named(vessel: str, error: UserError) -> UserError:

@@ -302,7 +302,7 @@ def _go(
             wall_s = time.perf_counter() - begun_s
             try:
                 for name, node in nodes.named():
-                    with _of(name):
+                    with suppress(UserError) if name in loop.losses else _of(name):
                         node.end()
             finally:
                 recorder.close()
@@ -320,7 +320,7 @@ def _go(
         wall_s=wall_s,
         completed=loop.completed,
         vessels=tuple(
-            VesselOutcome(vessel.awaited, vessel.control.progress.completed, view.held_s)
+            VesselOutcome(vessel.awaited, vessel.control.progress.completed, view.held_s, loop.losses.get(vessel.name))
             for vessel, view in zip(nodes.vessels, plant.vessels, strict=True)
         ),
     )

@@ -22,12 +22,13 @@ Sections = dict[str, Any]
 class VesselOutcome:
     """How it went for one vessel. awaited: the run lasted until it had finished. held_s: how long it was held.
 
-    completed: its controlling node did all it was for.
+    completed: its controlling node did all it was for. lost: why it was lost in the run of a fleet that went on.
     """
 
     awaited: bool
     completed: bool
     held_s: float
+    lost: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +129,7 @@ def fleet_summary(
         parts[profile.vessel] = {
             "technique": profile.technique,
             "system_id": profile.autopilot.system_id,
+            "lost": own.lost,
             "verdict": verdict.section(),
             "wdri": profile_wdri(profile).wdri,
             "driver": _driver(profile, own),

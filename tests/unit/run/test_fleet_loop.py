@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import pytest
 
@@ -76,11 +77,13 @@ class Sees(RunNode):
         self.see(step)
 
 
-def loop_of(vessels: list[VesselNodes], world: WorldNodes | None = None) -> tuple[Loop, World]:
+def loop_of(
+    vessels: list[VesselNodes], world: WorldNodes | None = None, clock: ClockSpec = CLOCK
+) -> tuple[Loop, World]:
     plant, pace, nobody = World(len(vessels)), Lockstep(), Deaf()
     anything: Any = plant
     silent: Any = nobody
-    return Loop(CLOCK, anything, vessels, pace, SimulationClock(pace), silent, lambda: False, world), plant
+    return Loop(clock, anything, vessels, pace, SimulationClock(pace), silent, lambda: False, world), plant
 
 
 def test_all_have_their_tick_before_the_first_answer_is_waited_for_and_the_world_is_first_and_last() -> None:
@@ -135,3 +138,42 @@ def test_what_goes_wrong_is_said_of_the_vessel_and_a_full_disk_of_nobody(error: 
     with pytest.raises(UserError) as raised:
         loop.run()
     assert str(raised.value) == said
+
+
+class DiesAt(Ends):
+    """Is lost in exchange `dies`."""
+
+    def __init__(self, name: str, calls: list[str], dies: int) -> None:
+        super().__init__(name, calls, 99)
+        self._dies = dies
+
+    def exchange(self, step: RunStep) -> None:
+        if len(self.steps) + 1 >= self._dies:
+            raise UserError("the agent is gone")
+        super().exchange(step)
+
+
+@pytest.mark.parametrize(("on_loss", "motor"), [("drift", 0.0), ("continue", 2.0)])
+def test_the_others_sail_on_without_a_lost_vessel(on_loss: Literal["drift", "continue"], motor: float) -> None:
+    calls: list[str] = []
+    a, b = DiesAt("a", calls, dies=3), Ends("b", calls, 6)
+    recorded = ExchangePart(lambda step: None)
+    vessels = [VesselNodes("a", a, (a, recorded)), VesselNodes("b", b, (b,))]
+    loop, plant = loop_of(vessels, clock=replace(CLOCK, on_loss=on_loss))
+    assert loop.run() is Ending.FINISHED
+    assert loop.losses == {"a": "the agent is gone"}
+    assert not loop.completed
+    assert (len(a.steps), len(b.steps)) == (2, 6)
+    assert plant.commands[-1] == [(motor,), (5.0,)]
+
+
+def test_a_run_ends_when_all_that_are_awaited_are_lost() -> None:
+    calls: list[str] = []
+    a, b, drifts = DiesAt("a", calls, 2), DiesAt("b", calls, 4), Ends("drifts", calls, 99)
+    vessels = [VesselNodes(name, one, (one,)) for name, one in (("a", a), ("b", b))]
+    loop, _ = loop_of(
+        [*vessels, VesselNodes("drifts", drifts, (drifts,), awaited=False)], clock=replace(CLOCK, on_loss="drift")
+    )
+    with pytest.raises(UserError, match=r"^b: the agent is gone$"):
+        loop.run()
+    assert [*loop.losses] == ["a", "b"]

@@ -37,6 +37,11 @@ class ClockSpec(Specification):
     exchange_rate_hz: Annotated[RateHz, "of commands from the autopilot"] = 50.0
     duration_s: Annotated[Positive, "at most, from the start; time for which the vessel is frozen counts"] = 600.0
     seed: Annotated[Seed, Bounds(below=2**63), "of everything that is drawn"] = 1
+    on_loss: Annotated[
+        Literal["end", "drift", "continue"],
+        "with `vessels`, when the autopilot of one is lost: the run ends; that vessel drifts with its motors stopped; "
+        "or it goes on with its last motor commands. The run of the others goes on, until all are lost",
+    ] = "end"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
