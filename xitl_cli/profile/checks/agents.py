@@ -31,7 +31,6 @@ _URL = re.compile(r"(udp|tcp)://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]@?#]+):([0-9]{1,5}
 _INTERFACE = re.compile(r"[0-9A-Za-z_.-]+|\[[0-9A-Fa-f:.]+\]")
 _CLASS = re.compile(r"([A-Za-z_]\w*(\.[A-Za-z_]\w*)*|.+\.py):[A-Za-z_]\w*")
 OWN_LINK = ("vectornav", "microstrain7")
-OWN_SIMULATION = ("gnss", "magnetometer", "barometer")
 LOCAL_HOSTS = ("127.0.0.1", "localhost")
 MOST_GROUND_STATIONS = 2
 USUAL_PORTS = {"mavlink": "5760", "world": "9002", "sensor_link": "that of its SERIAL3, 5763 or as it was started"}
@@ -183,7 +182,6 @@ def _bridge(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     yield from _urls(autopilot)
     yield from _outputs(profile, autopilot.bridge)
     yield from _moored(profile, autopilot)
-    yield from _sensor_faults(profile, autopilot.bridge)
 
 
 def _of_another(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
@@ -401,20 +399,6 @@ def _moored(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPat
             f"autopilot.moored_until_armed would hold the vessel for ever, since driver.kind = {driver.kind} never "
             "arms it; use false, or a driver that arms",
         )
-
-
-def _sensor_faults(profile: Profile, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
-    """With a world alone ArduPilot takes the motion and our IMU, and makes the other sensors itself."""
-    if bridge.world is None or bridge.sensors is not None:
-        return
-    for name, fault in (profile.faults or {}).items():
-        for sensor in OWN_SIMULATION:
-            if getattr(fault, sensor) is not None:
-                yield (
-                    ("faults", name, sensor),
-                    f"faults.{name}.{sensor} reaches nobody: this autopilot simulates its own {sensor} from the true "
-                    "motion; use autopilot.bridge.sensors, such as in sitl-ardupilot-ahrs, or drop it",
-                )
 
 
 def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:

@@ -24,6 +24,8 @@ CLOCK_KEYS = ("clock_offset_s", "clock_skew_ppm")
 _WHERE = ("which", "direction", "drift_bearing_deg")
 _PHYSICAL = (PropellerFault, RudderFault, BatteryFault)
 Group = LinkFault | AgentFault | SensorFault | PropellerFault | RudderFault | BatteryFault
+OWN_SIMULATION = ("gnss", "magnetometer", "barometer")
+"""Sensors that ArduPilot simulates by itself where its bridge gives it a world alone."""
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
@@ -67,6 +69,7 @@ def _group(profile: Profile, path: KeyPath, fault: FaultSpec, value: Group) -> I
             "use autopilot.kind: embedded, or drop the fault",
         )
         return
+    yield from _own_simulation(profile, path)
     if isinstance(value, AgentFault) and fault.until_s is not None:
         for name in set_keys:
             if name in CLOCK_KEYS:
@@ -142,6 +145,19 @@ def _rudder(model: VesselSpec, path: KeyPath, value: RudderFault) -> Iterator[tu
                 f"{dotted(path)}.jam_angle_deg = {value.jam_angle_deg:g} is beyond the stop of "
                 f"{value.which or names[0]}; use an angle from {-most_deg:g} to {most_deg:g}",
             )
+
+
+def _own_simulation(profile: Profile, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:
+    """With a world alone ArduPilot takes the motion and our IMU, and makes the other sensors itself."""
+    autopilot, sensor = profile.autopilot, path[-1]
+    if autopilot is None or autopilot.kind == "embedded" or sensor not in OWN_SIMULATION:
+        return
+    if autopilot.bridge.world is not None and autopilot.bridge.sensors is None:
+        yield (
+            path,
+            f"{dotted(path)} reaches nobody: this autopilot simulates its own {sensor} from the true motion; "
+            "use autopilot.bridge.sensors, such as in sitl-ardupilot-ahrs, or drop it",
+        )
 
 
 def _shortest(profile: Profile, path: KeyPath, fault: FaultSpec) -> Iterator[tuple[KeyPath, str]]:
