@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,7 +14,6 @@ from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import VehicleDriver
-from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.operator.actions import ActionError, SwitchFault
 from xitl_cli.run.operator.orders import VesselOrders
 from xitl_cli.seeds import Seeds
@@ -25,8 +25,7 @@ def orders(name: str) -> VesselOrders:
     profile = load_profile(name).runnable()
     view = AgentView(FRAME, lambda severity, text: None, lambda stamp, estimate: None)
     commands = AutopilotCommands(view, lambda message: None, 1, 1)
-    schedule = FaultSchedule({}, Seeds(1))
-    injection = FaultInjection(schedule, [], [], dict, profile.clock, lambda fault, spec: None)
+    injection: Any = SimpleNamespace(schedule=FaultSchedule({}, Seeds(1)))
     driver: Any = VehicleDriver
     return VesselOrders(profile, commands, FRAME, injection, driver)
 
