@@ -101,8 +101,9 @@ def campaign(
     """Carry out a plan of many runs, as `xitl campaign` does, and keep the campaign in a folder.
 
     plan: a YAML file, or the name of a shipped one. out: the folder, `runs/<plan>-<time>` in the working directory by
-    default. on: the address of a Dask scheduler, this machine by default. workers: runs at once on this machine, as
-    many as it has cores by default. resume: go on with what an earlier one in `out` lacks.
+    default. on: the address of a Dask scheduler, this machine by default; for `tls://`, Dask's configuration names the
+    files (`distributed.comm.tls`). workers: runs at once on this machine, as many as it has cores by default. resume:
+    go on with what an earlier one in `out` lacks.
 
     `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) say what came out. Raises UserError for
     what is wrong in the plan, and when it cannot go on; what ended until then is kept.

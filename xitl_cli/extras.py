@@ -37,7 +37,9 @@ PANDAS = Extra("pandas", ("pandas",), "tables of logs as data frames")
 PARQUET = Extra("parquet", ("pyarrow",), "export of logs to Parquet")
 REPORT = Extra("report", ("plotly",), "pages of logs with plots and a map")
 CAMPAIGN = Extra(
-    "campaign", ("dask", "distributed", "optuna", "pyarrow", "SALib", "scipy"), "campaigns: many runs on Dask, searches"
+    "campaign",
+    ("cryptography", "dask", "distributed", "optuna", "pyarrow", "SALib", "scipy"),
+    "campaigns: many runs on Dask, searches",
 )
 VIEW = Extra("view", ("viser", "PIL"), "the 3D view of a run and of recordings")
 FIGURES = Extra("figures", ("matplotlib",), "figures of the paper's experiments as PNG and SVG")

@@ -20,7 +20,7 @@ from conftest import environment
 from xitl_cli.campaign.results import CAMPAIGN, LINES, NOT_COMPARED, ResultTable
 from xitl_cli.campaign.warden import MARK
 
-pytest.importorskip("distributed")
+distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
 
 ENOUGH_S = 240.0
@@ -256,14 +256,17 @@ def test_what_misbehaves_is_told_as_what_it_is(tmp_path: Path) -> None:
 
 
 @contextmanager
-def scheduler(*before: str, host: str = "127.0.0.1", port: int = 0) -> Iterator[tuple[Process, str]]:
-    """A scheduler and a worker, each a process of its own, and its address."""
+def scheduler(
+    *before: str, host: str = "127.0.0.1", port: int = 0, tls: Sequence[str] = ()
+) -> Iterator[tuple[Process, str]]:
+    """A scheduler and a worker, each a process of its own, and its address. tls: options for both."""
     dask = [*before, sys.executable, "-m", "dask"]
     told = Path(f"scheduler-{time.monotonic_ns()}.json")
     words = [*dask, "scheduler", "--host", host, "--port", str(port), "--no-dashboard", "--scheduler-file", str(told)]
+    words += [*tls, "--protocol", "tls"] if tls else []
     with begun(words) as process:
         address = wait_for(lambda: told.exists() and told.read_text() and json.loads(told.read_text())["address"])
-        with begun([*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]):
+        with begun([*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", *tls]):
             yield process, address
 
 
@@ -282,6 +285,22 @@ def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]
     with scheduler() as (_, address):
         campaign("plan.yaml", "--on", address, "--out", "out", "--resume")
     assert compared("out") == undisturbed
+
+
+def test_a_cluster_with_tls_runs_a_plan(undisturbed: list[dict[str, Any]]) -> None:
+    security = distributed.Security.temporary()
+    Path("cert.pem").write_text(security.tls_client_cert)
+    Path("key.pem").write_text(security.tls_client_key)
+    files = ["--tls-ca-file", "cert.pem", "--tls-cert", "cert.pem", "--tls-key", "key.pem"]
+    with scheduler(tls=files) as (_, address):
+        assert address.startswith("tls://")
+        campaign("plan.yaml", "--on", address, *files, "--out", "out")
+    assert compared("out") == undisturbed
+
+
+def test_files_of_tls_without_a_scheduler_are_refused() -> None:
+    told = campaign("plan.yaml", "--tls-ca-file", "cert.pem", code=2)
+    assert "--tls-ca-file, --tls-cert and --tls-key are for --on" in " ".join(told.split())
 
 
 @pytest.mark.skipif(

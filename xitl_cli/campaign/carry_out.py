@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
-from xitl_cli.campaign.cluster import local_workers, workers_at
+from xitl_cli.campaign.cluster import TlsFiles, local_workers, workers_at
 from xitl_cli.campaign.engine import Campaign, CampaignProgress, try_first_run
 from xitl_cli.campaign.plan import CampaignPlan
 from xitl_cli.campaign.results import CAMPAIGN, CampaignFolder, FullDiskError, ResultTable
@@ -45,9 +45,11 @@ def carry_out(
     workers: int | None = None,
     total: int | None = None,
     watch: CampaignWatch | None = None,
+    tls: TlsFiles | None = None,
 ) -> ResultTable:
     """All runs of a plan that its folder lacks, on this machine or on a scheduler; the table of all.
 
+    tls: files for a scheduler at a `tls://` address; by default those of Dask's configuration.
     Raises UserError for what has to be put right; what ended until then is kept, also by a KeyboardInterrupt.
     """
     watch = watch or NoWatch()
@@ -56,7 +58,7 @@ def carry_out(
     if not folder.done:
         try_first_run(plan)
     try:
-        with workers_at(on, name, kept) if on is not None else local_workers(workers, name) as found:
+        with workers_at(on, name, kept, tls) if on is not None else local_workers(workers, name) as found:
             watch.began(found.threads, on, found.dashboard)
             campaign = Campaign(plan, folder, found, total, watch, name)
             if plan.search is not None:

@@ -1,9 +1,14 @@
-"""Dask: workers on this machine, or those of a scheduler by address."""
+"""Dask: workers on this machine, or those of a scheduler by address.
+
+A Dask scheduler and its workers run whatever a client sends. The cluster on this machine therefore listens on loopback
+only, and accepts only holders of a certificate that is made for the campaign and never written to a file that stays.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import logging
 import os
 import platform
@@ -14,6 +19,7 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
@@ -24,6 +30,7 @@ from xitl_cli.campaign.execution import Row, RunTask, run_point, stop_runs
 from xitl_cli.errors import UserError
 from xitl_cli.extras import CAMPAIGN
 
+LOOPBACK = "127.0.0.1"
 CONNECT_S = 10.0
 WORKERS_S = 30.0
 """For those of somebody else's scheduler; OWN_WORKERS_S for those that this process starts."""
@@ -53,6 +60,49 @@ class SchedulerAwayError(UserError):
 def check_installed() -> None:
     """Raise UserError when packages of the extra are missing."""
     CAMPAIGN.require("a campaign needs")
+
+
+@dataclass(frozen=True, slots=True)
+class TlsFiles:
+    """PEM files to reach a scheduler by TLS. None: as Dask's own configuration has it."""
+
+    ca_file: str | None = None
+    """Certificates of the authority that signed those of the cluster."""
+    certificate: str | None = None
+    """Of this client, signed by that authority."""
+    key: str | None = None
+    """Of the certificate; None where the certificate's file holds it too."""
+
+    def security(self, address: str) -> Any:
+        """Dask's description of a client's TLS.
+
+        Raises UserError for a file that cannot be read, a `tls://` address without files, and files without `tls://`.
+        """
+        from distributed import Security
+
+        given = {"tls_ca_file": self.ca_file, "tls_client_cert": self.certificate, "tls_client_key": self.key}
+        security: Any = Security(**{name: path for name, path in given.items() if path is not None})
+        encrypted = address.startswith("tls://")
+        if any(given.values()) and not encrypted:
+            raise UserError(f"--on {address}: --tls-ca-file, --tls-cert and --tls-key need an address tls://host:port")
+        if encrypted and not (security.tls_ca_file and security.tls_client_cert):
+            raise UserError(
+                f"--on {address}: TLS needs --tls-ca-file and --tls-cert, or distributed.comm.tls of Dask's settings"
+            )
+        try:
+            security.get_connection_args("client")
+        except OSError as error:  # ssl.SSLError is one
+            why = error.strerror or str(error)
+            raise UserError(
+                f"--on {address}: the TLS files cannot be used ({why}); give PEM files that exist"
+            ) from None
+        return security
+
+
+def is_open(address: str) -> bool:
+    """Whether a scheduler's address is on a network and without TLS."""
+    scheme, _, host = address.rpartition("://")
+    return scheme != "tls" and not host.startswith(("127.", "localhost:", "[::1]"))
 
 
 class DaskWorkers:
@@ -156,12 +206,14 @@ def _silence_logs() -> None:
 def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
     """A scheduler in this process and worker processes of one thread on this machine, a core each unless counted.
 
-    A worker that is killed is replaced. All of them end with this process, whatever ends it.
+    A worker that is killed is replaced. All of them end with this process, whatever ends it. They listen on loopback
+    and speak TLS with a certificate of this campaign alone.
     """
     check_installed()
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client, LocalCluster, Security
 
+    security = Security.temporary()
     count = count or len(os.sched_getaffinity(0))
     _silence_logs()
     with dask.config.set(_SETTINGS), warnings.catch_warnings():
@@ -170,12 +222,14 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
             LocalCluster(
                 n_workers=0,
                 processes=True,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
+                host=LOOPBACK,
+                protocol="tls://",
+                security=security,
+                dashboard_address=f"{LOOPBACK}:0",
                 silence_logs=logging.CRITICAL,
             ) as cluster,
             Client(cluster, set_as_default=False) as client,
-            _WorkerProcesses(cluster.scheduler_address, count),
+            _WorkerProcesses(cluster.scheduler_address, count, security),
         ):
             if not _workers_come(client, count, OWN_WORKERS_S):
                 raise UserError(
@@ -190,23 +244,32 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
 
 
 class _WorkerProcesses:
-    """So many of `python -m xitl_cli.campaign.cluster ADDRESS`, kept at that number."""
+    """So many of `python -m xitl_cli.campaign.cluster ADDRESS`, kept at that number.
 
-    def __init__(self, address: str, count: int) -> None:
+    Each reads the campaign's certificate and key from its standard input: other users see neither.
+    """
+
+    def __init__(self, address: str, count: int, security: Any) -> None:
         self._command = [sys.executable, "-m", "xitl_cli.campaign.cluster", address]
+        self._credentials = f"{json.dumps([security.tls_worker_cert, security.tls_worker_key])}\n".encode()
         self._closing = threading.Event()
         self._processes = [self._started() for _ in range(count)]
         self._keeper = threading.Thread(target=self._keep, name="campaign workers", daemon=True)
 
     def _started(self) -> subprocess.Popen[bytes]:
         # Its standard input ends with this process, and it with that. A Ctrl-C at the terminal is ours alone.
-        return subprocess.Popen(
+        process = subprocess.Popen(
             self._command,
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
+        assert process.stdin is not None
+        with contextlib.suppress(OSError):  # a worker that has ended already is replaced
+            process.stdin.write(self._credentials)
+            process.stdin.flush()
+        return process
 
     def _keep(self) -> None:
         while not self._closing.wait(0.2):
@@ -237,19 +300,21 @@ class _WorkerProcesses:
 
 
 @contextlib.contextmanager
-def workers_at(address: str, campaign: str, folder: Path | None) -> Iterator[DaskWorkers]:
+def workers_at(address: str, campaign: str, folder: Path | None, tls: TlsFiles | None = None) -> Iterator[DaskWorkers]:
     """Those of a scheduler that is there. folder: of runs that are kept, which workers have to see.
 
-    Raises UserError, before anything runs, when it is away, has no workers, or versions differ.
+    tls: files for a `tls://` address. Raises UserError, before anything runs, when the scheduler does not answer or
+    has no workers, when versions differ, and for TLS files that cannot be used.
     """
     check_installed()
     from distributed import Client
 
+    security = (tls or TlsFiles()).security(address)
     _silence_logs()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what differs is said by us
         try:
-            client = Client(address, timeout=CONNECT_S, set_as_default=False)
+            client = Client(address, timeout=CONNECT_S, set_as_default=False, security=security)
         except (OSError, ValueError, RuntimeError, TypeError) as error:
             said = str(error).split("\n")[0].split(" after ")[0].strip() or type(error).__name__
             what = "is no address of a scheduler" if isinstance(error, (ValueError, TypeError)) else "does not answer"
@@ -326,13 +391,22 @@ def _check_folder(client: Any, address: str, folder: Path | None) -> None:
             )
 
 
-async def _work(address: str) -> None:
-    """A worker of one thread, until its scheduler is gone."""
+async def _work(address: str, certificate: str, key: str) -> None:
+    """A worker of one thread on loopback, until its scheduler is gone. certificate, key: of the campaign, PEM."""
     import dask
-    from distributed import Worker
+    from distributed import Security, Worker
 
+    security = Security(
+        require_encryption=True,
+        tls_ca_file=certificate,
+        tls_client_cert=certificate,
+        tls_client_key=key,
+        tls_worker_cert=certificate,
+        tls_worker_key=key,
+    )
+    own: dict[str, Any] = {"host": LOOPBACK, "dashboard_address": f"{LOOPBACK}:0", "security": security}
     with dask.config.set(_SETTINGS):
-        async with Worker(address, nthreads=1, memory_limit=0, dashboard=False) as worker:
+        async with Worker(address, nthreads=1, memory_limit=0, dashboard=False, **own) as worker:
             await worker.finished()
 
 
@@ -344,6 +418,11 @@ def _end_with_parent() -> None:
     os._exit(0)
 
 
-if __name__ == "__main__":
+def _main(address: str) -> None:
+    certificate, key = json.loads(os.fdopen(0, "rb", buffering=0, closefd=False).readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    asyncio.run(_work(sys.argv[1]))
+    asyncio.run(_work(address, certificate, key))
+
+
+if __name__ == "__main__":
+    _main(sys.argv[1])

@@ -23,6 +23,7 @@ from xitl_cli.errors import UserError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from xitl_cli.campaign.cluster import TlsFiles
     from xitl_cli.campaign.engine import CampaignProgress
     from xitl_cli.campaign.plan import CampaignPlan
     from xitl_cli.campaign.results import ResultTable
@@ -54,7 +55,17 @@ def run(
     ],
     on: Annotated[
         str | None,
-        typer.Option("--on", metavar="ADDRESS", help="A Dask scheduler, tcp://host:8786; this machine if left out."),
+        typer.Option("--on", metavar="ADDRESS", help="A Dask scheduler, tls://host:8786; this machine if left out."),
+    ] = None,
+    tls_ca_file: Annotated[
+        Path | None,
+        typer.Option("--tls-ca-file", metavar="PEM", help="Authority of a tls:// scheduler's certificates."),
+    ] = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option("--tls-cert", metavar="PEM", help="This machine's certificate for --on.")
+    ] = None,
+    tls_key: Annotated[
+        Path | None, typer.Option("--tls-key", metavar="PEM", help="Key of --tls-cert, if another file holds it.")
     ] = None,
     workers: Annotated[
         int | None,
@@ -93,7 +104,8 @@ def run(
         with quiet_pipe():
             _show_points(found, as_json)
         return
-    table, complete = _carried_out(found, on, workers, resume, yes, out)
+    tls = _tls_files(on, tls_ca_file, tls_cert, tls_key)
+    table, complete = _carried_out(found, on, tls, workers, resume, yes, out)
     page = _report(table) if report else None
     with still_read():
         if as_json:
@@ -117,11 +129,29 @@ def _fulfilled(table: ResultTable) -> bool:
     return all(one.found is not None and one.found.outcome == Outcome.FOUND for one in told)
 
 
+def _tls_files(on: str | None, ca_file: Path | None, certificate: Path | None, key: Path | None) -> TlsFiles | None:
+    """The files for --on. Raises UserError when there are some without --on."""
+    paths = [None if path is None else str(path) for path in (ca_file, certificate, key)]
+    if on is None:
+        if any(paths):
+            raise UserError("--tls-ca-file, --tls-cert and --tls-key are for --on; own workers need no files")
+        return None
+    from xitl_cli.campaign.cluster import TlsFiles
+
+    return TlsFiles(*paths)
+
+
 def _carried_out(
-    plan: CampaignPlan, on: str | None, workers: int | None, resume: bool, yes: bool, out: Path | None
+    plan: CampaignPlan,
+    on: str | None,
+    tls: TlsFiles | None,
+    workers: int | None,
+    resume: bool,
+    yes: bool,
+    out: Path | None,
 ) -> tuple[ResultTable, bool]:
     """The table, and whether all runs are there."""
-    from xitl_cli.campaign.cluster import check_installed
+    from xitl_cli.campaign.cluster import check_installed, is_open
 
     check_installed()
     from xitl_cli.campaign.carry_out import carry_out, open_folder
@@ -131,9 +161,11 @@ def _carried_out(
     console = terminal(stderr=True)
     many = f"up to {plan.most_runs()}" if plan.search is not None else total
     say(console, f"{many} runs of {plan.base.name}, in {folder.path}")
+    if on is not None and is_open(on):
+        say(console, f"{on} is not encrypted: whoever reaches it runs programs there as its user (docs/campaigns.md)")
     with _shown_progress(console) as watch, end_signals_handled(_interrupt):
         try:
-            table = carry_out(plan, folder, on, workers, None if plan.search is not None else total, watch)
+            table = carry_out(plan, folder, on, workers, None if plan.search is not None else total, watch, tls)
         except KeyboardInterrupt:
             left = "" if plan.search is not None else f" with {total - len(folder.done)} of {total} runs left"
             say(console, f"interrupted{left}; --resume --out {folder.path} goes on")
