@@ -163,7 +163,7 @@ def test_a_state_of_the_whole_log_explains_nothing_critical() -> None:
     groups = shape(group_findings(Report((log(*rows),))))
     assert ("control.attitude_lost", []) in groups
     assert ("estimator.position_lost", []) in groups
-    assert ("gnss.poor", ["estimator.refused.velocity"]) in groups
+    assert ("gnss.poor", []) in groups
 
 
 def test_all_sensors_that_fall_silent_at_once_are_one_outage() -> None:

@@ -299,10 +299,9 @@ def _internal_error_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
         sentence = f"The main loop stood still long enough to be written down {len(stuck)} times"
         if "Dly" in stuck.columns:
             sentence += f", for up to {int(np.max(stuck.values('Dly', raw=True)))} ms"
-        at_ns = int(stuck.stamp_ns[0])
         step = "Look at the scheduler section at this time, and at MON.Tsk for the task it stood in."
-        evidence = Evidence("MON", "Dly", at_ns, int(stuck.stamp_ns[-1]))
-        yield Finding.critical("events.main_loop_stuck", sentence, (evidence,), step)
+        each = tuple(Evidence("MON", "Dly", at_ns) for at_ns in stuck.stamp_ns[:_MOST_EVIDENCE].tolist())
+        yield Finding.critical("events.main_loop_stuck", sentence, each, step)
     for name, columns in (("PM", ("InE", "IntE", "IErr")), ("MON", ("IErr",)), ("WDOG", ("IErr",))):
         table = log.tables.get(name)
         column = None if table is None else first_of(table, columns)

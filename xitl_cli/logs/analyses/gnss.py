@@ -16,9 +16,10 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Pl
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import texts
 from xitl_cli.logs.signals.gaps import regularity
+from xitl_cli.logs.signals.lanes import rows_in_use
 from xitl_cli.logs.signals.receivers import FIX_3D, FIX_NAMES, GnssReceiver, gnss_receivers
 from xitl_cli.logs.signals.series import listed, numbers, significant
-from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses
+from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows
 from xitl_cli.logs.tables.events import EKF_GPS_GLITCHING, ERR_GPS
 
@@ -314,11 +315,10 @@ def _quality(receiver: GnssReceiver) -> Iterator[Finding]:
     for what, bad, message, field, stamps in judged:
         if not len(bad) or bad.mean() <= _POOR_SHARE:
             continue
-        at = np.flatnonzero(bad)
         yield Finding.notice(
             "gnss.poor",
             f"{receiver.name} had {what} for {100.0 * float(bad.mean()):.0f} % of the time with a fix",
-            (Evidence(message, field, int(stamps[at[0]]), int(stamps[at[-1]])),),
+            tuple(Evidence(message, field, begin, end) for begin, end in spells(stamps, bad)),
             "Give the antenna more sky, away from radio and computer; expect the estimator to wander as much.",
         )
 
@@ -358,13 +358,11 @@ def _units_differ(one: GnssReceiver, other: GnssReceiver) -> bool:
 def _glitches(log: Log, clock: LogClock) -> Iterator[Finding]:
     """Glitches reported by the autopilot itself: estimator flags, errors, texts."""
     spans: list[tuple[int, int, str, str]] = []
-    table = log.tables.get("XKF4")
+    table = rows_in_use(log, "XKF4")  # a core that steers nothing tells of its own sensors
     flags = None if table is None else numbers(table, "SS", raw=True)
     if table is not None and flags is not None:
         on = (np.nan_to_num(flags).astype(np.int64) & EKF_GPS_GLITCHING) != 0
-        if on.any():
-            rows = np.flatnonzero(on)
-            spans.append((int(table.stamp_ns[rows[0]]), int(table.stamp_ns[rows[-1]]), "XKF4", "SS"))
+        spans += [(begin, end, "XKF4", "SS") for begin, end in spells(table.stamp_ns, on)]
     spans += [
         (at_ns, at_ns, "ERR", "ECode")
         for at_ns, subsystem, code in error_rows(log)

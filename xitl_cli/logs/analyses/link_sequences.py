@@ -18,6 +18,7 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Pl
 from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.moments import Moment, moments_near
 from xitl_cli.logs.signals.series import rounded
+from xitl_cli.logs.signals.spans import spells
 
 LOSS_WARNING, LOSS_CRITICAL = 0.02, 0.2
 LEAST_FRAMES = 50
@@ -215,7 +216,7 @@ def _losses(sender: Sender, unknown: int, clock: LogClock) -> Iterator[Finding]:
         severity,
         f"{sender.name}: {least}{lost} of {frames + lost} frames are missing by their sequence "
         f"({100.0 * sender.ratio:.2f} %), from {clock.text(first_ns)} to {clock.text(last_ns)}{note}",
-        (Evidence("MAVLink", "_seq", first_ns, last_ns, str(lost)),),
+        tuple(Evidence("MAVLink", "_seq", a, b, str(lost)) for a, b in spells(sender.stamp_ns, sender.lost > 0)),
         "Look at the radio or network; a log that was filtered or taken from one of several links shows the same.",
     )
 

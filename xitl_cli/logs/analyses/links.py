@@ -13,6 +13,7 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Se
 from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table, by_instance, first_of
 from xitl_cli.logs.signals.moments import moments
 from xitl_cli.logs.signals.series import rounded
+from xitl_cli.logs.signals.spans import spells
 
 LOSS_WARNING, LOSS_CRITICAL = 0.01, 0.2
 COUNTS = ("sent", "received", "lost", "gaps", "late", "repeated", "dropped", "unsent", "refused", "impaired")
@@ -109,15 +110,15 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
         if ratio > LOSS_WARNING:
             severity = Severity.CRITICAL if ratio > LOSS_CRITICAL else Severity.WARNING
         field, least = ("gaps", "at least ") if counts["lost"] is None else ("lost", "")
-        from_ns, until_ns = _grew(link, field)
-        known = from_ns is not None and until_ns is not None
-        when = f", between {clock.text(from_ns or 0)} and {clock.text(until_ns or 0)}" if known else ""
+        spans = _growths(link, field)
+        when = f", between {clock.text(spans[0][0])} and {clock.text(spans[-1][1])}" if spans else ""
         purpose = "" if not on_purpose else ", all on purpose" if on_purpose == lost else f", {on_purpose} on purpose"
         yield Finding(
             "links.loss",
             severity,
             f"{name}: {least}{lost} of {of} frames were lost ({100.0 * lost / of:.2f} %){purpose}{when}",
-            (Evidence("/links", field, from_ns, until_ns, str(lost)),),
+            tuple(Evidence("/links", field, a, b, str(lost)) for a, b in spans)
+            or (Evidence("/links", field, value=str(lost)),),
             "The faults section says what was injected and when."
             if on_purpose == lost
             else "Look at the link's rate, cable or radio, and at what else ran on it then.",
@@ -143,15 +144,11 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
         )
 
 
-def _grew(link: Table, count: str) -> tuple[int | None, int | None]:
-    """From when to when it counted up."""
+def _growths(link: Table, count: str) -> list[tuple[int, int]]:
+    """Episodes in which it counted up, each from the row before."""
     values = np.asarray(link.values(count, raw=True)).astype(np.int64)
-    values = np.maximum.accumulate(np.maximum(values, 0))
-    grown = np.flatnonzero(np.diff(values, prepend=0) > 0)
-    if not len(grown):
-        return None, None
-    stamps = link.stamp_ns
-    return int(stamps[max(int(grown[0]) - 1, 0)]), int(stamps[grown[-1]])
+    grown = np.diff(np.maximum.accumulate(np.maximum(values, 0)), prepend=0) > 0
+    return spells(link.stamp_ns, grown | np.append(grown[1:], False))
 
 
 def _count_plots(links: dict[str, Selection]) -> tuple[Plot, ...]:
@@ -208,13 +205,14 @@ def _channels(log: Log, clock: LogClock) -> Section | None:
         if dropped and of >= LEAST_PACKETS:
             at = np.flatnonzero(_grown(mine, "rxdp"))
             begin, end = int(mine.stamp_ns[at[0]]), int(mine.stamp_ns[at[-1]])
+            spans = spells(mine.stamp_ns, _grown(mine, "rxdp") > 0)
             findings.append(
                 Finding(
                     "links.dropped",
                     Severity.WARNING if dropped / of > DROP_WARNING else Severity.NOTICE,
                     f"The autopilot missed {dropped} of {of} packets sent to it on channel {channel} "
                     f"({100.0 * dropped / of:.1f} %), from {clock.text(begin)} to {clock.text(end)}",
-                    (Evidence("MAV", "rxdp", begin, end, str(dropped)),),
+                    tuple(Evidence("MAV", "rxdp", a, b, str(dropped)) for a, b in spans),
                     "Look at the radio, its antenna and the baud rate of that port; several senders with one system "
                     "number look the same.",
                 )
@@ -244,13 +242,13 @@ def _radio(log: Log, clock: LogClock) -> Section | None:
         facts.append(Fact(f"{strength.lower()}_margin", f"Signal over noise {where}, least", rounded(margin.min(), 0)))
         traces += [Trace(strength, table.stamp_ns, level), Trace(noise, table.stamp_ns, floor)]
         if len(low):
-            begin, end = int(table.stamp_ns[low[0]]), int(table.stamp_ns[low[-1]])
+            spans = spells(table.stamp_ns, margin < MARGIN_LOW)
             findings.append(
                 Finding.warning(
                     "links.radio_margin",
                     f"The radio's signal {where} was within {MARGIN_LOW:.0f} steps of the noise in {len(low)} of "
-                    f"{len(table)} reports, first at {clock.text(begin)}",
-                    (Evidence("RAD", strength, begin, end, f"{margin.min():.0f}"),),
+                    f"{len(table)} reports, first at {clock.text(spans[0][0])}",
+                    tuple(Evidence("RAD", strength, a, b, f"{margin.min():.0f}") for a, b in spans),
                     "Look at antennas and their place, at the distance then, and at what else transmits nearby.",
                 )
             )
@@ -277,13 +275,13 @@ def _serial(log: Log, clock: LogClock) -> Section | None:
         )
         at = np.flatnonzero(lost > 0.0)
         if len(at):
-            begin, end = int(mine.stamp_ns[at[0]]), int(mine.stamp_ns[at[-1]])
+            spans = spells(mine.stamp_ns, lost > 0.0)
             findings.append(
                 Finding.warning(
                     "links.serial_overflow",
                     f"Serial port {port} lost bytes it had received, up to {lost.max():.0f} a second, first at "
-                    f"{clock.text(begin)}",
-                    (Evidence("UART", "RxDp", begin, end, f"{lost.max():.0f} B/s"),),
+                    f"{clock.text(spans[0][0])}",
+                    tuple(Evidence("UART", "RxDp", a, b, f"{lost.max():.0f} B/s") for a, b in spans),
                     "They came faster than they were read: look at the long loops then, or use DMA on that port.",
                 )
             )

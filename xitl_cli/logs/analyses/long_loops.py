@@ -10,10 +10,11 @@ import numpy as np
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals.deadlines import LONG_AT, LoopWindows, simulated_clock_reason
 from xitl_cli.logs.signals.moments import Moment, moments_near, moments_text
 from xitl_cli.logs.signals.series import rounded
+from xitl_cli.logs.signals.spans import spells
 from xitl_cli.logs.signals.states import last_parameters
 
 BESIDE_NS = 500_000_000  # of a loop that could be placed
@@ -253,7 +254,10 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
             "scheduler.load_saturated",
             f"Load was at 100 % in {len(full)} of {int(known.sum())} windows, first at {clock.text(at_ns)}: the "
             "loop rate fell under 95 % of what it should be",
-            (Evidence("PM", windows.field("load_percent"), at_ns, int(windows.until_ns[full[-1]])),),
+            tuple(
+                Evidence("PM", windows.field("load_percent"), a, b)
+                for a, b in _window_spells(windows, known & (load > SATURATED_PERCENT))
+            ),
             "Lower SCHED_LOOP_RATE or what the autopilot has to do (LOG_BITMASK, filters, scripts).",
         )
         return
@@ -263,6 +267,11 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
         yield Finding.warning("scheduler.load", f"The processor was {mean:.0f} % busy", (evidence,), step)
         return
     return
+
+
+def _window_spells(windows: LoopWindows, flags: Flags) -> list[tuple[int, int]]:
+    """Episodes of neighbouring windows, by when they were logged."""
+    return spells(windows.until_ns, flags)
 
 
 def _rate(log: Log, windows: LoopWindows) -> Iterator[Finding]:
@@ -289,7 +298,7 @@ def _extra(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
         "scheduler.late_tasks",
         f"Tasks were eight times late, so up to {extra.max():.0f} us were added to each loop, first at "
         f"{clock.text(at_ns)}",
-        (Evidence("PM", windows.field("extra_us"), at_ns, int(windows.until_ns[rows[-1]])),),
+        tuple(Evidence("PM", windows.field("extra_us"), a, b) for a, b in _window_spells(windows, extra > 0.0)),
         "Fetch @SYS/tasks.txt (`xitl logs tasks`) to see which task takes the time.",
     )
 

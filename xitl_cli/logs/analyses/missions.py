@@ -418,21 +418,25 @@ def _unfinished(
     armed = signals.armed(log)
     left = next((span for span in modes if auto and span.from_ns == auto[-1].until_ns), None)
     disarmed = next((span for span in armed if last.from_ns <= span.until_ns < clock.end_ns), None)
-    severity = Severity.WARNING
+    key, severity, at_ns = "missions.unfinished", Severity.WARNING, last.until_ns
     if disarmed is not None and (left is None or disarmed.until_ns <= left.from_ns):
+        at_ns = disarmed.until_ns
         why = f"it was disarmed at {clock.text(disarmed.until_ns)}"
     elif left is not None:
+        at_ns = left.from_ns
         why = f"the mode became {left.name} at {clock.text(left.from_ns)}" + (f" ({left.cause})" if left.cause else "")
     else:
-        severity = Severity.NOTICE
+        key, severity, at_ns = "missions.log_ended", Severity.NOTICE, clock.end_ns
         why = f"the log ends at {clock.text(clock.end_ns)}, under way to item {last.seq}"
     of = "" if wanted is None else f" of {wanted}"
     yield Finding(
-        "missions.unfinished",
+        key,
         severity,
         f"The mission was not completed: {done}{of} waypoints reached; {why}",
-        (Evidence("MISE" if "MISE" in log.tables else "MISSION_CURRENT", None, last.from_ns, last.until_ns),),
-        "Look at modes, arming and events at that instant.",
+        (Evidence("MISE" if "MISE" in log.tables else "MISSION_CURRENT", None, at_ns),),
+        "Take a log that goes on to the end of the mission to judge all of it."
+        if key == "missions.log_ended"
+        else "Look at modes, arming and events at that instant.",
     )
 
 

@@ -34,7 +34,7 @@ _FEWEST_MOTORS = 4  # what a copter flies with, on its first outputs
 class OutputChannel:
     """command: (N,) from -1 to 1 about what it does nothing at, from 0 to 1 where that is its end; NaN where no pulse.
 
-    armed: (N,). known: whether the log tells its ends.
+    armed: (N,); all rows where the log does not tell, and arming_known is False. known: whether the log tells its ends.
     """
 
     channel: int
@@ -44,6 +44,7 @@ class OutputChannel:
     command: Floats
     armed: Flags
     known: bool
+    arming_known: bool
 
     @property
     def drives(self) -> bool:
@@ -88,7 +89,7 @@ def output_channel(
         what = _recorded_name(log, channel)
         turns = what.startswith(("steering", "rudder"))
         name, driven = (what, _GROUND_STEERING) if turns else (f"motor {channel}", None)
-        return OutputChannel(channel, name, driven, each, each.values, on, known=True)
+        return OutputChannel(channel, name, driven, each, each.values, on, True, armed is not None)
     function = _function(channel, parameters, kind)
     if function is not None and (function in FIXED_OUTPUTS or function <= 0):
         return None
@@ -97,7 +98,7 @@ def output_channel(
         return None
     ends = _output_range(channel, function, pulse, on, parameters, kind)
     name = f"output {channel}" if function is None else f"output {channel} ({servo_function_name(function)})"
-    return OutputChannel(channel, name, function, each, ends.command(pulse), on, ends.known)
+    return OutputChannel(channel, name, function, each, ends.command(pulse), on, ends.known, armed is not None)
 
 
 def _recorded_name(log: Log, channel: int) -> str:

@@ -16,7 +16,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, tables_of
-from xitl_cli.logs.signals.spans import held_spans, runs
+from xitl_cli.logs.signals.spans import held_spans, runs, spells
 from xitl_cli.logs.signals.states import error_rows, parameter_values
 from xitl_cli.logs.tables.events import ERR_BATTERY_FAILSAFE
 
@@ -175,7 +175,10 @@ def _flag_findings(table: Table, clock: LogClock) -> Iterator[Finding]:
         yield Finding.warning(
             "power.overcurrent",
             f"The board's supply for peripherals was overloaded, first at {clock.text(at_ns)}",
-            (Evidence(table.name, field, at_ns, int(table.stamp_ns[over[-1]]), str(int(bits[over[0]]))),),
+            tuple(
+                Evidence(table.name, field, begin, end, str(int(bits[over[0]])))
+                for begin, end in spells(table.stamp_ns, (bits & _OVERCURRENT) != 0)
+            ),
             "Unplug peripherals one by one, or feed them from a supply of their own.",
         )
     lost = np.flatnonzero(((bits[:-1] & _BRICK) != 0) & ((bits[1:] & _BRICK) == 0)) + 1
@@ -276,7 +279,7 @@ def _judged(each: Battery, parameters: Mapping[str, float], clock: LogClock) -> 
             "power.unhealthy",
             f"The monitor of {each.name} was unhealthy in {len(bad)} of {len(each.healthy)} rows, first at "
             f"{clock.text(int(each.stamp_ns[bad[0]]))}",
-            (Evidence(each.message, "H", int(each.stamp_ns[bad[0]]), int(each.stamp_ns[bad[-1]]), "0"),),
+            tuple(Evidence(each.message, "H", a, b, "0") for a, b in spells(each.stamp_ns, ~each.healthy)),
             "Check the wiring of the power module or the bus of the battery monitor.",
         )
     yield from _falls_at_end(each)

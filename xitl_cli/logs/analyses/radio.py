@@ -13,7 +13,7 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Pl
 from xitl_cli.logs.model.table import Flags, Stamps
 from xitl_cli.logs.signals import Series, outputs, rc_inputs
 from xitl_cli.logs.signals.series import listed, numbers, significant, tables_of
-from xitl_cli.logs.signals.spans import find_holds, held_spans, runs
+from xitl_cli.logs.signals.spans import find_holds, held_spans, runs, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows, parameter_values
 from xitl_cli.logs.tables.commands import (
     CONTROLS,
@@ -133,12 +133,11 @@ def _strength(log: Log) -> Iterator[Finding]:
                 continue
             weak = level < _WEAK
             if float(weak.mean()) > _WEAK_SHARE:
-                at = np.flatnonzero(weak)
                 yield Finding.notice(
                     "radio.weak",
                     f"The {what} of the remote control was under {100.0 * _WEAK:.0f} % for "
                     f"{100.0 * float(weak.mean()):.0f} % of the time, at least {100.0 * float(level.min()):.0f} %",
-                    (Evidence(table.name, field, int(stamps[at[0]]), int(stamps[at[-1]])),),
+                    tuple(Evidence(table.name, field, begin, end) for begin, end in spells(stamps, weak)),
                     "Check antennas and range before the link is lost.",
                 )
 
@@ -225,7 +224,8 @@ def _saturated(output: OutputChannel, clock: LogClock) -> Iterator[Finding]:
     yield Finding(
         "radio.saturated",
         Severity.WARNING if output.known and share >= _WARNING_SHARE and longest_s >= _WARNING_S else Severity.NOTICE,
-        f"{output.name} was at the end of its range for {100.0 * share:.0f} % of the armed time, longest from "
+        f"{output.name} was at the end of its range for {100.0 * share:.0f} % of the "
+        f"{'armed time' if output.arming_known else 'time'}, longest from "
         f"{clock.text(from_ns)} for {longest_s:.1f} s",
         (Evidence(message, field, from_ns, until_ns),),
         "Ask for less speed or turn, or find what holds the vessel: a saturated output no longer controls.",
@@ -375,7 +375,8 @@ def _output_grid(found: list[OutputChannel]) -> Grid:
             )
         )
     columns = ("output", "least %", "mean %", "most %", "at the end %", "longest s", "swings a second")
-    return Grid("outputs", "Outputs while armed, % of the way from trim to the end", columns, tuple(rows))
+    when = " while armed" if all(output.arming_known for output in found) else ""
+    return Grid("outputs", f"Outputs{when}, % of the way from trim to the end", columns, tuple(rows))
 
 
 def _output_plots(found: list[OutputChannel], findings: Iterable[Finding]) -> tuple[Plot, ...]:

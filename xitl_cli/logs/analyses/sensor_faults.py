@@ -17,7 +17,7 @@ from xitl_cli.logs.signals import armed as log_armed
 from xitl_cli.logs.signals.gaps import Gap, Gaps, Regularity, gaps, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, SensorSeries
 from xitl_cli.logs.signals.series import listed, numbers
-from xitl_cli.logs.signals.spans import HeldRows, HoldStatistics, covered_share, find_holds, runs
+from xitl_cli.logs.signals.spans import HeldRows, HoldStatistics, covered_share, find_holds, inside, runs, spells
 from xitl_cli.logs.signals.states import armed_rows
 
 
@@ -333,17 +333,33 @@ def trouble_section(
     by_sensor: dict[str, list[Finding]] = {}
     for sensor in found:
         stuck = _stuck(sensor, [each for each in found if each is not sensor], turning, speed, clock)
-        by_sensor[sensor.name] = _as_one(stuck, _unwell(sensor, armed.get(sensor.name), clock))
+        by_sensor[sensor.name] = _with_health(stuck, sensor, armed.get(sensor.name), clock)
     units = [finding for unit in inertial for finding in (*_saturated(unit, clock), *_unit_errors(unit, clock))]
     return Section("sensors", "Sensors", findings=(*_together(by_sensor, clock), *units))
 
 
-def _as_one(stuck: list[Finding], unwell: list[Finding]) -> list[Finding]:
-    """A sensor that stopped, and is called unhealthy for it, is one trouble."""
-    if not (stuck and unwell and stuck[0].key == _STUCK and _begin(unwell[0]) >= _begin(stuck[0])):
-        return [*stuck, *unwell]
+def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None, clock: LogClock) -> list[Finding]:
+    """Findings of a sensor that stopped, and of its health flag. Unhealthy spells of the stop belong to the stop."""
+    if sensor.healthy is None or sensor.healthy.all():
+        return stuck
+    bad = ~sensor.healthy
+    if not (stuck and stuck[0].key == _STUCK):
+        return [*stuck, *_unwell(sensor, bad, armed, clock)]
+    stopped = [
+        (one.at_ns, one.until_ns) for one in stuck[0].evidence if one.at_ns is not None and one.until_ns is not None
+    ]
+    while_stopped = inside(sensor.stamp_ns, [(begin, end + _AT_ONCE_NS) for begin, end in stopped])
+    # A flag that was raised before the sensor stopped has another reason.
+    spans = spells(sensor.stamp_ns, bad)
+    before = [span for span in spans if not any(begin <= span[0] <= end + _AT_ONCE_NS for begin, end in stopped)]
+    elsewhere = bad & inside(sensor.stamp_ns, before)
+    then = bad & while_stopped & ~elsewhere
+    if not then.any():
+        return [*stuck, *_unwell(sensor, bad, armed, clock)]
     sentence = f"{stuck[0].sentence}; the autopilot called it unhealthy then"
-    return [replace(stuck[0], sentence=sentence, evidence=(*stuck[0].evidence, *unwell[0].evidence)), *stuck[1:]]
+    evidence = (*stuck[0].evidence, *_health_evidence(sensor, then))
+    one = replace(stuck[0], sentence=sentence, evidence=evidence)
+    return [one, *stuck[1:], *_unwell(sensor, elsewhere, armed, clock)]
 
 
 def _together(by_sensor: Mapping[str, list[Finding]], clock: LogClock) -> tuple[Finding, ...]:
@@ -469,27 +485,25 @@ def _evidence(sensor: JudgedSensor, holds: list[HeldRows]) -> tuple[Evidence, ..
     )
 
 
-def _unwell(sensor: JudgedSensor, armed: Flags | None, clock: LogClock) -> list[Finding]:
-    """Rows in which the autopilot's own flag says unhealthy."""
-    if sensor.healthy is None or sensor.healthy.all():
+def _health_evidence(sensor: JudgedSensor, bad: Flags) -> tuple[Evidence, ...]:
+    return tuple(Evidence(sensor.message, "health", a, b, "0") for a, b in spells(sensor.stamp_ns, bad))
+
+
+def _unwell(sensor: JudgedSensor, bad: Flags, armed: Flags | None, clock: LogClock) -> list[Finding]:
+    """Spells in which the autopilot's own flag says unhealthy: bad (N,)."""
+    if not bad.any():
         return []
-    bad = ~sensor.healthy
     count, whole = int(np.count_nonzero(bad)), len(bad)
-    first = int(sensor.stamp_ns[int(np.argmax(bad))])
-    last = int(sensor.stamp_ns[len(bad) - 1 - int(np.argmax(bad[::-1]))])
+    times = listed([f"{clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spells(sensor.stamp_ns, bad)])
     sailing = bad if armed is None else bad & armed
-    when = (
-        "in every row"
-        if count == whole
-        else f"in {count} of {whole} rows, from {clock.text(first)} to {clock.text(last)}"
-    )
+    when = "in every row" if count == whole else f"in {count} of {whole} rows, at {times}"
     return [
         Finding(
             "sensors.unhealthy",
             Severity.WARNING if sailing.any() else Severity.NOTICE,
             f"{sensor.name} was unhealthy to the autopilot {when}"
             + ("" if sailing.any() or armed is None else ", only while disarmed"),
-            (Evidence(sensor.message, "health", first, last, "0"),),
+            _health_evidence(sensor, bad),
             "See what else happened then (errors, gaps); a sensor that is not fitted should be disabled.",
         )
     ]

@@ -15,6 +15,7 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section, Value
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
+from xitl_cli.logs.signals.spans import spells
 from xitl_cli.logs.signals.states import (
     LOCKSTEP,
     autopilot_heartbeats,
@@ -203,8 +204,8 @@ def _losses(log: Log) -> Iterator[Finding]:
     lost = int(new.sum())
     if lost == 0:
         return
-    rows = np.flatnonzero(new > 0)
     sentence = f"{lost} records never reached this log: the logger had no room for them"
-    evidence = Evidence("DSF", "Dp", int(table.stamp_ns[rows[0]]), int(table.stamp_ns[rows[-1]]), str(lost))
+    spans = spells(table.stamp_ns, new > 0)
+    evidence = tuple(Evidence("DSF", "Dp", begin, end, str(lost)) for begin, end in spans)
     step = "Use a faster card, raise LOG_FILE_BUFSIZE or log less (LOG_BITMASK); gaps here need not be gaps in flight."
-    yield Finding.warning("vehicle.log_dropped", sentence, (evidence,), step)
+    yield Finding.warning("vehicle.log_dropped", sentence, evidence, step)

@@ -16,7 +16,16 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Se
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance
 from xitl_cli.logs.signals.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, RestPeriods, find_rest, inertial_units
-from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, stacked, tables_of
+from xitl_cli.logs.signals.series import (
+    bounded_stamps,
+    instance_label,
+    listed,
+    numbers,
+    significant,
+    stacked,
+    tables_of,
+)
+from xitl_cli.logs.signals.spans import spells
 from xitl_cli.logs.signals.states import armed_rows, sensors_simulated
 
 _SORTS = {0: "accel", 1: "gyro"}
@@ -224,7 +233,8 @@ def _clipped(table: Table) -> tuple[Floats | None, str]:
 
 def _high(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterator[Finding]:
     """Levels over a limit for more than a hundredth of the armed time."""
-    rows = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None or not armed.any() else armed
+    rows = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None else armed
+    time = "time" if armed is None else "armed time"
     for axis, letter in enumerate("XYZ"):
         level = each.level_mps2[rows, axis]
         level, stamps = level[np.isfinite(level)], each.stamp_ns[rows][np.isfinite(level)]
@@ -239,7 +249,7 @@ def _high(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterat
                     "vibration.high",
                     severity,
                     f"{each.name}: vibration along {letter} is over {limit:.0f} m/s² for "
-                    f"{100.0 * float(over.mean()):.0f} % of the armed time, up to "
+                    f"{100.0 * float(over.mean()):.0f} % of the {time}, up to "
                     f"{level[worst]:.0f} m/s² at {clock.text(int(stamps[worst]))}",
                     (Evidence(each.message, field, int(stamps[worst]), None, f"{level[worst]:.1f} m/s²"),),
                     "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s² height "
@@ -256,16 +266,15 @@ def _clips(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Itera
     grown = np.where(step > 0.0, step, 0.0)  # a counter that falls has begun anew
     if armed is not None:
         grown = np.where(armed[1:], grown, 0.0)
-    rows = np.flatnonzero(grown > 0.0) + 1
-    if not len(rows):
+    if not (grown > 0.0).any():
         return
-    first, last = int(each.stamp_ns[rows[0]]), int(each.stamp_ns[rows[-1]])
+    spans = spells(each.stamp_ns[1:], grown > 0.0)
+    times = listed([f"{clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
     count = int(grown.sum())
     yield Finding.warning(
         "vibration.clipping",
-        f"{each.name}: accelerometers were at the end of their range {count} times, from {clock.text(first)} to "
-        f"{clock.text(last)}",
-        (Evidence(each.message, each.clip_field, first, last, str(count)),),
+        f"{each.name}: accelerometers were at the end of their range {count} times: at {times}",
+        tuple(Evidence(each.message, each.clip_field, a, b, str(count)) for a, b in spans),
         "Damp the mounting, look for knocks (waves, quay, loose parts): clipped samples are lost to the estimator.",
     )
 
@@ -294,7 +303,9 @@ def _grid(levels: list[VibrationLevels], armed: dict[str, Flags | None]) -> Grid
                         significant(float(level.max()), 3),
                     )
                 )
-    return Grid("vibration", "Levels while armed, m/s²", ("instance", "axis", "median", "99 %", "largest"), tuple(rows))
+    ever = any(on is not None and on.any() for on in armed.values())
+    title = "Levels while armed, m/s²" if ever else "Levels, m/s²"
+    return Grid("vibration", title, ("instance", "axis", "median", "99 %", "largest"), tuple(rows))
 
 
 def _level_plots(levels: list[VibrationLevels]) -> tuple[Plot, ...]:

@@ -3,6 +3,9 @@
 A cut link makes a gap of the sensors, a failsafe, a lost position and an unfinished mission. Which kinds of findings
 can follow from which, and how long after, is `CAUSES`; whether they do is a matter of time, on the report's one time
 line, so that a cause in one file explains what another file shows. Nothing is left out.
+
+A cause begins before its consequence, and one of its spells overlaps or closely precedes it. A spell of over a minute
+is a state: it explains what begins soon after its own beginning, and no more than that.
 """
 
 from __future__ import annotations
@@ -44,6 +47,11 @@ CAUSES = (
     CauseRule(("vehicle.simulated", "vehicle.lockstep"), ("scheduler.simulated_clock",), WHOLE_LOG),
     CauseRule(("scheduler.long_loops",), ("scheduler.longest_loop",), WHOLE_LOG),
     CauseRule(
+        ("estimator.truth_of_another",),
+        ("sensors.two_worlds", "estimator.cores_apart", "estimator.unused_core"),
+        WHOLE_LOG,
+    ),
+    CauseRule(
         ("gnss.no_fix", "estimator.never_positioned"),
         ("estimator.never_positioned", "estimator.timeout", "events.error.7", "arming.refused"),
         WHOLE_LOG,
@@ -78,6 +86,7 @@ CAUSES = (
         (*_HIT, *_ERRORS, *_EKF, *_ACTED, "gnss", "sensors", "vibration", "radio", "control", "power"),
         15.0,
     ),
+    CauseRule(("sensors.stopped_together",), ("gnss",), 2.0),
     CauseRule(("vibration",), ("sensors.saturated", "sensors.disagree", "vibration", "events.error.29", *_EKF), 5.0),
     CauseRule(("gnss",), ("gnss", "events.error.11", "events.said.sensor", "arming.refused", *_EKF, *_ACTED), 30.0),
     CauseRule(
@@ -120,6 +129,8 @@ _FIRST = (
 )  # fmt: skip
 _SAME_S = 2.0
 _EVENT_S = 60.0
+_STATE_REACH_S = 60.0
+_AT_START_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,23 +148,40 @@ class FindingGroup:
 @dataclass(frozen=True, slots=True)
 class _Placed:
     """A finding with its spans (s) on the report's time line; none for one without an instant. file, place: numbers
-    of its file, and of it among all."""
+    of its file, and of it among all. start_s: when its file begins."""
 
     found: FileFinding
     spans: tuple[tuple[float, float], ...]
     rank: int
     file: int
     place: int
+    start_s: float
 
     @property
     def begin_s(self) -> float:
         return self.spans[0][0] if self.spans else math.inf
 
     @property
+    def intended(self) -> bool:
+        return is_kind(self.found.finding.key, ("faults",))
+
+    @property
     def lasts(self) -> bool:
         """Whether it is a state of the whole log rather than an event, and nobody's intention."""
         longest_s = max((end - begin for begin, end in self.spans), default=math.inf)
-        return longest_s > _EVENT_S and not is_kind(self.found.finding.key, ("faults",))
+        return longest_s > _EVENT_S and not self.intended
+
+    def explains_until_s(self, span: tuple[float, float], reach_s: float) -> float:
+        """Until when what begins can follow from this spell.
+
+        A state explains what comes soon after its beginning. Where it holds from the start of the log, its beginning
+        was not seen, and there is only the reach of the rule.
+        """
+        begin_s, end_s = span
+        if end_s - begin_s <= _EVENT_S or self.intended:
+            return end_s + reach_s
+        seen = begin_s > self.start_s + _AT_START_S
+        return begin_s + max(reach_s, _STATE_REACH_S if seen else 0.0)
 
 
 def group_findings(report: Report) -> list[FindingGroup]:
@@ -161,7 +189,7 @@ def group_findings(report: Report) -> list[FindingGroup]:
     order = {id(file): place for place, file in enumerate(report.files)}
     placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]
     causes = [_cause(each, placed) for each in placed]
-    roots = [_root(place, causes) for place in range(len(placed))]
+    roots = [_root(place, causes, placed) for place in range(len(placed))]
     groups = []
     for place, each in enumerate(placed):
         if roots[place] != place:
@@ -182,7 +210,8 @@ def _placed(found: FileFinding, file: int, place: int) -> _Placed:
     )
     key = found.finding.key
     rank = min((place for place, kind in enumerate(_FIRST) if is_kind(key, (kind,))), default=len(_FIRST))
-    return _Placed(found, tuple(spans), rank, file, place)
+    start_s = -math.inf if found.file.span_ns is None else line.second(found.file.span_ns[0])
+    return _Placed(found, tuple(spans), rank, file, place, start_s)
 
 
 def is_kind(key: str, kinds: Sequence[str]) -> bool:
@@ -210,7 +239,7 @@ def _cause(each: _Placed, every: Sequence[_Placed]) -> int | None:
 def _explaining(each: _Placed, cause: _Placed) -> tuple[float, float] | None:
     """The span of a cause that this follows from, None where no rule allows it or the cause came later.
 
-    A cause covers at least half of what a finding is about; a state of the whole log explains nothing critical.
+    A cause covers at least half of what a finding is about.
     """
     key, cause_key = each.found.finding.key, cause.found.finding.key
     reach_s = [rule.after_s for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
@@ -218,10 +247,13 @@ def _explaining(each: _Placed, cause: _Placed) -> tuple[float, float] | None:
         return None
     if max(reach_s) == WHOLE_LOG:
         return (-math.inf, math.inf) if each.file == cause.file else None
-    if not each.spans or (cause.lasts and each.found.finding.severity == Severity.CRITICAL):
+    if not each.spans:
         return None
     explained = [
-        next((span for span in cause.spans if span[0] - _TOGETHER_S <= at <= span[1] + max(reach_s)), None)
+        next(
+            (span for span in cause.spans if span[0] - _TOGETHER_S <= at <= cause.explains_until_s(span, max(reach_s))),
+            None,
+        )
         for at, _ in each.spans
     ]
     known = [span for span in explained if span is not None]
@@ -249,10 +281,15 @@ def _same(each: _Placed, other: _Placed) -> bool:
     return near and other.file < each.file
 
 
-def _root(place: int, causes: Sequence[int | None]) -> int:
-    """Of a chain of causes the first; where a chain comes back to itself, the one that comes first in it."""
+def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -> int:
+    """Of a chain of causes the first; where a chain comes back to itself, the one that comes first in it.
+
+    A chain of causes that each came "together" with the next must not lead to one that came later.
+    """
     seen = [place]
     while (cause := causes[seen[-1]]) is not None:
+        if placed[cause].spans and placed[cause].begin_s > placed[place].begin_s + _TOGETHER_S:
+            break
         if cause in seen:
             return min(seen[seen.index(cause) :])
         seen.append(cause)

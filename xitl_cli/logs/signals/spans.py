@@ -38,6 +38,20 @@ def spans_where(stamp_ns: Stamps, mask: Flags, join_s: float = 0.0) -> list[tupl
     return spans
 
 
+_BRIDGE_S = 2.0
+
+
+def spells(stamp_ns: Stamps, flags: Flags, bridge_s: float = _BRIDGE_S, most: int = 8) -> list[tuple[int, int]]:
+    """Episodes in which rows are flagged: from the first to the last flagged row (ns), shorter pauses bridged.
+
+    Episodes farther apart than `bridge_s` stay apart, so that none of them covers time in which nothing was wrong.
+    Returns the `most` longest, in the order of time.
+    """
+    order = np.argsort(stamp_ns, kind="stable")
+    every = spans_where(stamp_ns[order], flags[order], bridge_s)
+    return sorted(sorted(every, key=lambda span: span[0] - span[1])[:most])
+
+
 def length_s(spans: Sequence[tuple[int, int]]) -> float:
     return sum((until - begin) * 1e-9 for begin, until in spans)
 

@@ -321,11 +321,21 @@ def sensors_simulated(log: Log) -> bool:
     return any(name in log.tables for name in _SIMULATOR_TABLES) or bool(tables_of(log, _SIMULATOR_TABLES))
 
 
+def arming_known(log: Log) -> bool:
+    """Whether the log would show that the vehicle was armed. If it does, and shows nothing, it never was.
+
+    A DataFlash log that is written while disarmed (LOG_DISARMED) holds the arming itself, as a row or a sentence.
+    """
+    if any(name in log.tables for name in ("ARM", "/actuators")) or tables_of(log, ("HEARTBEAT",)):
+        return True
+    texts_kept = any(name in log.tables for name in ("EV", "MSG"))
+    return log.format == "dataflash" and texts_kept and parameter_values(log).get("LOG_DISARMED", 0.0) > 0.0
+
+
 def armed_rows(log: Log, stamp_ns: Stamps) -> Flags | None:
     """(N,) whether the motors were armed at each stamp; None where the log does not tell."""
     spans = armed(log)
-    told = any(name in log.tables for name in ("ARM", "/actuators")) or bool(tables_of(log, ("HEARTBEAT",)))
-    if not spans and not told:
+    if not spans and not arming_known(log):
         return None
     on = np.zeros(len(stamp_ns), dtype=np.bool_)
     for span in spans:
