@@ -151,6 +151,12 @@ def test_a_gap_in_what_passes_is_not_monotone() -> None:
     assert monotony_p_value(counts((0, 10, 10), (1, 10, 0)), rising=False) == 1.0
 
 
+def test_a_p_value_from_random_draws_is_never_zero() -> None:
+    """The observed counts are one of the possible draws (Davison and Hinkley 1997, eq. 4.11)."""
+    impossible = counts((0, 1000, 1000), (1, 1000, 0), (2, 1000, 1000))
+    assert 0.0 < monotony_p_value(impossible, rising=False) < 0.01
+
+
 def test_a_surface_finds_the_plane_it_was_drawn_from() -> None:
     """logit p = 6 - 10 x: half at x = 0.6, whatever y."""
     rng = np.random.default_rng(3)

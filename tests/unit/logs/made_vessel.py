@@ -31,6 +31,7 @@ def vessel(
     speed_mps: Formula = still,
     yaw_deg: Formula = still,
     roll_deg: Formula = still,
+    pitch_deg: Formula = still,
     until_s: float = 60.0,
     boot_s: float = 5.0,
     armed_s: float | None = None,
@@ -44,7 +45,7 @@ def vessel(
     latitude, longitude, altitude = HARBOUR.geodetic(place)
     tables = [
         MadeTable("POS", stamp_ns, {"Lat": latitude, "Lng": longitude, "Alt": altitude}),
-        MadeTable("ATT", stamp_ns, {"Roll": roll_deg(t_s), "Pitch": np.zeros_like(t_s), "Yaw": yaw_deg(t_s) % 360.0}),
+        MadeTable("ATT", stamp_ns, {"Roll": roll_deg(t_s), "Pitch": pitch_deg(t_s), "Yaw": yaw_deg(t_s) % 360.0}),
         MadeTable("XKF1", stamp_ns, {"VN": speed_mps(t_s), "VE": np.zeros_like(t_s)}),
         MadeTable("MSG", stamp_ns[:1], {"Message": ["ArduRover V4.7.0 (12345678)"]}),
         *further,

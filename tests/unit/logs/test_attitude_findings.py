@@ -47,6 +47,20 @@ def test_a_capsize_is_found_with_time_duration_and_roll() -> None:
     assert finding.next_step
 
 
+def test_a_vessel_that_pitches_over_its_bow_has_capsized() -> None:
+    finding = found(vessel("boat", pitch_deg=over, armed_s=2.0))["attitude.overturned"]
+    assert finding.severity == Severity.CRITICAL
+    assert "pitch 178°" in finding.sentence
+
+
+def test_tilt_is_the_angle_between_mast_and_vertical() -> None:
+    """The mast's vertical part is cos(roll) cos(pitch); 45° of each is a tilt of 60°."""
+    log = vessel("boat", roll_deg=lambda t_s: np.full_like(t_s, 45.0), pitch_deg=lambda t_s: np.full_like(t_s, 45.0))
+    tilt = attitude.tilt_series(log)
+    assert tilt is not None
+    assert tilt.tilt_deg == pytest.approx(60.0, abs=1e-6)
+
+
 def test_motors_that_run_meanwhile_are_said() -> None:
     outputs = MadeTable("RCOU", STAMPS, {"C3": np.full(len(STAMPS), 1900)})
     disarmed = MadeTable("ARM", [5 * S, 50 * S], {"ArmState": [1, 0]})

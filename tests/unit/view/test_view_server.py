@@ -117,6 +117,14 @@ def test_another_page_may_not_connect(own: ViewAddress, guarded: ViewAddress) ->
         join(guarded, f"/{guarded.token}", origin="http://elsewhere.example")
 
 
+def test_a_page_of_another_port_of_this_machine_may_not_connect(own: ViewAddress, guarded: ViewAddress) -> None:
+    for address, path in ((own, "/"), (guarded, f"/{guarded.token}")):
+        with pytest.raises(refused, match="403"):
+            join(address, path, origin=f"http://127.0.0.1:{address.port + 1}")
+        with pytest.raises(refused, match="403"):
+            join(address, path, origin="http://127.0.0.1")
+
+
 def test_a_name_that_points_here_may_not_either(own: ViewAddress) -> None:
     status, body = get(own, "/", Host="elsewhere.example")
     assert (status, "elsewhere.example" in body) == (403, True)

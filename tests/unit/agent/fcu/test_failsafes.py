@@ -122,6 +122,26 @@ def test_a_compass_and_a_receiver_that_disagree_are_bad_after_a_second() -> None
         assert not watches.update_ekf(False, fair, True, 9 * SECOND)
 
 
+def test_a_disarmed_vessel_does_not_need_a_ground_station() -> None:
+    monitor = FailsafeMonitor(Parameters({"FS_GCS_ENABLE": 1}))
+    monitor.heard_ground_station(255, 0)
+    for second in range(30):
+        assert not monitor.update_gcs(False, second * SECOND)
+    assert not monitor.gcs.active
+
+
+def test_disarming_does_not_end_the_failsafe_of_a_lost_ground_station() -> None:
+    monitor = FailsafeMonitor(Parameters({"FS_GCS_ENABLE": 1}))
+    monitor.heard_ground_station(255, 0)
+    changes = [second for second in range(20) if monitor.update_gcs(True, second * SECOND)]
+    assert len(changes) == 1
+    assert not any(monitor.update_gcs(False, second * SECOND) for second in range(20, 40))
+    assert monitor.gcs.active
+    monitor.heard_ground_station(255, 40 * SECOND)
+    assert monitor.update_gcs(False, 40 * SECOND)
+    assert not monitor.gcs.active
+
+
 def test_a_clock_that_is_set_back_starts_the_wait_again() -> None:
     watches = FailsafeMonitor(Parameters({"FS_GCS_ENABLE": 1}))
     watches.heard_ground_station(255, 100 * SECOND)

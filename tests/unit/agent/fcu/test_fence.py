@@ -59,6 +59,14 @@ def test_distances(items: list[FenceItem], place: tuple[float, float], expected:
     assert clearance_m(items, *place) == pytest.approx(expected, abs=1e-3)
 
 
+def test_the_circle_around_home_is_centred_on_home() -> None:
+    """Home lies 40 m north and 10 m east of the frame's origin. The place is 30 m north and 40 m east of home."""
+    lat_deg, lon_deg = FRAME.to_geodetic(40.0, 10.0)
+    fence = Fence(Parameters({"FENCE_ENABLE": 1, "FENCE_TYPE": 2, "FENCE_RADIUS": 80.0}))
+    place = FRAME.to_geodetic(70.0, 50.0)
+    assert fence.clearance_m(FRAME, Home(lat_deg, lon_deg, 0.0), *place) == pytest.approx(80.0 - 50.0, abs=1e-2)
+
+
 def test_the_circle_around_home_and_its_bit() -> None:
     assert clearance_m([], 80.0, 0.0, FENCE_TYPE=2, FENCE_RADIUS=100.0) == pytest.approx(20.0, abs=1e-3)
     assert clearance_m([circle(CIRCLE_IN, 0.0, 0.0, 90.0)], 80.0, 0.0, FENCE_TYPE=6, FENCE_RADIUS=100.0) == (

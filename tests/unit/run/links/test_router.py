@@ -101,6 +101,13 @@ def test_to_one_to_all_and_between_vessels_only_what_they_may_want(water: Water)
     assert len(water.heard(two, "HEARTBEAT")) >= 1
 
 
+def test_a_message_whose_target_field_has_the_short_name_goes_to_that_system_alone(water: Water) -> None:
+    """MANUAL_CONTROL calls it `target`, other messages call it `target_system`."""
+    one, two, station, other = water.vessel(1), water.vessel(2), water.station(), water.station(250)
+    station.send(mav.MAVLink_manual_control_message(2, 0, 0, 0, 0, 0))
+    water.counted("MANUAL_CONTROL", {two: 1, one: 0, other: 0})
+
+
 def test_nothing_goes_to_a_system_that_nobody_has_heard(water: Water) -> None:
     one, station = water.vessel(1), water.station()
     station.send(mav.MAVLink_param_request_list_message(77, 1))
