@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel lock clean
+.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel mutate lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -26,6 +26,10 @@ $(VENV)/.run: pyproject.toml constraints.txt
 $(VENV)/.dev: $(VENV)/.run
 	@echo "installing what tests and checks need into $(VENV)/, another 1.2 GB: some minutes, the first time only"
 	$(BIN)/python -m pip install --disable-pip-version-check --no-input -c constraints.txt -e '.[dev]'
+	@touch $@
+
+$(VENV)/.mutate: $(VENV)/.dev
+	$(BIN)/python -m pip install --disable-pip-version-check --no-input -c constraints.txt -e '.[dev,mutation]'
 	@touch $@
 
 run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts
@@ -108,6 +112,9 @@ soak: $(VENV)/.dev  ## ten minutes at 2000 messages a second: what was lost
 
 wheel: $(VENV)/.dev  ## build the wheel and try it in an environment of its own
 	tools/check_wheel.sh
+
+mutate: $(VENV)/.mutate  ## change the lines of the last commit one operator at a time; lists what no test notices (BASE=commit, FILES=paths)
+	$(BIN)/python -m tools.mutate $(if $(BASE),--base $(BASE)) $(FILES)
 
 lock: $(VENV)/.dev  ## pin today's versions
 	tools/lock.sh
