@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from agent.timing.clock import Clock, SteppedClock
 from agent.timing.realtime import ordinary
+from agent.timing.tasks import Executor
 from agent.wire import dialect
 from agent.wire.codec import Message
 from agent.wire.impaired import NO_FAULTS, OVERTAKEN_S, ImpairedTransport, LinkFaults
@@ -52,6 +53,7 @@ class AgentFaults:
         self.answering = False
         self._monotonic = monotonic
         self._clock: SteppedClock | None = None
+        self._executor: Executor | None = None
         self._transport: ImpairedTransport | None = None
         self._lost_before = 0
         self._load: CpuLoad | None = None
@@ -71,10 +73,11 @@ class AgentFaults:
         """Frames kept back for good since the run began."""
         return 0 if self._transport is None else self._transport.lost - self._lost_before
 
-    def start_run(self, clock: SteppedClock | None) -> None:
-        """A run starts, on this clock, None in lockstep. None is in force."""
+    def start_run(self, clock: SteppedClock | None, executor: Executor) -> None:
+        """A run starts without faults, on this clock, None in lockstep; executor runs its tasks."""
         self.end()
         self._clock = clock
+        self._executor = executor
         if self._transport is not None:
             self._lost_before = self._transport.lost
             self._transport.patience_s = inf if clock is None else OVERTAKEN_S
@@ -100,7 +103,11 @@ class AgentFaults:
         offset_ns = message.clock_offset_ns
         if not any(wanted[:-1]):  # all is to be well again, but time does not go back
             offset_ns = self._clock.offset_ns
-        if not self._clock.disturb(offset_ns, message.clock_skew_ppm):
+        before_ns = self._clock.offset_ns
+        if self._clock.disturb(offset_ns, message.clock_skew_ppm):
+            if self._executor is not None:
+                self._executor.clock_stepped(offset_ns - before_ns)
+        else:
             ahead_s = self._clock.offset_ns * 1e-9
             yield f"Fault refused: clock offset {offset_ns * 1e-9:g} s, it is {ahead_s:g} s ahead and never steps back"
         yield from self._burn(message.cpu_load)

@@ -146,8 +146,8 @@ class AgentNode:
         self._deferred.clear()
         disturbed = None if lockstep else SteppedClock(self._monotonic)
         self._clock: Clock = self._ticks if disturbed is None else disturbed
-        self._faults.start_run(disturbed)
         self.executor = Executor(self._clock)
+        self._faults.start_run(disturbed, self.executor)
         self.role.reset(self._clock, lockstep)
 
     def _start_idle(self) -> None:

@@ -89,6 +89,7 @@ def node_status(
         _NO_TEMPERATURE if degrees is None else round(100.0 * degrees),
         running,
         PROTOCOL,
+        traffic.controller_failures & _MOST,
     )
     return message
 

@@ -174,6 +174,7 @@ class AutopilotRole(Role):
             0 if self._log is None else self._log.dropped,
             self._stations_missed() - self._missed_before,
             autopilot.events.lost + self._hub.traffic.dropped,
+            autopilot.controller.failures,
         )
 
     def _stations_missed(self) -> int:

@@ -14,7 +14,8 @@ class Traffic(NamedTuple):
     """What has passed between the node's own parts since the run began, what was refused, and what got lost.
 
     stations_missed: what ground stations did not get, or said in vain. events_lost: dropped before they were sent,
-    and vessels heard by AIS beyond what the table holds.
+    and vessels heard by AIS beyond what the table holds. controller_failures: steps at which the user's
+    controller raised or gave no usable answer.
     """
 
     estimates: int = 0
@@ -23,6 +24,7 @@ class Traffic(NamedTuple):
     log_dropped: int = 0
     stations_missed: int = 0
     events_lost: int = 0
+    controller_failures: int = 0
 
 
 class Role:

@@ -183,6 +183,12 @@ class Executor:
         for task in self._tasks:
             task.shift(now_ns - self._last_ns)
 
+    def clock_stepped(self, ahead_ns: int) -> None:
+        """The clock was set ahead. The deadlines move with it: a step of the clock is not a late task."""
+        self._last_ns += ahead_ns
+        for task in self._tasks:
+            task.shift(ahead_ns)
+
     def restart(self, now_ns: int) -> None:
         """All tasks first due at now_ns, with empty statistics."""
         self._last_ns = now_ns

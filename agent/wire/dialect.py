@@ -5275,22 +5275,22 @@ class MAVLink_xitl_node_status_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_XITL_NODE_STATUS
     msgname = "XITL_NODE_STATUS"
-    fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "stations_missed", "events_lost", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol"]
-    ordered_fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "stations_missed", "events_lost", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol"]
-    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "float", "int16_t", "uint8_t", "uint8_t"]
+    fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "stations_missed", "events_lost", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol", "controller_failures"]
+    ordered_fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "stations_missed", "events_lost", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol", "controller_failures"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "float", "int16_t", "uint8_t", "uint8_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
     fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "memory_kib": "KiB", "cpu_percent": "%", "temperature": "cdegC"}
-    native_format = bytearray(b"<QIIIIIIIIIIIIIIIIIffhBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    native_format = bytearray(b"<QIIIIIIIIIIIIIIIIIffhBBI")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 144
-    unpacker = struct.Struct("<QIIIIIIIIIIIIIIIIIffhBB")
+    unpacker = struct.Struct("<QIIIIIIIIIIIIIIIIIffhBBI")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_usec: int, frames_sent: int, frames_unsent: int, frames_received: int, frames_lost: int, frames_late: int, frames_repeated: int, frames_dropped: int, frames_refused: int, frames_impaired: int, messages_refused: int, misses_unreported: int, log_dropped: int, stations_missed: int, events_lost: int, estimates: int, efforts: int, memory_kib: int, cpu_percent: float, load_1min: float, temperature: int, running: int, protocol: int):
+    def __init__(self, time_usec: int, frames_sent: int, frames_unsent: int, frames_received: int, frames_lost: int, frames_late: int, frames_repeated: int, frames_dropped: int, frames_refused: int, frames_impaired: int, messages_refused: int, misses_unreported: int, log_dropped: int, stations_missed: int, events_lost: int, estimates: int, efforts: int, memory_kib: int, cpu_percent: float, load_1min: float, temperature: int, running: int, protocol: int, controller_failures: int = 0):
         MAVLink_message.__init__(self, MAVLink_xitl_node_status_message.id, MAVLink_xitl_node_status_message.msgname)
         self._fieldnames = MAVLink_xitl_node_status_message.fieldnames
         self._instance_field = MAVLink_xitl_node_status_message.instance_field
@@ -5318,9 +5318,10 @@ class MAVLink_xitl_node_status_message(MAVLink_message):
         self.temperature = temperature
         self.running = running
         self.protocol = protocol
+        self.controller_failures = controller_failures
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.frames_sent, self.frames_unsent, self.frames_received, self.frames_lost, self.frames_late, self.frames_repeated, self.frames_dropped, self.frames_refused, self.frames_impaired, self.messages_refused, self.misses_unreported, self.log_dropped, self.stations_missed, self.events_lost, self.estimates, self.efforts, self.memory_kib, self.cpu_percent, self.load_1min, self.temperature, self.running, self.protocol), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.frames_sent, self.frames_unsent, self.frames_received, self.frames_lost, self.frames_late, self.frames_repeated, self.frames_dropped, self.frames_refused, self.frames_impaired, self.messages_refused, self.misses_unreported, self.log_dropped, self.stations_missed, self.events_lost, self.estimates, self.efforts, self.memory_kib, self.cpu_percent, self.load_1min, self.temperature, self.running, self.protocol, self.controller_failures), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -6314,4 +6315,4 @@ class MAVLink(object):
 
 
 
-MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 330: 158, 331: 230, 54000: 43, 54006: 62, 54007: 28}  # of messages with extensions
+MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 330: 158, 331: 230, 54000: 43, 54006: 62, 54007: 28, 54009: 88}  # of messages with extensions

@@ -186,6 +186,31 @@ def test_sensors_carry_noise_latency_and_rate() -> None:
     assert delays[dialect.MAVLINK_MSG_ID_XITL_GNSS] == {120_000}
 
 
+RAISING = """
+class Raising:
+    def __init__(self, parameters):
+        pass
+    def configure(self):
+        pass
+    def restart(self):
+        pass
+    def control(self, order, estimate, dt_s):
+        raise ZeroDivisionError("the gain is zero")
+"""
+
+
+def test_a_run_whose_controller_raises_has_failed(xitl: Xitl, tmp_path: Path) -> None:
+    (tmp_path / "raising.py").write_text(RAISING)
+    own = ("--set", f"autopilot.controller={tmp_path / 'raising.py'}:Raising")
+    result = xitl("sim", "--profile", "sitl", "--set", "clock.duration_s=15", "--out", "own", *own)
+    assert result.returncode == 1
+    said = " ".join((result.stdout + result.stderr).split())
+    assert "raising.py:Raising failed at" in said
+    verdict = summary(tmp_path / "own")["verdict"]
+    assert not verdict["completed"]
+    assert "raising.py:Raising failed at" in verdict["why"]
+
+
 @pytest.mark.parametrize("profile", ["mitl", "sitl"])
 def test_a_controller_from_a_file_steers_in_place_of_the_built_in_one(xitl: Xitl, tmp_path: Path, profile: str) -> None:
     example = Path(__file__).parents[2] / "examples/sliding_mode_heading.py"

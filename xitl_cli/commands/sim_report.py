@@ -408,6 +408,7 @@ _NODE = {
     "log_dropped": "records of its log not written",
     "stations_missed": "things ground stations missed",
     "events_lost": "sentences lost",
+    "controller_failures": "failures of the controller",
 }
 
 

@@ -179,12 +179,16 @@ def _verdict(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, se
     ending = Ending.FINISHED if profile.vessel and vessel.completed else outcome.ending
     error = None if ending is Ending.FINISHED else outcome.error
     why = why_text(ending, error, profile.driver.kind, vessel.completed, sections["mission"], frozen)
+    failures = sum(node.controller_failures for node in sections["nodes"])
+    if failures:
+        why += f"; {profile.autopilot.controller} failed at {failures} of its steps, and the outputs were neutral there"
+    completed = vessel.completed and not failures
     if profile.clock.mode == "lockstep":
-        return judge(ending, vessel.completed, outcome.timed, why, None)
+        return judge(ending, completed, outcome.timed, why, None)
     pace: PaceReport = sections["pace"]
     keys = ("tasks", "links", "clocks", "faults")
     figures = measured_figures(outcome.wall_s, pace, *(sections[key] for key in keys))
-    return judge(ending, vessel.completed, outcome.timed, why, figures)
+    return judge(ending, completed, outcome.timed, why, figures)
 
 
 def _fleet_verdict(profile: RunProfile, outcome: RunOutcome, verdicts: Mapping[str, Verdict]) -> Verdict:

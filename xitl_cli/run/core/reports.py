@@ -121,7 +121,8 @@ class NodeReport:
 
     kind: `real` or `virtual`. flags: how it runs, in words. estimates: those that its control used, efforts: those that
     its actuation allocated. log_dropped: records that its log had no room for. stations_missed: what ground stations
-    did not get, or said in vain. events_lost: sentences that nobody took in time.
+    did not get, or said in vain. events_lost: sentences that nobody took in time. controller_failures: steps at
+    which the user's controller raised or gave no usable answer.
     """
 
     nodes: str
@@ -142,6 +143,7 @@ class NodeReport:
     log_dropped: int = 0
     stations_missed: int = 0
     events_lost: int = 0
+    controller_failures: int = 0
 
     def section(self) -> dict[str, Any]:
         """A row of `nodes`."""

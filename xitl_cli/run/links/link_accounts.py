@@ -170,6 +170,7 @@ def node_report(link: str, info: Any, status: Any) -> NodeReport:
         log_dropped=status.log_dropped,
         stations_missed=status.stations_missed,
         events_lost=status.events_lost,
+        controller_failures=status.controller_failures,
     )
 
 

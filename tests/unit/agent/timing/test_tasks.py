@@ -270,6 +270,22 @@ def test_a_clock_that_jumps_ahead_costs_what_was_skipped() -> None:
     assert (miss.cycle, miss.skipped, miss.start_ns) == (1, 24, 510 * MS)
 
 
+def test_a_step_of_the_clock_that_is_announced_costs_no_cycle() -> None:
+    inner = Settable()
+    clock = SteppedClock(inner)
+    executor = Executor(clock)
+    executor.add("loop", 50.0, lambda now_ns: None)
+    executor.run_due(clock.now_ns())
+    inner.time_ns = 10 * MS
+    assert clock.disturb(5_000_000 * MS, 0.0)
+    executor.clock_stepped(5_000_000 * MS)
+    assert executor.run_due(clock.now_ns()) == 0
+    inner.time_ns = 20 * MS
+    assert executor.run_due(clock.now_ns()) == 1
+    (stats,) = executor.stats
+    assert (stats.cycles, stats.missed, stats.skipped, executor.steps_back) == (2, 0, 0, 0)
+
+
 class Settable:
     """A clock that anything may happen to."""
 
