@@ -34,6 +34,7 @@ NAMES = (
     "vibration",
     "radio",
     "power",
+    "actuation",
 )
 """Modules of this package, each with a function `analyse`."""
 

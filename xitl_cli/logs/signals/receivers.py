@@ -84,6 +84,13 @@ def gnss_receivers(log: Log) -> list[GnssReceiver]:
     return found
 
 
+def injected_receivers(log: Log) -> list[GnssReceiver]:
+    """Of a recording of ours: the fixes that the autopilot was sent, in the frames of its link."""
+    names = [f"{name}:XITL_GNSS" for name in log.tables if name.endswith("/link/agent/tx")]
+    found = [_receiver(log, "XITL_GNSS", log.tables[name], 0) for name in names if name in log.tables]
+    return [receiver for receiver in found if receiver is not None and len(receiver.stamp_ns) >= 3]
+
+
 def _ros(log: Log) -> list[Table]:
     """sensor_msgs/NavSatFix topics of receivers, and not of a simulator's truth."""
     return [

@@ -1,0 +1,83 @@
+"""Drifts of a receiver and sags of a battery against made series whose onset and size are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.analyses.actuation import battery_sags, gnss_drifts
+from xitl_cli.logs.signals.receivers import GnssReceiver
+
+S = 1_000_000_000
+
+
+def receiver(drift_mps: float, bearing_deg: float = 90.0, *, shared: bool = False) -> GnssReceiver:
+    """Two minutes on a circle at 5 Hz, with the usual noise; the drift lasts from 40 to 80 s and then stays."""
+    rng = np.random.default_rng(4)
+    time_s = np.arange(600) * 0.2
+    place = 30.0 * np.stack([np.sin(0.1 * time_s), np.cos(0.1 * time_s), 0 * time_s], axis=1)
+    speed = 3.0 * np.stack([np.cos(0.1 * time_s), -np.sin(0.1 * time_s), 0 * time_s], axis=1)
+    walk = np.zeros((600, 2))  # 0.5 m that changes over a minute
+    for row in range(1, 600):
+        walk[row] = math.exp(-0.2 / 60) * walk[row - 1] + 0.5 * math.sqrt(1 - math.exp(-0.4 / 60)) * rng.normal(size=2)
+    way = math.radians(bearing_deg)
+    drift = drift_mps * np.outer(np.clip(time_s - 40.0, 0.0, 40.0), [math.cos(way), math.sin(way)])
+    place[:, :2] += walk + drift + 0.15 * rng.normal(size=(600, 2))
+    speed += 0.05 * rng.normal(size=(600, 3))
+    if shared:
+        inside = (time_s >= 40.0) & (time_s < 80.0)
+        speed[inside, :2] += drift_mps * np.array([math.cos(way), math.sin(way)])
+    lat_deg, lon_deg, _ = LocalFrame(-8.8, -63.9, 60.0).geodetic(place)
+    stamp_ns = np.round(time_s * S).astype(np.int64)
+    fix, fields = np.full(600, 3), {"lat": "Lat"}
+    return GnssReceiver(
+        "GPS", "GPS", fields, stamp_ns, stamp_ns, fix, None, None, lat_deg, lon_deg, speed, None, None, None
+    )
+
+
+@pytest.mark.parametrize(("rate_mps", "bearing_deg"), [(0.3, 90.0), (0.5, 210.0)])
+def test_a_position_that_leaves_its_velocity_drifts_with_onset_rate_and_bearing(
+    rate_mps: float, bearing_deg: float
+) -> None:
+    (drift,) = gnss_drifts(receiver(rate_mps, bearing_deg))
+    assert drift.from_ns / S == pytest.approx(40.0, abs=2.0)
+    assert drift.until_ns / S == pytest.approx(80.0, abs=12.0)  # how long is known to a window
+    assert drift.size == pytest.approx(rate_mps, rel=0.25)
+    assert drift.bearing_deg == pytest.approx(bearing_deg, abs=10.0)
+
+
+def test_the_slow_error_of_a_good_receiver_is_no_drift() -> None:
+    assert gnss_drifts(receiver(0.0)) == []
+
+
+def test_a_drift_that_the_velocity_shares_cannot_be_seen() -> None:
+    assert gnss_drifts(receiver(0.3, shared=True)) == []
+
+
+def battery(drop_v: float, added_ohm: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two minutes at 10 Hz under a current that changes; the fault begins at 60 s."""
+    rng = np.random.default_rng(2)
+    time_s = np.arange(1200) * 0.1
+    current_a = 10.0 + 5.0 * np.sin(0.5 * time_s) + 3.0 * (time_s > 30.0)
+    after = time_s >= 60.0
+    voltage_v = 16.0 - 0.002 * time_s - (0.05 + added_ohm * after) * current_a - drop_v * after
+    return (time_s * S).astype(np.int64), voltage_v + 0.02 * rng.normal(size=1200), current_a
+
+
+def test_a_voltage_that_falls_for_good_is_a_sag_with_onset_and_size() -> None:
+    (sag,) = battery_sags(*battery(2.5))
+    assert sag.from_ns / S == pytest.approx(60.0, abs=0.3)
+    assert sag.size == pytest.approx(2.5, rel=0.05)
+
+
+def test_a_resistance_that_grows_is_a_sag_by_what_it_takes_at_the_current_then() -> None:
+    (sag,) = battery_sags(*battery(0.0, added_ohm=0.08))
+    assert sag.from_ns / S == pytest.approx(60.0, abs=0.5)
+    assert sag.size == pytest.approx(0.08 * 13.0, rel=0.4)  # 13 A at the mean, 8 to 18 as it swings
+
+
+def test_a_battery_that_only_empties_under_changing_currents_does_not_sag() -> None:
+    assert battery_sags(*battery(0.0)) == []
