@@ -26,7 +26,7 @@ CLIENT = Path(__file__).parents[2] / "build/foxglove-client"
     reason=f"needs Node and: npm install --prefix {CLIENT} @foxglove/ws-protocol@0.8.0 ws@8",
 )
 def test_it_subscribes_calls_sets_and_publishes(tmp_path: Path) -> None:
-    profile = load_profile("sitl", ["live.foxglove=true", "clock.duration_s=40.0"])
+    profile = load_profile("sitl", ["live.foxglove=true", "live.commands=true", "clock.duration_s=40.0"])
     told: queue.Queue[str] = queue.Queue()
 
     def sail() -> None:

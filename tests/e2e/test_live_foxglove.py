@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from conftest import payloads
@@ -37,6 +38,7 @@ class FoxgloveClient:
         self.answers: dict[int, dict[str, Any]] = {}
         self.payloads: dict[str, list[tuple[int, bytes]]] = {}
         self.now_ns = 0
+        self.capabilities: set[str] = set()
         self._socket = socket
         self._topics: dict[int, str] = {}
         self._calls = 0
@@ -62,7 +64,9 @@ class FoxgloveClient:
                 self.answers[call] = json.loads(frame[13 + length :])
             return
         said = json.loads(frame)
-        if said["op"] == "advertise":
+        if said["op"] == "serverInfo":
+            self.capabilities = set(said["capabilities"])
+        elif said["op"] == "advertise":
             self.channels |= {channel["topic"]: channel for channel in said["channels"]}
         elif said["op"] == "advertiseServices":
             self.services |= {service["name"]: service for service in said["services"]}
@@ -108,7 +112,7 @@ def client_at(address: str) -> Iterator[FoxgloveClient]:
 @pytest.mark.slow
 def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
     pytest.importorskip("websockets")
-    profile = load_profile("sitl", ["clock.duration_s=15.0", "live.foxglove=true"])
+    profile = load_profile("sitl", ["clock.duration_s=15.0", "live.foxglove=true", "live.commands=true"])
     addresses: list[str] = []
     results: list[Result] = []
     operation = Operation(pace=0.1)  # it has not ended before it is paused, however slow the client
@@ -155,7 +159,14 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
         sailing.join(3 * PATIENCE_S)
     assert not sailing.is_alive()
     summary = results[0].summary
-    assert summary["live"] == {"address": address, "clients": 2, "dropped": None, "actions": 10, "refused": 3}
+    assert summary["live"] == {
+        "address": address.partition("/?")[0],
+        "clients": 2,
+        "refused_connections": 0,
+        "dropped": None,
+        "actions": 10,
+        "refused": 3,
+    }
     actions = summary["operator"]["actions"]
     assert actions == {"pause": 1, "launch": 1, "step": 1, "wind": 1, "goto": 1, "pace": 1, "resume": 1}
     assert summary["debris"]["by"] == {"trunk": 1}
@@ -166,6 +177,66 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
     assert "float64[3] position_ned_m" in definition
     sources = [payload for _, payload in recorded["/operator/action"]]
     assert all(b"foxglove" in payload for payload in sources)
+
+
+def shaken(address: str, host: str, target: str, origin: str | None) -> int:
+    """The HTTP status of a WebSocket handshake whose head is written by hand."""
+    import socket
+
+    where = urlsplit(address)
+    assert where.hostname is not None
+    lines = [f"GET {target} HTTP/1.1", f"Host: {host}", "Upgrade: websocket", "Connection: Upgrade"]
+    lines += ["Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]
+    lines += [f"Sec-WebSocket-Protocol: {PROTOCOL}", *([] if origin is None else [f"Origin: {origin}"]), "", ""]
+    with socket.create_connection((where.hostname, where.port), timeout=PATIENCE_S) as asking:
+        asking.sendall("\r\n".join(lines).encode())
+        return int(asking.recv(4096).split()[1])
+
+
+@pytest.mark.slow
+def test_a_page_of_another_site_is_refused_and_a_client_only_reads_by_default(tmp_path: Path) -> None:
+    profile = load_profile("sitl", ["clock.duration_s=20.0", "live.foxglove=true"])
+    addresses: list[str] = []
+    results: list[Result] = []
+    operation = Operation(pace=1.0)
+
+    def sail() -> None:
+        results.append(run(profile, tmp_path / "run", False, NoDisplay, operation=operation, tell=addresses.append))
+
+    sailing = threading.Thread(target=sail)
+    sailing.start()
+    try:
+        wait_until(lambda: addresses)
+        address = addresses[0].split()[1]
+        parts = urlsplit(address)
+        own, token = parts.netloc, f"/?{parts.query}"
+        assert "read-only" in addresses[0]
+        assert shaken(address, own, token, None) == 101
+        assert shaken(address, own, token, "https://app.foxglove.dev") == 101
+        assert shaken(address, own, token, f"http://{own}") == 101
+        for host, target, origin in (
+            (own, token, "https://elsewhere.example"),
+            (own, token, "https://foxglove.dev.elsewhere.example"),
+            (own, token, "null"),
+            ("elsewhere.example", token, None),
+            (f"elsewhere.example:{parts.port}", token, f"http://elsewhere.example:{parts.port}"),
+            (own, "/", None),
+            (own, "/", "https://app.foxglove.dev"),
+            (own, "/?token=wrong", None),
+        ):
+            assert shaken(address, host, target, origin) == 403, (host, target, origin)
+        with client_at(address) as client:
+            client.until(lambda: "/truth/state" in client.channels)
+            assert client.capabilities == {"time"}
+            assert client.services == {}
+            client.publish("/operator/ask", {"action": "end"})
+            client.tell(op="setParameters", parameters=[{"name": "paused", "value": True}], id="x")
+            before_ns = client.now_ns
+            client.until(lambda: client.now_ns > before_ns + 500_000_000)
+    finally:
+        sailing.join(3 * PATIENCE_S)
+    assert results[0].summary["operator"] is None  # nobody acted
+    assert results[0].summary["live"]["refused_connections"] == 8
 
 
 def test_a_port_that_is_taken_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -92,7 +92,7 @@ def sim(
         typer.Option(
             "--view-host",
             metavar="ADDRESS",
-            help="Where the view listens, 0.0.0.0 for everywhere; the address it prints has a token in it then.",
+            help="Where the view listens, 0.0.0.0 for everywhere; the address it prints has a token in it.",
         ),
     ] = None,
     view_port: Annotated[
@@ -106,6 +106,9 @@ def sim(
         int | None,
         typer.Option("--live-port", metavar="PORT", help="Where: of 127.0.0.1 (default: 8765, or a free one)."),
     ] = None,
+    live_commands: Annotated[
+        bool, typer.Option("--live-commands", help="Let clients of --live act; otherwise they only read.")
+    ] = False,
     ros: Annotated[
         str | None,
         typer.Option(
@@ -144,7 +147,7 @@ def sim(
         "view.show": True if view_host is not None or view_port is not None else view,
         "view.host": view_host,
         "view.port": view_port,
-        **live_options(live, live_port),
+        **live_options(live, live_port, live_commands),
         **ros_options(ros, no_ros),
     }
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
@@ -183,11 +186,12 @@ class SimCommand(TyperCommand):
         return super().parse_args(ctx, whole)
 
 
-def live_options(live: str | None, port: int | None) -> dict[str, Any]:
-    """What `--live` and `--live-port` mean in the profile. Raises UserError for what it cannot be served to."""
+def live_options(live: str | None, port: int | None, commands: bool) -> dict[str, Any]:
+    """What `--live`, `--live-port` and `--live-commands` mean in the profile. Raises UserError for another server."""
     if live not in (None, "foxglove"):
         raise UserError(f"--live {live}: is not known; use foxglove, or --view for a page of xitl's own")
-    return {} if live is None and port is None else {"live.foxglove": True, "live.port": port}
+    given = {"live.port": port, "live.commands": True if commands else None}
+    return {"live.foxglove": True, **given} if live is not None or any(given.values()) else {}
 
 
 def ros_options(ros: str | None, without: bool) -> dict[str, str | None]:

@@ -52,9 +52,7 @@ def view(
     of: Annotated[str | None, typer.Option("--of", metavar="NAME", help="The vessel that a picture looks at.")] = None,
     speed: Annotated[float, typer.Option(metavar="TIMES", help="How much faster a moving picture goes.")] = 4.0,
     dark: Annotated[bool, typer.Option("--dark", help="By night.")] = False,
-    host: Annotated[
-        str, typer.Option("--view-host", metavar="HOST", help="Where to listen; with a token unless 127.0.0.1.")
-    ] = "127.0.0.1",
+    host: Annotated[str, typer.Option("--view-host", metavar="HOST", help="Where to listen.")] = "127.0.0.1",
     port: Annotated[
         int | None,
         typer.Option("--view-port", "--port", metavar="PORT", min=1, max=65535, help="At this port; else a free one."),

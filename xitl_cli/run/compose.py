@@ -261,7 +261,7 @@ def compose_world(
             view.meet(operator)
     foxglove = None
     if profile.live.foxglove:
-        foxglove = LiveFoxgloveNode(profile.name, profile.live.port, tell)
+        foxglove = LiveFoxgloveNode(profile.name, profile.live.port, tell, profile.live.commands)
         opened.callback(foxglove.close)
         if operator is not None:
             foxglove.meet(operator)

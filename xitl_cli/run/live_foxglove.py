@@ -16,10 +16,11 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from sim_core.keys import Bounds, Specification, alternatives, key_annotations, meaning_of, optional, required_keys
-from xitl_cli.errors import UserError
 from xitl_cli.run.core.node import RunNode, RunStep
+from xitl_cli.run.live_gate import Gate, hidden_host
 from xitl_cli.run.operator.actions import ENVIRONMENT, GROUPS
 from xitl_cli.run.operator.node import OperatorNode
+from xitl_cli.view.server import listen
 
 if TYPE_CHECKING:
     from foxglove.websocket import (
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 SOURCE = "foxglove"
 HOST = "127.0.0.1"
 USUAL_PORT = 8765
-TRIED = 50
+READ_ONLY = "clients only read in this run; start it with --live-commands to let them act"
 BACKLOG = 256
 """Messages that wait for a client before the oldest is dropped: of clouds of 200 kB some 50 MB."""
 TIME_RATE_HZ = 20.0
@@ -71,10 +72,13 @@ class _Request:
 class LiveFoxgloveNode(RunNode):
     """Serves at `port` of this machine, None for the usual one or a free one; `tell` says where.
 
-    It is a mirror of the recording, see McapFile. Raises UserError from `prepare` for a given port that is taken.
+    commands: whether clients may act; otherwise the server offers them no service, parameter or publication. It is a
+    mirror of the recording, see McapFile. Raises UserError from `prepare` for a given port that is taken.
     """
 
-    def __init__(self, title: str, port: int | None, tell: Callable[[str], object]) -> None:
+    def __init__(self, title: str, port: int | None, tell: Callable[[str], object], commands: bool = False) -> None:
+        self._commands = commands
+        self._gate: Gate | None = None
         self._title = title
         self._wanted = port
         self._tell = tell
@@ -89,7 +93,7 @@ class LiveFoxgloveNode(RunNode):
         self._port = 0
         self._now_ns = 0
         self._time_s = 0.0
-        self._asked = self._refused = 0
+        self._asked = self._refused = self._refused_connections = 0
 
     def meet(self, operator: OperatorNode) -> None:
         """Have it carry out what is asked for."""
@@ -101,32 +105,29 @@ class LiveFoxgloveNode(RunNode):
         from foxglove.websocket import Capability
 
         self._context = foxglove.Context()
-        first = USUAL_PORT if self._wanted is None else self._wanted
-        capabilities = [Capability.Time, Capability.Parameters, Capability.Services, Capability.ClientPublish]
-        for port in range(first, first + (TRIED if self._wanted is None else 1)):
-            try:
-                self._server = foxglove.start_server(
-                    name=f"xitl {self._title}",
-                    host=HOST,
-                    port=port,
-                    context=self._context,
-                    capabilities=capabilities,
-                    supported_encodings=["json"],
-                    services=list(self._services()),
-                    server_listener=_Listener(self),
-                    message_backlog_size=BACKLOG,
-                )
-            except (OSError, RuntimeError):
-                continue
-            self._port = port
-            moved = f" (port {first} is taken)" if port != first else ""
-            self._tell(f"foxglove: ws://{HOST}:{port}{moved}")
-            return
-        if self._wanted is None:
-            raise UserError(
-                f"live.foxglove: no port from {first} to {first + TRIED - 1} is free; give one by live.port"
+        listener, address = listen(HOST, self._wanted, "live.host", "live.port", USUAL_PORT)
+        acting = [Capability.Parameters, Capability.Services, Capability.ClientPublish]
+        inner = hidden_host()
+        try:
+            self._server = foxglove.start_server(
+                name=f"xitl {self._title}",
+                host=inner,
+                port=0,
+                context=self._context,
+                capabilities=[Capability.Time, *(acting if self._commands else ())],
+                supported_encodings=["json"] if self._commands else None,
+                services=list(self._services()) if self._commands else None,
+                server_listener=_Listener(self),
+                message_backlog_size=BACKLOG,
             )
-        raise UserError(f"live.port = {first}: somebody else listens there; leave it out to have a free one")
+        except (OSError, RuntimeError):
+            listener.close()
+            raise
+        self._gate = Gate(listener, address, (inner, self._server.port))
+        self._port = address.port
+        moved = "" if address.moved is None else f" (port {address.moved} is taken)"
+        acts = "" if self._commands else " (read-only: --live-commands lets clients act)"
+        self._tell(f"foxglove: ws://{HOST}:{address.port}/?token={address.token}{acts}{moved}")
 
     def open_channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
@@ -181,17 +182,22 @@ class LiveFoxgloveNode(RunNode):
         server, self._server = self._server, None
         while self._requests:  # who waits in a thread of the server would hold up its end
             self._requests.popleft().answer("the run is over")
+        gate, self._gate = self._gate, None
+        if gate is not None:
+            gate.close()
+            self._refused_connections = gate.refused
         if server is not None:
             server.stop()
 
     def report(self) -> dict[str, Any]:
-        """live: where it was, clients that came, messages that slow ones lost (foxglove-sdk does not tell), actions
-        asked for and refused.
+        """live: its address without the token, clients that came, connections that were refused, messages that slow
+        clients lost (null: foxglove-sdk does not count them), actions asked for and refused.
         """
         return {
             "live": {
                 "address": f"ws://{HOST}:{self._port}",
                 "clients": len(self._clients),
+                "refused_connections": self._refused_connections if self._gate is None else self._gate.refused,
                 "dropped": None,
                 "actions": self._asked,
                 "refused": self._refused,
@@ -211,7 +217,9 @@ class LiveFoxgloveNode(RunNode):
         self._request(_Request(action, self._complain))
 
     def _request(self, request: _Request) -> None:
-        if self._server is None:
+        if not self._commands:
+            request.answer(READ_ONLY)
+        elif self._server is None:
             request.answer("the run is over")
         else:
             self._requests.append(request)
@@ -267,7 +275,7 @@ class LiveFoxgloveNode(RunNode):
     def parameters(self) -> dict[str, Any]:
         """What can be set, by the names of the profile's keys."""
         operator = self._operator
-        if operator is None:
+        if operator is None or not self._commands:
             return {}
         found: dict[str, Any] = {"paused": operator.paused, "pace": operator.factor or AS_FAST_AS_IT_CAN}
         for group in ENVIRONMENT:

@@ -35,7 +35,7 @@ CLIENTS_KEPT = 64
 
 @dataclass(frozen=True, slots=True)
 class ViewAddress:
-    """Where a view listens. token: stands in the address of one that is not on the loopback; empty where none does.
+    """Where a view listens. token: a secret in its address, without which nothing is served.
 
     moved: the port that it would have had and somebody else has.
     """
@@ -71,16 +71,21 @@ def is_loopback(host: str) -> bool:
 
 
 def listen(
-    host: str, port: int | None, host_key: str = "view.host", port_key: str = "view.port"
+    host: str,
+    port: int | None,
+    host_key: str = "view.host",
+    port_key: str = "view.port",
+    usual: int | None = None,
 ) -> tuple[socket.socket, ViewAddress]:
     """A socket that listens, so that a browser may come before the page is there.
 
     port: None for the usual one, or another where that is taken. host_key, port_key: what the errors call them.
+    usual: the usual port, USUAL_PORT by default.
 
     Raises UserError for an address that this machine has not, and for a given port that is taken.
     """
-    token = "" if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES)
-    first = USUAL_PORT if port is None else port
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    first = (USUAL_PORT if usual is None else usual) if port is None else port
     for tried in range(first, first + (TRIED if port is None else 1)):
         try:
             listener = _bound(host, tried)
@@ -202,6 +207,26 @@ _SERVE_LOCK = threading.Lock()
 _MADE_S = 0.01  # between looks whether it is made
 
 
+def stranger(
+    listening: str, host: str, origin: str | None, trusted: Callable[[str], bool] = lambda origin: False
+) -> str:
+    """Why a request comes from a page of another site; empty if it does not.
+
+    listening: the address that the server listens at. host, origin: the request's headers; origin is None where it has
+    none. trusted: says of an origin whether its pages may connect.
+    """
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+        page = None if origin is None else urlsplit(origin).netloc
+    except ValueError:  # such as of `[`
+        return "its Host or Origin is no address"
+    if is_loopback(listening) and not (name == listening or is_loopback(name)):
+        return f"this address is for this machine alone, and {name!r} is not its name"
+    if origin is not None and page != host and not trusted(origin):
+        return "a page of another site may not connect here"
+    return ""
+
+
 class Doorkeeper:
     """Checks each request before viser answers it: the token, and that no page from elsewhere asks.
 
@@ -211,7 +236,6 @@ class Doorkeeper:
 
     def __init__(self, address: ViewAddress, answer: Callable[[Any, Any], Any], title: str) -> None:
         self._token = address.token
-        self._loopback = is_loopback(address.host)
         self._host = address.host
         self._answer = answer
         self._title = title
@@ -229,13 +253,8 @@ class Doorkeeper:
 
     def _refusal(self, request: Any) -> str:
         """Why it is not answered, empty if it is."""
-        host = request.headers.get("Host", "")
-        name = urlsplit(f"//{host}").hostname or ""
-        if self._loopback and not (name == self._host or is_loopback(name)):
-            return f"this view is for this machine alone, and {name!r} is not its name"
-        origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != host:
-            return "another page may not connect to this view"
+        if refusal := stranger(self._host, request.headers.get("Host", ""), request.headers.get("Origin")):
+            return refusal
         if self._token:
             first = request.path.partition("?")[0].lstrip("/").partition("/")[0]
             if not hmac.compare_digest(first.encode(), self._token.encode()):

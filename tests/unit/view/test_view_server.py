@@ -70,7 +70,7 @@ def test_a_browser_that_comes_while_the_server_is_made_is_let_in(monkeypatch: py
         time.sleep(0.3)  # in which the server of before failed the connection
 
     def come() -> bytes:
-        with connect(f"ws://127.0.0.1:{address.port}/", subprotocols=[SUBPROTOCOL], proxy=None) as one:
+        with connect(f"ws://127.0.0.1:{address.port}/{address.token}/", subprotocols=[SUBPROTOCOL], proxy=None) as one:
             came.set()
             first: bytes = one.recv(timeout=PATIENCE_S)
             return first
@@ -103,16 +103,19 @@ def test_with_the_token_page_and_connection_are(guarded: ViewAddress) -> None:
     join(guarded, f"/{guarded.token}/", origin=f"http://127.0.0.1:{guarded.port}")
 
 
-def test_this_machine_needs_none(own: ViewAddress) -> None:
-    assert own.url == f"http://127.0.0.1:{own.port}/"
-    assert get(own, "/")[0] == 200
-    assert get(own, "/", Host=f"localhost:{own.port}")[0] == 200
-    join(own, "/")
+def test_this_machine_needs_the_token_too(own: ViewAddress) -> None:
+    assert own.url == f"http://127.0.0.1:{own.port}/{own.token}/"
+    assert get(own, "/")[0] == 403
+    assert get(own, f"/{own.token}/")[0] == 200
+    assert get(own, f"/{own.token}/", Host=f"localhost:{own.port}")[0] == 200
+    with pytest.raises(refused, match="403"):
+        join(own, "/")
+    join(own, f"/{own.token}/")
 
 
 def test_another_page_may_not_connect(own: ViewAddress, guarded: ViewAddress) -> None:
     with pytest.raises(refused, match="403"):
-        join(own, "/", origin="http://elsewhere.example")
+        join(own, f"/{own.token}", origin="http://elsewhere.example")
     with pytest.raises(refused, match="403"):
         join(guarded, f"/{guarded.token}", origin="http://elsewhere.example")
 
@@ -126,13 +129,13 @@ def test_a_page_of_another_port_of_this_machine_may_not_connect(own: ViewAddress
 
 
 def test_a_name_that_points_here_may_not_either(own: ViewAddress) -> None:
-    status, body = get(own, "/", Host="elsewhere.example")
+    status, body = get(own, f"/{own.token}/", Host="elsewhere.example")
     assert (status, "elsewhere.example" in body) == (403, True)
 
 
 def test_the_page_has_its_title_and_a_word_for_who_has_no_webgl(own: ViewAddress) -> None:
     for headers in ({}, {"Accept-Encoding": "gzip"}):
-        _, body = get(own, "/", **headers)
+        _, body = get(own, f"/{own.token}/", **headers)
         assert "<title>A &lt;title&gt;</title>" in body
         assert body.count("<title>") == 1
         assert "xitl-no-webgl" in body

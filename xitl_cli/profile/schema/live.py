@@ -17,3 +17,4 @@ class LiveSpec(Specification):
         Annotated[int, Bounds(at_least=1, at_most=65535)] | None,
         "of this machine, 127.0.0.1; null: 8765, or the next one that is free",
     ] = None
+    commands: Annotated[bool, "clients may act: `--live-commands` says the same; otherwise they only read"] = False

@@ -13,9 +13,7 @@ class ViewSpec(Specification):
     """The 3D view in a browser while a run goes on; a profile with this group has one."""
 
     show: Annotated[bool, "`--view` and `--no-view` say the same for a run"] = True
-    host: Annotated[str, "where it listens; at another address than this machine's own it asks for a token"] = (
-        "127.0.0.1"
-    )
+    host: Annotated[str, "where it listens; the printed address has a token"] = "127.0.0.1"
     port: Annotated[
         Annotated[int, Bounds(at_least=1, at_most=65535)] | None, "null: 8470, or the next one that is free"
     ] = None
