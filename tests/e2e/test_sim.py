@@ -50,6 +50,8 @@ def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, t
     runs = (tmp_path / "a", tmp_path / "b", recorded_run("sitl", SECONDS))
     first, again, other = (payloads(run / "run.mcap") for run in runs)
     assert first == again
+    logs = [(run / "autopilot.bin").read_bytes() for run in runs]
+    assert logs[0] == logs[1] != logs[2]
     assert first["/truth/state"] != other["/truth/state"]
     assert first["/link/agent/tx"] != other["/link/agent/tx"]
 
