@@ -58,14 +58,14 @@ EXPECTED: Mapping[str, Mapping[str, str]] = {
         "pressure_bias_pa": "height innovations (estimator)",
     },
     "propeller": {
-        "thrust_loss": "less thrust on one side (actuators and power)",
-        "stuck": "a thrust that follows no command (actuators and power)",
-        "stuck_at": "a thrust that follows no command (actuators and power)",
-        "reversed": "a thrust against its command (actuators and power)",
+        "thrust_loss": "heading and speed off their demands (control)",
+        "stuck": "heading and speed off their demands (control)",
+        "stuck_at": "heading and speed off their demands (control)",
+        "reversed": "heading and speed off their demands (control)",
     },
     "rudder": {
-        "jam": "a turn that follows no command (actuators and power)",
-        "jam_angle_deg": "a turn that follows no command (actuators and power)",
+        "jam": "heading and speed off their demands (control)",
+        "jam_angle_deg": "heading and speed off their demands (control)",
     },
     "battery": {
         "added_resistance_ohm": "a voltage that falls more with the current (actuators and power)",
