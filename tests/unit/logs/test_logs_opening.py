@@ -96,7 +96,7 @@ def test_the_real_ones() -> None:
     [
         (b"", ("empty",)),
         (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n", ("text", ".bin")),
-        (b"ULog\x01\x12\x35\x01" + bytes(20), ("ULog",)),
+        (b"ULog\x01\x12\x35\x01" + bytes(20), ("ULog", "without a record")),
         (b"#ROSBAG V2.0\n", ("ROS 1 bag", "no record")),
         (b"SQLite format 3\0" + bytes(20), ("SQLite",)),
         (gzip.compress(b"log", mtime=0), ("gzip", "gunzip")),

@@ -19,11 +19,11 @@ _DATAFLASH_OWN_FORMAT = b"\xa3\x95\x80\x80\x59FMT\0"
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 _ROS1_BAG_MAGIC = b"#ROSBAG V"
 _SQLITE_MAGIC = b"SQLite format 3\0"
+_ULOG_MAGIC = b"ULog\x01\x12\x35"
 
 _CAPTURE = "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"
 _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"FMT, ", "a DataFlash log as text; give the .bin itself, as the autopilot wrote it"),
-    (b"ULog\x01\x12\x35", "a ULog of PX4, which is not read here; look at it with pyulog or PlotJuggler"),
     (b"\x1f\x8b", "packed with gzip; unpack it with `gunzip` and give what comes out"),
     (b"PK\x03\x04", "a ZIP archive; unpack it and give the log inside"),
     (b"\x28\xb5\x2f\xfd", "packed with Zstandard; unpack it with `unzstd` and give what comes out"),
@@ -37,8 +37,8 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
 )
 """How a file begins that is something else, and what to do with it."""
 
-_ENDINGS = (".mcap", ".bin", ".tlog", ".bag", ".db3")
-_WANTED = "give a DataFlash .bin, a .tlog, an .mcap or a bag of ROS"
+_ENDINGS = (".mcap", ".bin", ".tlog", ".ulg", ".bag", ".db3")
+_WANTED = "give a DataFlash .bin, an .ulg of PX4, a .tlog, an .mcap or a bag of ROS"
 
 
 def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
@@ -47,7 +47,8 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     The directory of a run stands for its recording.
 
     vessel: of a recording or bag of several the one whose topics are to be as of a vessel alone; without it all topics
-    are there with the names that they have in the file, and "" is the first vessel. A .bin or .tlog is of one anyhow.
+    are there with the names that they have in the file, and "" is the first vessel. Other formats are of one
+    vessel anyhow.
 
     Raises LogError when the file is missing, unreadable or no log, or has no such vessel.
     """
@@ -69,6 +70,10 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
             return McapLog(path, vessel or log.vessels[0])
         if head.startswith((_ROS1_BAG_MAGIC, _SQLITE_MAGIC)):
             return _of_vessel(_bag(path, head), vessel)
+        if head.startswith(_ULOG_MAGIC):
+            from xitl_cli.logs.formats.ulog.file import UlogLog
+
+            return UlogLog(path)
         if head.startswith(_DATAFLASH_START):
             return _dataflash(path)
         other = next((what for magic, what in _OTHERS if head.startswith(magic)), None)

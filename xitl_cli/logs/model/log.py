@@ -14,7 +14,7 @@ from xitl_cli.logs.model.text import resolve_name
 if TYPE_CHECKING:
     from xitl_cli.logs.model.named_signals import LogSignal
 
-Format = Literal["dataflash", "mcap", "tlog", "rosbag1", "rosbag2"]
+Format = Literal["dataflash", "mcap", "tlog", "ulog", "rosbag1", "rosbag2"]
 
 # boot: since the autopilot started; simulation: since the run began; utc: since 1970; unknown: as the writer pleased
 Base = Literal["boot", "simulation", "utc", "unknown"]

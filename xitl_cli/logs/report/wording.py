@@ -14,6 +14,7 @@ FORMAT_NAMES = {
     "dataflash": "DataFlash",
     "mcap": "MCAP",
     "tlog": "telemetry log",
+    "ulog": "ULog",
     "rosbag1": "ROS 1 bag",
     "rosbag2": "ROS 2 bag",
 }

@@ -1,0 +1,133 @@
+"""What a ULog says of its own rows: a format gives types and names of fields, and may nest other formats."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+TYPES: Mapping[str, str] = {
+    "int8_t": "i1", "uint8_t": "u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",
+    "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "i1", "char": "i1",
+}  # fmt: skip
+"""numpy's code of each basic type."""
+
+_FIELD = re.compile(r"([A-Za-z_]\w*)(?:\[(\d{1,5})\])? ([A-Za-z_]\w*)")
+_NAME = re.compile(r"[A-Za-z_][\w/]*")
+_PADDING = "_padding"
+_DEEPEST = 8
+_MOST_FIELDS = 8192
+_LONGEST_ROW = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class FormatField:
+    """A field as a format writes it. count: of an array, 0 for a single value."""
+
+    type_name: str
+    count: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class MessageFormat:
+    name: str
+    fields: tuple[FormatField, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RowField:
+    """One column. at: its first byte in a row, behind the number of the subscription. items: of an array, else 1."""
+
+    name: str
+    type_name: str
+    at: int
+    items: int
+    array: bool
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(TYPES[self.type_name])
+
+    @property
+    def is_text(self) -> bool:
+        return self.type_name == "char"
+
+
+@dataclass(frozen=True, slots=True)
+class RowLayout:
+    """Fields of a row. shortest, longest: bytes of a row without and with the padding at its end, which is not always
+    written. why: why rows cannot be read; then there are no fields.
+    """
+
+    fields: tuple[RowField, ...]
+    shortest: int
+    longest: int
+    why: str = ""
+
+    @property
+    def time(self) -> RowField | None:
+        """The column that tells when a row was written, in microseconds."""
+        return next((f for f in self.fields if f.name == "timestamp" and f.type_name == "uint64_t"), None)
+
+
+def parse_format(content: bytes) -> MessageFormat | None:
+    """Format from the content of its record; None where that is none."""
+    try:
+        name, colon, rest = content.decode("ascii").partition(":")
+    except UnicodeDecodeError:
+        return None
+    if not colon or not _NAME.fullmatch(name):
+        return None
+    fields = []
+    for text in rest.split(";"):
+        if not text:
+            continue
+        match = _FIELD.fullmatch(text)
+        if match is None:
+            return None
+        fields.append(FormatField(match[1], int(match[2] or 0), match[3]))
+    return MessageFormat(name, tuple(fields)) if fields else None
+
+
+def row_layout(name: str, formats: Mapping[str, MessageFormat]) -> RowLayout:
+    """Layout of the rows of a message. Nested fields have dots, elements of nested arrays brackets."""
+    try:
+        fields = list(_flat(name, formats, "", 0))
+    except _UnreadableError as error:
+        return RowLayout((), 0, _LONGEST_ROW, str(error))
+    placed, at = [], 0
+    for field in fields:
+        items = max(field.count, 1)
+        placed.append(RowField(field.name, field.type_name, at, items, field.count > 0))
+        at += np.dtype(TYPES[field.type_name]).itemsize * items
+        if at > _LONGEST_ROW or len(placed) > _MOST_FIELDS:
+            return RowLayout((), 0, _LONGEST_ROW, f"its format {name!r} is longer than a record can be")
+    while placed and placed[-1].name.startswith(_PADDING):
+        placed.pop()
+    end = placed[-1].at + placed[-1].dtype.itemsize * placed[-1].items if placed else 0
+    return RowLayout(tuple(placed), end, at, "" if placed else f"its format {name!r} has no fields")
+
+
+class _UnreadableError(Exception):
+    pass
+
+
+def _flat(name: str, formats: Mapping[str, MessageFormat], prefix: str, depth: int) -> Iterator[FormatField]:
+    found = formats.get(name)
+    if found is None:
+        raise _UnreadableError(f"the log has no format {name!r}")
+    if depth > _DEEPEST:
+        raise _UnreadableError(f"its format nests {name!r} without end")
+    for field in found.fields:
+        if field.type_name in TYPES:
+            yield FormatField(field.type_name, field.count, prefix + field.name)
+            continue
+        places = [f"{prefix}{field.name}[{index}]." for index in range(field.count)] or [f"{prefix}{field.name}."]
+        if len(places) > _MOST_FIELDS:
+            raise _UnreadableError(f"its format {name!r} is longer than a record can be")
+        for place in places:
+            yield from _flat(field.type_name, formats, place, depth + 1)

@@ -1,0 +1,186 @@
+"""The tables of a ULog: rows of a message by strided views on the file, and records that are no rows as made tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.formats.dataflash.table import decode_text
+from xitl_cli.logs.formats.ulog.definitions import RowField, RowLayout
+from xitl_cli.logs.formats.ulog.records import ROW_HEAD_BYTES, Bytes, Places
+from xitl_cli.logs.formats.ulog.units import Measure, measure_of
+from xitl_cli.logs.model.table import ALL, Column, Rows, Stamps, Table
+
+INSTANCE = "multi_id"
+
+
+@dataclass(frozen=True, slots=True)
+class RowPart:
+    """Rows of one layout. place: (n,) first bytes; number: (n,) of these rows among all of the log; multi_id: (n,)."""
+
+    layout: RowLayout
+    place: Places
+    number: NDArray[np.int64]
+    multi_id: NDArray[np.uint8]
+
+
+class UlogTable(Table):
+    """Implements `Table`: the rows of all instances of a message.
+
+    It has a column `multi_id` where there are several instances. A column is what the first layout makes of it; where
+    another layout lacks it, it is NaN or empty.
+    """
+
+    def __init__(self, name: str, data: Bytes, parts: Sequence[RowPart], stamps: Callable[[], Stamps]) -> None:
+        self.name = name
+        self._data, self._parts, self._stamps = data, parts, stamps
+        ids = np.unique(np.concatenate([np.unique(part.multi_id) for part in parts]))
+        self.instance = INSTANCE if len(ids) > 1 or ids.any() else None
+
+    @cached_property
+    def columns(self) -> Mapping[str, Column]:
+        found = {INSTANCE: Column(INSTANCE)} if self.instance else {}
+        for part in self._parts:
+            for field in part.layout.fields:
+                found.setdefault(field.name, _column(self.name, field))
+        return MappingProxyType(found)
+
+    def __len__(self) -> int:
+        return sum(len(part.place) for part in self._parts)
+
+    @cached_property
+    def _order(self) -> NDArray[np.intp] | None:
+        """Of the rows of all parts, one behind the other; None when there is one."""
+        if len(self._parts) == 1:
+            return None
+        return np.argsort(np.concatenate([part.place for part in self._parts]), kind="stable")
+
+    def _joined(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        return parts[0] if self._order is None else np.concatenate(parts)[self._order]
+
+    @cached_property
+    def file_offset(self) -> Places:
+        return self._joined([part.place for part in self._parts])
+
+    @cached_property
+    def stamp_ns(self) -> Stamps:
+        found: Stamps = self._stamps()[self._joined([part.number for part in self._parts])]
+        found.flags.writeable = False
+        return found
+
+    def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
+        known = self.columns[column]
+        if column == INSTANCE and self.instance:
+            return self._joined([part.multi_id for part in self._parts])[rows]
+        if self._order is None:
+            return self._values(self._parts[0], self._parts[0].place[rows], known, raw=raw)
+        parts = [self._values(part, part.place, known, raw=raw) for part in self._parts]
+        return np.concatenate(parts)[self._order][rows]
+
+    def _values(self, part: RowPart, place: Places, known: Column, *, raw: bool) -> NDArray[Any]:
+        field = next((field for field in part.layout.fields if field.name == known.name), None)
+        if field is None or (column := _column(self.name, field)).shape != known.shape or column.kind != known.kind:
+            return _missing(known, len(place))
+        items = field.dtype.itemsize * field.items
+        stored = np.ndarray((max(len(self._data) - items + 1, 0),), f"V{items}", self._data, strides=(1,))
+        return self._scaled(_finished(stored[place + ROW_HEAD_BYTES + field.at], field), field, raw=raw)
+
+    def _scaled(self, values: NDArray[Any], field: RowField, *, raw: bool) -> NDArray[Any]:
+        divisor = _measure(self.name, field).divisor
+        return values if raw or divisor == 1.0 else np.asarray(values / divisor)
+
+    def read(self, *, raw: bool = False) -> dict[str, NDArray[Any]]:
+        """All columns, row by row, which is faster than column by column."""
+        found: dict[str, list[NDArray[Any]]] = {name: [] for name in self.columns}
+        for part in self._parts:
+            stored = _whole_rows(self._data, part)
+            fields = {field.name: field for field in part.layout.fields}
+            for name, known in self.columns.items():
+                if name == INSTANCE and self.instance:
+                    found[name].append(part.multi_id)
+                elif name in fields and _column(self.name, fields[name]) == known:
+                    values = _finished(np.ascontiguousarray(stored[name]), fields[name])
+                    found[name].append(self._scaled(values, fields[name], raw=raw))
+                else:
+                    found[name].append(_missing(known, len(part.place)))
+        return {name: self._joined(parts) for name, parts in found.items()}
+
+
+def _whole_rows(data: Bytes, part: RowPart) -> NDArray[np.void]:
+    """(n,) rows with their fields by name."""
+    layout = part.layout
+    view = np.ndarray((len(data) - layout.shortest + 1,), f"V{layout.shortest}", data, strides=(1,))
+    packed = {
+        "names": [field.name for field in layout.fields],
+        "formats": [(field.dtype, field.items) if field.items > 1 else field.dtype for field in layout.fields],
+        "offsets": [field.at for field in layout.fields],
+        "itemsize": layout.shortest,
+    }
+    rows: NDArray[np.void] = view[part.place + ROW_HEAD_BYTES].view(np.dtype(packed))  # type: ignore[call-overload]
+    return rows
+
+
+def _measure(message: str, field: RowField) -> Measure:
+    return measure_of(message, field.name, whole=field.dtype.kind in "iu")
+
+
+def _column(message: str, field: RowField) -> Column:
+    if field.is_text:
+        return Column(field.name, kind="text")
+    measure = _measure(message, field)
+    return Column(field.name, measure.unit, measure.raw_unit, shape=(field.items,) if field.array else ())
+
+
+def _finished(stored: NDArray[Any], field: RowField) -> NDArray[Any]:
+    """Values of stored bytes (n,), in the kind and shape of the column."""
+    count = len(stored)
+    if field.is_text:
+        return decode_text(np.ascontiguousarray(stored).view(f"S{field.items}").reshape(count))
+    values = np.ascontiguousarray(stored).view(field.dtype)
+    return values.reshape((count, field.items) if field.array else (count,))
+
+
+def _missing(column: Column, count: int) -> NDArray[Any]:
+    return np.full(count, "", "U1") if column.kind == "text" else np.full((count, *column.shape), np.nan)
+
+
+class MadeTable(Table):
+    """Implements `Table` with columns that are in memory. place: (n,) of the records in the file."""
+
+    def __init__(self, name: str, stamp_ns: Stamps, place: Places, values: Mapping[str, NDArray[Any]]) -> None:
+        self.name = name
+        self._stamp_ns, self._place, self._values = stamp_ns, place, values
+
+    @cached_property
+    def columns(self) -> Mapping[str, Column]:
+        return MappingProxyType(
+            {
+                name: Column(name, kind="text") if values.dtype.kind == "U" else _made_column(self.name, name)
+                for name, values in self._values.items()
+            }
+        )
+
+    def __len__(self) -> int:
+        return len(self._place)
+
+    @property
+    def stamp_ns(self) -> Stamps:
+        return self._stamp_ns
+
+    @property
+    def file_offset(self) -> Places:
+        return self._place
+
+    def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
+        return self._values[column][rows]
+
+
+def _made_column(message: str, name: str) -> Column:
+    unit = measure_of(message, name).unit
+    return Column(name, unit, unit)
