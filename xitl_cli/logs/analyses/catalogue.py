@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from xitl_cli.logs.model.log import Log
@@ -15,6 +15,7 @@ Analysis = Callable[[Log], Section | None]
 
 NAMES = (
     "vehicle",
+    "px4",
     "modes",
     "arming",
     "events",
@@ -40,7 +41,19 @@ NAMES = (
 
 
 def load_analysis(name: str) -> Analysis:
-    return importlib.import_module(f"xitl_cli.logs.analyses.{name}").analyse  # type: ignore[no-any-return]
+    analyse: Analysis = importlib.import_module(f"xitl_cli.logs.analyses.{name}").analyse
+
+    def analysed(log: Log) -> Section | None:
+        found = analyse(log)
+        return found if found is None or log.format != "ulog" else _of_px4(found)
+
+    return analysed
+
+
+def _of_px4(found: Section) -> Section | None:
+    """Without what it lacks, which is said in ArduPilot's messages; None where nothing else is left."""
+    told = found.facts or found.findings or found.grids or found.plots
+    return replace(found, lacks=()) if told else None
 
 
 def sections(log: Log) -> list[Section]:

@@ -14,6 +14,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section, Value
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.model.text import length_text
+from xitl_cli.logs.signals import px4
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import spells
 from xitl_cli.logs.signals.states import (
@@ -85,6 +86,9 @@ def _firmware(log: Log) -> Iterator[Fact]:
             number_text = number_text or f"{packed >> 24}.{packed >> 16 & 255}.{packed >> 8 & 255}"
             build = release_name(packed & 255)
         commit = commit or _custom_version(said)
+    if log.format == "ulog":
+        name = log.facts.get("sys_name")
+        number_text, commit, board = px4.release(log)
     yield Fact("firmware", "Firmware", name)
     yield Fact("firmware_version", "Version", number_text)
     yield Fact("firmware_commit", "Commit", commit)
@@ -140,6 +144,10 @@ def _logging(parameters: Mapping[str, float]) -> Iterator[Fact]:
 
 
 def _simulated(log: Log, parameters: Mapping[str, float]) -> Iterator[Finding]:
+    if log.format == "ulog":
+        if "SITL" in log.facts.get("ver_hw", "").upper():
+            yield _simulated_finding("PX4", (Evidence("ver_hw", value=log.facts["ver_hw"]),))
+        return
     version = log.tables.get("VER")
     evidence: list[Evidence] = []
     if version is not None and "BT" in version.columns and int(version.values("BT", raw=True)[-1]) == SITL_BOARD:
@@ -149,12 +157,7 @@ def _simulated(log: Log, parameters: Mapping[str, float]) -> Iterator[Finding]:
     if any(name.startswith("SIM_") for name in parameters):
         evidence.append(Evidence("PARM", "Name", value="SIM_…"))
     if evidence:
-        sentence = (
-            "A SITL build of ArduPilot made this log: no board had a part in it, and vibration, power and radio "
-            "are what models say"
-        )
-        step = "Take no processor time, jitter, noise or supply from it; those need a log of the board."
-        yield Finding.notice("vehicle.simulated", sentence, tuple(evidence), step)
+        yield _simulated_finding("ArduPilot", tuple(evidence))
         return
     said = first_text(log, LOCKSTEP)
     if said is None:
@@ -163,6 +166,15 @@ def _simulated(log: Log, parameters: Mapping[str, float]) -> Iterator[Finding]:
     step = "Judge deadlines and load on a run in real time (clock.mode: realtime)."
     evidence = [Evidence("MSG", "Message", said[0], value=said[1])]
     yield Finding.notice("vehicle.lockstep", sentence, tuple(evidence), step)
+
+
+def _simulated_finding(autopilot: str, evidence: tuple[Evidence, ...]) -> Finding:
+    sentence = (
+        f"A SITL build of {autopilot} made this log: no board had a part in it, and vibration, power and radio are "
+        "what models say"
+    )
+    step = "Take no processor time, jitter, noise or supply from it; those need a log of the board."
+    return Finding.notice("vehicle.simulated", sentence, evidence, step)
 
 
 def _reboots(log: Log) -> Iterator[Finding]:

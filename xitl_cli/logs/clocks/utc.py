@@ -17,6 +17,7 @@ from xitl_cli.logs.clocks.readings import (
 )
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Stamps, Table, first_of
+from xitl_cli.logs.signals import px4
 
 _FIX_3D = 3
 _MOST_WEEKS = 10_000
@@ -52,6 +53,8 @@ def in_utc(stamp_ns: Stamps, utc: UtcOffset | None) -> Stamps:
 
 def _told(log: Log) -> Iterator[tuple[str, Stamps, Stamps]]:
     """Source, stamps and UTC at each of them; not yet judged."""
+    if (told := px4.utc(log)) is not None:
+        yield "by GPS", *told
     gps = log.tables.get("GPS")
     if gps is not None and "Status" in gps.columns:
         week, ms = first_of(gps, ("GWk", "Week")), first_of(gps, ("GMS", "TimeMS"))

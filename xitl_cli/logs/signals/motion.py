@@ -13,6 +13,7 @@ from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
 from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table
+from xitl_cli.logs.signals import px4
 from xitl_cli.logs.signals.lanes import rows_in_use
 from xitl_cli.logs.signals.series import (
     Series,
@@ -164,10 +165,13 @@ def _demanded(found: Series | None) -> Series | None:
 def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
     """Degrees a second, clockwise from above."""
     if of == "truth":
-        return first_series(log, _true_yaw_rate, partial(_foreign_yaw_rate, of="truth"))
+        return first_series(
+            log, partial(px4.yaw_rate, of="truth"), _true_yaw_rate, partial(_foreign_yaw_rate, of="truth")
+        )
     return first_series(
         log,
         lambda log: column_series(log, "IMU", "GyrZ", "deg/s", factor=_DEG),
+        px4.yaw_rate,
         lambda log: _telemetry(log, "ATTITUDE", "yawspeed", "deg/s", factor=_DEG),
         lambda log: _odometry_yaw_rate(log, "/estimate/odometry"),
         _any_imu_yaw_rate,
@@ -181,10 +185,12 @@ def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
             log,
             lambda log: _norm(log, "/truth/state", "velocity_ned_mps"),
             lambda log: unless_stray(log, _hypot(log, "SIM2", "VN", "VE")),
+            partial(px4.ground_speed, of="truth"),
             partial(_foreign_speed, of="truth"),
         )
     return first_series(
         log,
+        px4.ground_speed,
         lambda log: _hypot(log, "XKF1", "VN", "VE"),
         lambda log: _hypot(log, "NKF1", "VN", "VE"),
         lambda log: _hypot(log, "EKF1", "VN", "VE"),
@@ -202,10 +208,12 @@ def _angle(log: Log, name: str, logged: str, of: SignalSource) -> Series | None:
             log,
             lambda log: unless_stray(log, column_series(log, "SIM", logged, "deg", turns=turns)),
             lambda log: _own_angle(log, "/truth/odometry", name),
+            partial(px4.angle, name=name, of="truth"),
             partial(_foreign_angle, name=name, of="truth"),
         )
     return first_series(
         log,
+        partial(px4.angle, name=name),
         lambda log: column_series(log, "ATT", logged, "deg", turns=turns),
         lambda log: _own_angle(log, "/estimate/odometry", name),
         lambda log: _turned(_telemetry(log, "ATTITUDE", name, "deg", factor=_DEG, turns=turns)),
@@ -413,10 +421,12 @@ def position_geodetic(log: Log, of: SignalSource = "estimate") -> Series | None:
         ways = (
             lambda log: unless_stray(log, geodetic_series(log, "SIM", ("Lat", "Lng", "Alt"))),
             partial(geodetic_series, table="/truth/fix", names=_GEODETIC),
+            partial(_px4_geodetic, of="truth"),
             partial(_any_fix, of="truth"),
         )
     else:
         ways = (
+            _px4_geodetic,
             partial(geodetic_series, table="POS", names=("Lat", "Lng", "Alt")),
             partial(geodetic_series, table="GPS", names=("Lat", "Lng", "Alt")),
             _estimated_geodetic,
@@ -474,6 +484,11 @@ def _metres(log: Log, geodetic: Series, of: SignalSource, about: tuple[float, fl
     own = _estimator_origin(log) or _first_place(simulated)
     flat = ardupilot_ned(own, geodetic.values)
     return flat if about == own else frame.ned(*LocalFrame(*own).geodetic(flat))
+
+
+def _px4_geodetic(log: Log, of: SignalSource = "estimate") -> Series | None:
+    found = px4.geodetic(log, of)
+    return None if found is None else fixed_on_earth(*found)
 
 
 def _local_odometry(log: Log, topic: str) -> Series | None:

@@ -10,7 +10,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, first_of
 from xitl_cli.logs.signals.motion import topic_source
 from xitl_cli.logs.signals.sensors import sample_times
-from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, tables_of
+from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, stacked, tables_of
 
 FIX_3D = 3
 FIX_NAMES = {
@@ -63,21 +63,25 @@ class GnssReceiver:
     accuracy: ReceiverAccuracy | None
 
 
-_LAT = ("Lat", "lat", "latitude")
-_LON = ("Lng", "lon", "longitude")
+_LAT = ("Lat", "latitude_deg", "lat", "latitude")
+_LON = ("Lng", "longitude_deg", "lon", "longitude")
 _FIX = ("Status", "fix_type", "status.status")
-_SATELLITES = ("NSats", "satellites_visible", "satellites")
-_HDOP = ("HDop", "eph")
-_SPEED = ("Spd", "vel")
+_SATELLITES = ("NSats", "satellites_visible", "satellites", "satellites_used")
+_HDOP = ("HDop", "hdop", "eph")
+_SPEED = ("Spd", "vel", "vel_m_s")
 _COURSE = ("GCrs", "cog")
 _DOWN = ("VZ",)
-_KINDS = ("GPS", "GPS2", "GPS_RAW_INT", "GPS2_RAW", "XITL_GNSS")
+_KINDS = ("GPS", "GPS2", "GPS_RAW_INT", "GPS2_RAW", "XITL_GNSS", "sensor_gps")
+
+
+_OLD_PX4 = "vehicle_gps_position"
+"""The receivers of PX4 until 1.11, since then what it makes of all of them."""
 
 
 def gnss_receivers(log: Log) -> list[GnssReceiver]:
     """Every instance with at least three rows that ever had a fix or a satellite."""
     found: list[GnssReceiver] = []
-    for table in [*tables_of(log, _KINDS), *_ros(log)]:
+    for table in [*(tables_of(log, _KINDS) or tables_of(log, (_OLD_PX4,))), *_ros(log)]:
         for number, each in by_instance(table).items():
             if len(each) >= 3 and (receiver := _receiver(log, instance_label(table, number), each, number)) is not None:
                 found.append(receiver)
@@ -152,7 +156,7 @@ def _plausible(table: Table, name: str | None, values: Floats | None) -> Floats 
 
 def _hdop(table: Table, values: Floats | None) -> Floats | None:
     """MAVLink's eph is a dilution times 100, 65535 unknown."""
-    if values is None or "eph" not in table.columns:
+    if values is None or "eph" not in table.columns or "hdop" in table.columns:
         return values
     raw = np.asarray(table.values("eph", raw=True), dtype=np.float64)
     return np.where(raw == 65535, np.nan, raw * 0.01)
@@ -165,6 +169,8 @@ def _norm(table: Table) -> Floats | None:
 
 def _velocity(table: Table, speed: Floats | None, course_deg: Floats | None, down: Floats | None) -> Floats:
     velocity = numbers(table, "velocity")
+    if velocity is None:
+        velocity = stacked(table, ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s"))
     if velocity is not None and velocity.ndim == 2 and velocity.shape[1] >= 3:
         return velocity[:, :3]
     unknown = np.full(len(table), np.nan)
@@ -182,6 +188,9 @@ def _accuracy(log: Log, table: Table, number: int) -> ReceiverAccuracy | None:
         return ReceiverAccuracy(
             table.name, bounded_stamps(table), _known(parts[0]), _known(parts[1]), _known(parts[2]), None, None
         )
+    if "satellites_used" in table.columns and "eph" in table.columns:  # of PX4: metres
+        told = [_known(numbers(table, name)) for name in ("eph", "epv", "s_variance_m_s")]
+        return ReceiverAccuracy(table.name, bounded_stamps(table), told[0], told[1], told[2], None, None)
     covariance = numbers(table, "position_covariance")
     if covariance is not None and covariance.ndim == 2 and covariance.shape[1] == 9:
         east, north, up = (np.maximum(covariance[:, place], 0.0) for place in (0, 4, 8))

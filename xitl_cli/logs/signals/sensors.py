@@ -54,6 +54,7 @@ _LAYOUTS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
         tuple(f"linear_acceleration.{axis.lower()}" for axis in _XYZ),
     ),
     (("gyro",), ("accel",)),
+    (("gyro_rad",), ("accelerometer_m_s2",)),
 )
 _ALONE = {"GYR", "GYR1", "GYR2", "GYR3", "ACC", "ACC1", "ACC2", "ACC3"}  # raw sensors, each by itself
 _TEMPERATURES = ("T", "Temp", "temperature")
@@ -319,6 +320,11 @@ _MESSAGES = (
         _Message(kind, "barometer", (("press_abs",),), "Pa", (), ("temperature",))
         for kind in ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
     ),
+    _Message("sensor_mag", "magnetometer", (("x", "y", "z"),), "mGauss", factor=1e3),
+    _Message("vehicle_magnetometer", "magnetometer", (("magnetometer_ga",),), "mGauss", factor=1e3),
+    _Message("sensor_baro", "barometer", (("pressure",),), "Pa", (), ("temperature",)),
+    _Message("vehicle_air_data", "barometer", (("baro_pressure_pa",),), "Pa", (), ("baro_temp_celcius",)),
+    _Message("distance_sensor", "rangefinder", (("current_distance",),), "m"),
     _Message("RFND", "rangefinder", (("Dist",), ("Dist1",)), "m"),
     _Message("RNGF", "rangefinder", (("Dist",), ("Dist1",)), "m"),
     _Message("DPTH", "rangefinder", (("Depth",),), "m"),
@@ -368,4 +374,5 @@ def _values(table: Table, names: tuple[str, ...], message: _Message) -> Floats |
     if len(names) == 1:
         found = numbers(table, names[0], raw=message.raw)
         return None if found is None else found * message.factor
-    return stacked(table, names, raw=message.raw)
+    several = stacked(table, names, raw=message.raw)
+    return None if several is None else several * message.factor

@@ -10,6 +10,7 @@ import numpy as np
 
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, first_of
+from xitl_cli.logs.signals import px4
 from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
 from xitl_cli.logs.tables.events import ARMED, DISARMED
 from xitl_cli.logs.tables.modes import MODES
@@ -57,6 +58,8 @@ _FIRST_TEXTS = 200
 
 def vehicle_kind(log: Log) -> VehicleKind:
     """By VER.BU, by the firmware's name in MSG, or by the type in its heartbeats."""
+    if log.format == "ulog":
+        return px4.vehicle_kind(log)
     version = log.tables.get("VER")
     if version is not None and "BU" in version.columns:
         found = kind_from_build(int(version.values("BU", raw=True)[-1]))
@@ -98,6 +101,7 @@ def parameter_rows(log: Log) -> list[ParameterRow]:
     """In the log's order; rows without a name or a number are left out."""
     for source, name, value, table in (
         ("PARM", "Name", "Value", log.tables.get("PARM")),
+        ("parameters", "name", "value", px4.topic(log, "parameters")),
         ("PARAM_VALUE", "param_id", "param_value", autopilot_messages(log, "PARAM_VALUE")),
     ):
         if table is None or name not in table.columns or value not in table.columns:
@@ -105,11 +109,11 @@ def parameter_rows(log: Log) -> list[ParameterRow]:
         names = table.values(name)
         values = np.asarray(table.values(value), dtype=np.float64)
         defaults = np.full(len(values), np.nan)
-        if "Default" in table.columns:
-            defaults = np.asarray(table.values("Default"), dtype=np.float64)
+        if (default := first_of(table, ("Default", "default"))) is not None:
+            defaults = np.asarray(table.values(default), dtype=np.float64)
         return [
-            ParameterRow(at_ns, str(text), number, default if np.isfinite(default) else None, source)
-            for at_ns, text, number, default in zip(
+            ParameterRow(at_ns, str(text), number, usual if np.isfinite(usual) else None, source)
+            for at_ns, text, number, usual in zip(
                 table.stamp_ns.tolist(), names, values.tolist(), defaults.tolist(), strict=True
             )
             if str(text) and np.isfinite(number)
@@ -199,6 +203,8 @@ def modes(log: Log) -> list[StateSpan]:
     if table is not None and column is not None and table.columns[column].kind == "number":
         numbers = table.values(column, raw=True)
         return _state_spans(log, table.stamp_ns, numbers, f"MODE.{column}", dict(MODES[vehicle_kind(log)]))
+    if (states := px4.nav_states(log)) is not None:
+        return _state_spans(log, *states, dict(px4.NAV_STATES))
     beats = autopilot_heartbeats(log)
     if beats is None:
         return _bridged_modes(log)
@@ -222,7 +228,13 @@ def _bridged_modes(log: Log) -> list[StateSpan]:
 def texts(log: Log) -> list[LogText]:
     """Sentences of the autopilot and of the run, in the order of time."""
     found: list[LogText] = []
-    for name, field, level in (("MSG", "Message", None), ("STATUSTEXT", "text", "severity"), ("/log", "message", None)):
+    sources = (
+        ("MSG", "Message", None),
+        ("STATUSTEXT", "text", "severity"),
+        ("/log", "message", None),
+        ("logged_messages", "message", "level"),
+    )
+    for name, field, level in sources:
         table = log.tables.get(name)
         if table is None or field not in table.columns:
             continue
@@ -234,6 +246,8 @@ def texts(log: Log) -> list[LogText]:
 
 
 def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
+    if (states := px4.arm_states(log)) is not None:
+        return states
     table = log.tables.get("ARM")
     if table is not None and "ArmState" in table.columns:
         return _from_start(log, table.stamp_ns, table.values("ArmState", raw=True) != 0, "ARM.ArmState")
@@ -301,10 +315,13 @@ def _state_spans(
 _SIMULATOR_TABLES = ("SIM", "SIM2", "SIMSTATE", "/truth/state")
 
 
+_PX4_PARAMETERS = ("parameters", "name", "value")
+
+
 def parameter_values(log: Log) -> dict[str, float]:
     """Parameters by name with their last logged value (PARM, else PARAM_VALUE). Empty when the log has none."""
     found: dict[str, float] = {}
-    for kind, name, value in (("PARAM_VALUE", "param_id", "param_value"), ("PARM", "Name", "Value")):
+    for kind, name, value in (("PARAM_VALUE", "param_id", "param_value"), ("PARM", "Name", "Value"), _PX4_PARAMETERS):
         for table in tables_of(log, (kind,)):
             figures = numbers(table, value)
             if figures is None or name not in table.columns or table.columns[name].kind != "text":
@@ -326,7 +343,7 @@ def arming_known(log: Log) -> bool:
 
     A DataFlash log that is written while disarmed (LOG_DISARMED) holds the arming itself, as a row or a sentence.
     """
-    if any(name in log.tables for name in ("ARM", "/actuators")) or tables_of(log, ("HEARTBEAT",)):
+    if any(name in log.tables for name in ("ARM", "/actuators", "vehicle_status")) or tables_of(log, ("HEARTBEAT",)):
         return True
     texts_kept = any(name in log.tables for name in ("EV", "MSG"))
     return log.format == "dataflash" and texts_kept and parameter_values(log).get("LOG_DISARMED", 0.0) > 0.0
@@ -371,6 +388,8 @@ def output_names(log: Log) -> dict[int, str]:
 
 def pulses(log: Log) -> dict[int, Series]:
     """Outputs by channel from 1, pulse widths (us) alone."""
+    if log.format == "ulog":
+        return px4.outputs(log)
     return _pulses(log, ("RCOU", "RCO2", "RCO3"), "SERVO_OUTPUT_RAW", "rc/out")
 
 

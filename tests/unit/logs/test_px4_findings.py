@@ -1,0 +1,132 @@
+"""Signals and findings of a ULog, made so that each cause is known, with PX4's own topics and parameters."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ulog_writer as w
+
+from xitl_cli.logs import open_log, signals
+from xitl_cli.logs.analyses.catalogue import sections
+from xitl_cli.logs.clocks.utc import utc_offset
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Finding, Severity
+from xitl_cli.logs.signals.receivers import gnss_receivers
+from xitl_cli.logs.signals.states import last_parameters, vehicle_kind
+
+TOPICS = {
+    "vehicle_status": "uint8_t arming_state;uint8_t nav_state;uint8_t vehicle_type;bool failsafe;",
+    "failsafe_flags": "bool mode_req_attitude;bool global_position_invalid;bool gcs_connection_lost;",
+    "vehicle_attitude": "float[4] q;",
+    "vehicle_local_position": "float vx;float vy;bool v_xy_valid;uint8_t xy_reset_counter;",
+    "vehicle_global_position": "double lat;double lon;float alt;",
+    "sensor_gps": "uint64_t time_utc_usec;int32_t lat;int32_t lon;int32_t alt;float eph;float hdop;float vel_m_s;"
+    "uint8_t fix_type;uint8_t satellites_used;",
+    "estimator_status": "float pos_test_ratio;float mag_test_ratio;",
+    "cpuload": "float load;float ram_usage;",
+    "battery_status": "float voltage_v;uint8_t warning;",
+    "failure_detector_status": "bool fd_roll;bool fd_motor;",
+    "vehicle_imu_status": "uint32_t[3] accel_clipping;",
+}
+NUMBERS = {name: number for number, name in enumerate(TOPICS)}
+UTC_US = 1_760_000_000_000_000
+FAILS = range(60, 80)  # of 100 tenths of a second
+
+
+def rows(at: int, trouble: bool) -> bytes:
+    us = 1_000_000 + at * 100_000
+    bad = trouble and at in FAILS
+    armed = 20 <= at < (100 if trouble else 90)
+    yaw = math.radians(90.0 + at)
+    values = {
+        "vehicle_status": ("4B", 2 if armed else 1, 3 if armed else 4, 3, bad),
+        "failsafe_flags": ("3B", 1, bad, 1),
+        "vehicle_attitude": ("4f", math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)),
+        "vehicle_local_position": ("2f2B", 3.0, 4.0, at > 5, 1 if bad else 0),
+        "vehicle_global_position": ("2df", 47.0 + at * 1e-6, 8.0, 400.0),
+        "sensor_gps": ("Q3i3f2B", UTC_US + us, 470_000_000 + at * 10, 80_000_000, 400_000, 0.8, 0.9, 5.0, 3, 14),
+        "estimator_status": ("2f", 7.5 if bad else 0.1, 0.2),
+        "cpuload": ("2f", 0.97 if bad else 0.4, 0.5),
+        "battery_status": ("fB", 10.5 if bad else 12.0, 2 if bad else 0),
+        "failure_detector_status": ("2B", 0, bad),
+        "vehicle_imu_status": ("3I", 9 if trouble and at >= 60 else 0, 0, 0),
+    }
+    return b"".join(w.row(NUMBERS[name], "Q" + layout, us, *held) for name, (layout, *held) in values.items())
+
+
+def made(folder: Path, *, trouble: bool) -> Path:
+    content = w.head() + b"".join(w.message_format(n, f"uint64_t timestamp;{f}") for n, f in TOPICS.items())
+    content += w.information("sys_name", "PX4") + w.information("ver_hw", "PX4_FMU_V6X")
+    content += w.keyed("I", "uint32_t ver_sw_release", (0x011000FF).to_bytes(4, "little"))
+    content += w.parameter("RO_SPEED_LIM", 3.0) + w.default("RO_SPEED_LIM", -1.0)
+    content += b"".join(w.subscription(number, name) for name, number in NUMBERS.items())
+    content += b"".join(rows(at, trouble) for at in range(60))
+    if trouble:
+        content += w.text(2, 7_000_000, "Preflight Fail: barometer 0 missing\t") + w.dropout(250)
+    content += b"".join(rows(at, trouble) for at in range(60, 100))
+    path = folder / "autopilot.ulg"
+    path.write_bytes(content)
+    return path
+
+
+def findings(log: Log) -> dict[str, Finding]:
+    return {found.key: found for section in sections(log) for found in section.findings}
+
+
+def test_signals(tmp_path: Path) -> None:
+    with open_log(made(tmp_path, trouble=False)) as log:
+        yaw, speed, place = signals.yaw(log), signals.ground_speed(log), signals.position_geodetic(log)
+        assert yaw is not None
+        assert speed is not None
+        assert place is not None
+        np.testing.assert_allclose(yaw.values, 90.0 + np.arange(100), atol=1e-4)
+        assert (yaw.source, yaw.unit) == ("vehicle_attitude.q", "deg")
+        assert (len(speed.values), set(speed.values)) == (94, {5.0})  # where the velocity is valid
+        np.testing.assert_allclose(place.values[:, 0], 47.0 + np.arange(100) * 1e-6)
+        assert [(span.text, span.from_ns) for span in signals.modes(log)] == [
+            ("Hold", 1_000_000_000), ("Mission", 3_000_000_000), ("Hold", 10_000_000_000),
+        ]  # fmt: skip
+        assert [(span.from_ns, span.until_ns) for span in signals.armed(log)] == [(3_000_000_000, 10_000_000_000)]
+        assert vehicle_kind(log) == "rover"
+        assert last_parameters(log) == {"RO_SPEED_LIM": 3.0}
+        (receiver,) = gnss_receivers(log)
+        assert receiver.lat_deg[1] == pytest.approx(47.000001)
+        assert receiver.accuracy is not None
+        utc = utc_offset(log)
+        assert utc is not None
+        assert utc.offset_ns == UTC_US * 1000
+        facts = {fact.key: fact.value for section in sections(log) for fact in section.facts}
+        assert (facts["firmware"], facts["firmware_version"], facts["board"]) == ("PX4", "1.16.0", "PX4_FMU_V6X")
+
+
+def test_a_sound_log_has_no_trouble(tmp_path: Path) -> None:
+    with open_log(made(tmp_path, trouble=False)) as log:
+        assert not {key for key in findings(log) if key.startswith("px4.")}
+        assert not any("LOG_BITMASK" in lack for section in sections(log) for lack in section.lacks)
+
+
+@pytest.mark.parametrize(
+    ("key", "severity", "field", "words"),
+    [
+        ("failsafe", Severity.CRITICAL, "vehicle_status.failsafe", "global_position_invalid"),
+        ("failure_detected", Severity.CRITICAL, "failure_detector_status.fd_motor", "motor failure"),
+        ("ends_armed", Severity.WARNING, "vehicle_status.arming_state", "while the vehicle was armed"),
+        ("reported", Severity.WARNING, "logged_messages.message", "barometer 0 missing"),
+        ("rejected", Severity.WARNING, "estimator_status.pos_test_ratio", "up to 7.5"),
+        ("estimate_reset", Severity.WARNING, "vehicle_local_position.xy_reset_counter", "position 2 times"),
+        ("accel_clipping", Severity.WARNING, "vehicle_imu_status.accel_clipping", "clipped 9 samples"),
+        ("battery", Severity.CRITICAL, "battery_status.warning", "critical at 0:07.0 at 10.50 V"),
+        ("load", Severity.WARNING, "cpuload.load", "97 %"),
+        ("log_dropouts", Severity.WARNING, "dropouts.duration", "0.25 s"),
+    ],
+)
+def test_each_trouble_is_found(tmp_path: Path, key: str, severity: Severity, field: str, words: str) -> None:
+    with open_log(made(tmp_path, trouble=True)) as log:
+        found = findings(log)[f"px4.{key}"]
+    assert found.severity == severity
+    assert f"{found.evidence[0].message}.{found.evidence[0].field}" == field
+    assert words in found.sentence
+    assert found.next_step

@@ -1,0 +1,278 @@
+"""What PX4 itself logs of trouble: failsafes, failure detector, estimator, load, supply and the logger; of ULog alone.
+
+Limits: a test ratio over 1 rejects a measurement (EKF2 of PX4). `battery_status.warning` 1 is low, 2 critical, 3
+emergency. Load and memory are shares of 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+import xitl_cli.logs.signals as signals
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section
+from xitl_cli.logs.model.table import Flags, Table, by_instance
+from xitl_cli.logs.model.text import length_text, plural
+from xitl_cli.logs.signals import px4
+from xitl_cli.logs.signals.series import instance_label, numbers, rounded
+from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.signals.states import LogText
+
+_MOST_FINDINGS = 12
+_HIGH_LOAD = 0.9
+_HIGH_MEMORY = 0.95
+_REJECTED_S = 1.0
+_ERROR = 3  # MAVLink's severity
+_RATIOS = {
+    "mag_test_ratio": ("magnetometer", "EKF2_MAG_GATE, EKF2_MAG_TYPE and the distance of the compass to power lines"),
+    "vel_test_ratio": ("velocity", "EKF2_GPS_V_GATE, EKF2_GPS_DELAY and the quality of the receiver"),
+    "pos_test_ratio": ("position", "EKF2_GPS_P_GATE, EKF2_GPS_DELAY and the quality of the receiver"),
+    "hgt_test_ratio": ("height", "EKF2_BARO_GATE, EKF2_HGT_REF and the shelter of the barometer"),
+    "hdg_test_ratio": ("heading", "EKF2_HDG_GATE, EKF2_MAG_TYPE and the distance of the compass to power lines"),
+}
+_DETECTED = {
+    "fd_roll": ("roll beyond FD_FAIL_R", "FD_FAIL_R"), "fd_pitch": ("pitch beyond FD_FAIL_P", "FD_FAIL_P"),
+    "fd_alt": ("loss of height", "FD_FAIL_R"), "fd_ext": ("an external trigger", "FD_EXT_ATS_EN"),
+    "fd_arm_escs": ("a motor controller that did not arm", "FD_ESCS_EN"),
+    "fd_battery": ("a battery failure", "BAT1_SOURCE"),
+    "fd_imbalanced_prop": ("an imbalanced propeller", "FD_IMB_PROP_THR"), "fd_motor": ("a motor failure", "FD_ACT_EN"),
+}  # fmt: skip
+_BATTERY = {1: "low", 2: "critical", 3: "emergency", 4: "failed"}
+
+
+def analyse(log: Log) -> Section | None:
+    if log.format != "ulog" or log.span_ns is None:
+        return None
+    clock = LogClock(log)
+    findings = [
+        *_failsafes(log, clock),
+        *_detected(log, clock),
+        *_ends_armed(log),
+        *_reported(signals.texts(log), clock),
+        *_rejected(log, clock),
+        *_resets(log, clock),
+        *_clipping(log, clock),
+        *_battery(log, clock),
+        *_load(log),
+        *_dropouts(log),
+    ]
+    return Section("px4", "PX4", tuple(_facts(log)), tuple(findings))
+
+
+def _facts(log: Log) -> Iterator[Fact]:
+    load = px4.topic(log, "cpuload")
+    for field, label in (("load", "Processor load, highest"), ("ram_usage", "Memory in use, highest")):
+        values = None if load is None else numbers(load, field)
+        if values is not None and len(values):
+            yield Fact(f"{field}_highest_percent", label, rounded(100.0 * float(np.nanmax(values)), 1), "%")
+    lost = log.tables.get("dropouts")
+    duration = None if lost is None else numbers(lost, "duration")
+    yield Fact("dropouts_s", "Lost by the logger", 0.0 if duration is None else rounded(1e-3 * duration.sum()), "s")
+
+
+def _true(table: Table | None, field: str) -> Flags:
+    """(N,) where a flag is set."""
+    values = None if table is None else numbers(table, field)
+    return np.zeros(0, np.bool_) if values is None or values.ndim != 1 else values > 0.0
+
+
+def _span(table: Table, first: int, after: int) -> tuple[int, int]:
+    stamps = table.stamp_ns
+    return int(stamps[first]), int(stamps[min(after, len(stamps) - 1)])
+
+
+def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
+    table = px4.topic(log, "vehicle_status")
+    if table is None:
+        return
+    for first, after in list(runs(_true(table, "failsafe")))[:_MOST_FINDINGS]:
+        from_ns, until_ns = _span(table, first, after)
+        reasons = _flags_set(log, from_ns, until_ns)
+        because = f" ({', '.join(reasons)})" if reasons else ""
+        yield Finding.critical(
+            "px4.failsafe",
+            f"PX4 was in failsafe from {clock.text(from_ns)} for {length_text((until_ns - from_ns) * 1e-9)}{because}",
+            (
+                Evidence("vehicle_status", "failsafe", from_ns, until_ns, "1"),
+                *(Evidence("failsafe_flags", name, from_ns, until_ns, "1") for name in reasons),
+            ),
+            "Find the flag that came first and its cause; COM_*_ACT and NAV_*_ACT decide what PX4 does then.",
+        )
+
+
+_NO_REASON = ("timestamp", "mode_req_", "multi_id")
+
+
+def _flags_set(log: Log, from_ns: int, until_ns: int) -> list[str]:
+    """Flags of failsafe_flags that were set when a failsafe began, and not all the time before."""
+    table = px4.topic(log, "failsafe_flags")
+    if table is None or not len(table):
+        return []
+    row = min(int(np.searchsorted(table.stamp_ns, from_ns, side="right")), len(table) - 1)
+    found = []
+    for name in table.columns:
+        flags = _true(table, name)
+        if name.startswith(_NO_REASON) or not len(flags):
+            continue
+        if flags[max(row - 1, 0) : row + 1].any() and not flags[: max(row - 1, 1)].all():
+            found.append(name)
+    return found[:6]
+
+
+def _detected(log: Log, clock: LogClock) -> Iterator[Finding]:
+    table = px4.topic(log, "failure_detector_status")
+    if table is None:
+        return
+    for field, (what, parameter) in _DETECTED.items():
+        for first, after in list(runs(_true(table, field)))[:1]:
+            from_ns, until_ns = _span(table, first, after)
+            yield Finding.critical(
+                "px4.failure_detected",
+                f"PX4's failure detector reported {what} at {clock.text(from_ns)}",
+                (Evidence("failure_detector_status", field, from_ns, until_ns, "1"),),
+                f"Look at attitude, outputs and supply just before; {parameter} sets when it reports.",
+            )
+
+
+def _ends_armed(log: Log) -> Iterator[Finding]:
+    states = px4.arm_states(log)
+    if states is None or not len(states[1]) or not states[1][-1]:
+        return
+    yield Finding.warning(
+        "px4.ends_armed",
+        "The log ends while the vehicle was armed: the supply failed, PX4 crashed, or the log was cut off",
+        (Evidence("vehicle_status", "arming_state", int(states[0][-1]), value="2"),),
+        "Look at the supply and for a fault log on the card; SDLOG_MODE decides until when PX4 logs.",
+    )
+
+
+def _reported(texts: list[LogText], clock: LogClock) -> Iterator[Finding]:
+    by_text: dict[str, list[LogText]] = {}
+    for each in texts:
+        words = " ".join(each.text.split())
+        if each.severity is not None and (each.severity <= _ERROR or "Preflight Fail" in words):
+            by_text.setdefault(words, []).append(each)
+    for words, said in list(by_text.items())[:_MOST_FINDINGS]:
+        times = "" if len(said) == 1 else f" ({len(said)} times)"
+        yield Finding.warning(
+            "px4.reported",
+            f'PX4 reported "{words}" at {clock.text(said[0].at_ns)}{times}',
+            (Evidence("logged_messages", "message", said[0].at_ns, said[-1].at_ns, words),),
+            "Look at the sensors and states that the text names, just before.",
+        )
+
+
+def _rejected(log: Log, clock: LogClock) -> Iterator[Finding]:
+    table = px4.topic(log, "estimator_status")
+    if table is None:
+        return
+    for field, (what, advice) in _RATIOS.items():
+        values = numbers(table, field)
+        if values is None or values.ndim != 1:
+            continue
+        spans = [_span(table, *run) for run in runs(np.nan_to_num(values) > 1.0)]
+        long = [(begin, end) for begin, end in spans if (end - begin) * 1e-9 >= _REJECTED_S]
+        if not long:
+            continue
+        longest = max(end - begin for begin, end in long) * 1e-9
+        yield Finding.warning(
+            "px4.rejected",
+            f"EKF2 rejected the {what} {plural(len(long), 'time')} for a second or more, first at "
+            f"{clock.text(long[0][0])} and for up to {length_text(longest)} "
+            f"(estimator_status.{field} up to {float(np.nanmax(values)):.3g})",
+            tuple(Evidence("estimator_status", field, begin, end) for begin, end in long[:_MOST_FINDINGS]),
+            f"Look at {advice}.",
+        )
+
+
+def _resets(log: Log, clock: LogClock) -> Iterator[Finding]:
+    table, armed = px4.topic(log, "vehicle_local_position"), signals.armed(log)
+    if table is None:
+        return
+    for field, what in (("xy_reset_counter", "position"), ("heading_reset_counter", "heading")):
+        if field not in table.columns:
+            continue
+        rows = np.flatnonzero(np.diff(table.values(field)) != 0) + 1
+        stamps = [int(at) for at in table.stamp_ns[rows] if any(s.from_ns <= at <= s.until_ns for s in armed)]
+        if stamps:
+            yield Finding.warning(
+                "px4.estimate_reset",
+                f"EKF2 reset its {what} {plural(len(stamps), 'time')} while armed, first at {clock.text(stamps[0])}",
+                tuple(Evidence("vehicle_local_position", field, at) for at in stamps[:_MOST_FINDINGS]),
+                "Look at the test ratios and the receiver just before; a reset makes the vehicle jump to its track.",
+            )
+
+
+def _clipping(log: Log, clock: LogClock) -> Iterator[Finding]:
+    whole = log.tables.get("vehicle_imu_status")
+    if whole is None:
+        return
+    for number, table in by_instance(whole).items():
+        values = numbers(table, "accel_clipping")
+        if values is None or values.ndim != 2:
+            continue
+        grown = np.maximum(np.diff(values.sum(axis=1), prepend=values[0].sum()), 0.0)
+        if not grown.any():
+            continue
+        at_ns = int(table.stamp_ns[int(np.flatnonzero(grown)[0])])
+        name = instance_label(table, number)
+        yield Finding.warning(
+            "px4.accel_clipping",
+            f"The accelerometer of {name} clipped {grown.sum():.0f} samples, first at {clock.text(at_ns)}",
+            (Evidence(name, "accel_clipping", at_ns),),
+            "Look for an impact, else damp the mounting: vibration goes beyond the range of the sensor.",
+        )
+
+
+def _battery(log: Log, clock: LogClock) -> Iterator[Finding]:
+    whole = log.tables.get("battery_status") if log.format == "ulog" else None
+    if whole is None:
+        return
+    for number, table in by_instance(whole).items():
+        levels = numbers(table, "warning")
+        if levels is None or not (np.nan_to_num(levels) > 0.0).any():
+            continue
+        worst = int(np.nanmax(levels))
+        row = int(np.flatnonzero(levels == worst)[0])
+        at_ns, name = int(table.stamp_ns[row]), instance_label(table, number)
+        volts = numbers(table, "voltage_v")
+        told = "" if volts is None else f" at {volts[row]:.2f} V"
+        judge = Finding.warning if worst == 1 else Finding.critical
+        yield judge(
+            "px4.battery",
+            f"PX4 reported the battery as {_BATTERY.get(worst, f'warning {worst}')} at {clock.text(at_ns)}{told}",
+            (Evidence(name, "warning", at_ns, value=str(worst)),),
+            "Compare with BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR; COM_LOW_BAT_ACT decides what follows.",
+        )
+
+
+def _load(log: Log) -> Iterator[Finding]:
+    table = px4.topic(log, "cpuload")
+    for field, limit, what in (("load", _HIGH_LOAD, "processor load"), ("ram_usage", _HIGH_MEMORY, "memory in use")):
+        values = None if table is None else numbers(table, field)
+        if table is None or values is None or not (np.nan_to_num(values) > limit).any():
+            continue
+        row = int(np.nanargmax(values))
+        yield Finding.warning(
+            "px4.load",
+            f"The {what} reached {100.0 * values[row]:.0f} %",
+            (Evidence("cpuload", field, int(table.stamp_ns[row]), value=f"{values[row]:.3g}"),),
+            "Log less (SDLOG_PROFILE), lower IMU_GYRO_RATEMAX or stop modules that are not needed.",
+        )
+
+
+def _dropouts(log: Log) -> Iterator[Finding]:
+    table = log.tables.get("dropouts")
+    lost = None if table is None else numbers(table, "duration")
+    if table is None or lost is None or not lost.any():
+        return
+    yield Finding.warning(
+        "px4.log_dropouts",
+        f"The logger lost data {plural(len(lost), 'time')}, {1e-3 * lost.sum():.3g} s in all and {lost.max():.0f} ms "
+        "at most",
+        (Evidence("dropouts", "duration", int(table.stamp_ns[0]), int(table.stamp_ns[-1])),),
+        "Use a faster card or log less (SDLOG_PROFILE); gaps here need not be gaps in the vehicle.",
+    )

@@ -1,0 +1,149 @@
+"""Quantities of a ULog, from PX4's own topics. None, or nothing, in a log of another format.
+
+States and numbers: msg/versioned/VehicleStatus.msg of PX4 1.16; older versions use the same numbers for fewer states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sim_core.frames import quat_to_euler
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Flags, Floats, Selection, Stamps, Table
+from xitl_cli.logs.signals.series import Series, SignalSource, first_instance, make_series, numbers, stacked
+from xitl_cli.logs.tables.vehicles import VehicleKind, kind_from_mav_type
+
+NAV_STATES: Mapping[int, str] = {
+    0: "Manual", 1: "Altitude", 2: "Position", 3: "Mission", 4: "Hold", 5: "Return", 6: "Position slow",
+    8: "Altitude cruise", 10: "Acro", 12: "Descend", 13: "Termination", 14: "Offboard", 15: "Stabilized",
+    17: "Takeoff", 18: "Land", 19: "Follow target", 20: "Precision land", 21: "Orbit", 22: "VTOL takeoff",
+    **{number: f"External {number - 22}" for number in range(23, 31)},
+}  # fmt: skip
+_ARMED = 2
+_ANGLES = {"roll": 0, "pitch": 1, "yaw": 2}
+_KINDS: Mapping[int, VehicleKind] = {1: "copter", 2: "plane", 3: "rover"}
+_TRUTH = "_groundtruth"
+_HIGHEST_M = 10e3
+
+
+def topic(log: Log, name: str) -> Table | None:
+    """The first instance of a topic; None where the log is no ULog or does not have it."""
+    return first_instance(log, name) if log.format == "ulog" else None
+
+
+def angle(log: Log, name: str, of: SignalSource = "estimate") -> Series | None:
+    """Roll, pitch or yaw (deg) by the quaternion of vehicle_attitude, from NED to FRD."""
+    source = "vehicle_attitude" + (_TRUTH if of == "truth" else "")
+    table = topic(log, source)
+    quaternion = None if table is None else numbers(table, "q")
+    if table is None or quaternion is None or quaternion.ndim != 2 or quaternion.shape[1] != 4:
+        return None
+    with np.errstate(invalid="ignore", divide="ignore"):
+        angles = np.degrees(quat_to_euler(quaternion)[:, _ANGLES[name]])
+    turns = name == "yaw"
+    return make_series(table.stamp_ns, np.mod(angles, 360.0) if turns else angles, "deg", f"{source}.q", turns=turns)
+
+
+def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
+    """Metres a second over ground by vehicle_local_position."""
+    source = "vehicle_local_position" + (_TRUTH if of == "truth" else "")
+    table = topic(log, source)
+    parts = None if table is None else stacked(table, ("vx", "vy"))
+    if table is None or parts is None:
+        return None
+    valid = numbers(table, "v_xy_valid")
+    known = np.ones(len(parts), np.bool_) if valid is None or of == "truth" else valid > 0.0
+    return make_series(table.stamp_ns[known], np.hypot(*parts[known].T), "m/s", f"{source}.vx, vy")
+
+
+def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
+    """Degrees a second, clockwise from above."""
+    source = "vehicle_angular_velocity" + (_TRUTH if of == "truth" else "")
+    table = topic(log, source)
+    rates = None if table is None else numbers(table, "xyz")
+    if table is None or rates is None or rates.ndim != 2:
+        return None
+    return make_series(table.stamp_ns, np.degrees(rates[:, 2]), "deg/s", f"{source}.xyz[2]")
+
+
+def geodetic(log: Log, of: SignalSource = "estimate") -> tuple[Stamps, Floats, str] | None:
+    """Stamps, latitude and longitude (deg) and altitude (m), and the topic: of the estimate, else of the receiver."""
+    truth = _TRUTH if of == "truth" else ""
+    ways = [(f"vehicle_global_position{truth}", ("lat", "lon", "alt"))]
+    if of == "estimate":
+        for name in ("vehicle_gps_position", "sensor_gps"):
+            ways += [(name, ("latitude_deg", "longitude_deg", "altitude_msl_m")), (name, ("lat", "lon", "alt"))]
+    for name, fields in ways:
+        table = topic(log, name)
+        found = None if table is None else stacked(table, fields)
+        if table is not None and found is not None and np.isfinite(found).all(axis=1).any():
+            return table.stamp_ns, found, name
+    return None
+
+
+def arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
+    table = topic(log, "vehicle_status")
+    if table is None or "arming_state" not in table.columns:
+        return None
+    return table.stamp_ns, table.values("arming_state") == _ARMED, "vehicle_status.arming_state"
+
+
+def nav_states(log: Log) -> tuple[Stamps, Stamps, str] | None:
+    table = topic(log, "vehicle_status")
+    if table is None or "nav_state" not in table.columns:
+        return None
+    return table.stamp_ns, table.values("nav_state").astype(np.int64), "vehicle_status.nav_state"
+
+
+def vehicle_kind(log: Log) -> VehicleKind:
+    table = topic(log, "vehicle_status")
+    for name, kind_of in (("vehicle_type", lambda number: _KINDS.get(number, "unknown")), ("system_type", _by_mav)):
+        if table is not None and name in table.columns and len(table):
+            kind = kind_of(int(table.values(name)[-1]))
+            if kind != "unknown":
+                return kind
+    return "unknown"
+
+
+def _by_mav(number: int) -> VehicleKind:
+    return kind_from_mav_type(number)
+
+
+def release(log: Log) -> tuple[str | None, str | None, str | None]:
+    """Version, commit and board as the log's information says."""
+    facts = log.facts if log.format == "ulog" else {}
+    packed = facts.get("ver_sw_release", "")
+    number = int(packed) if packed.isdigit() else 0
+    version = f"{number >> 24 & 255}.{number >> 16 & 255}.{number >> 8 & 255}" if number else None
+    return version, facts.get("ver_sw", "")[:8] or None, facts.get("ver_hw")
+
+
+def outputs(log: Log) -> dict[int, Series]:
+    """By channel from 1: pulse widths (us) of actuator_outputs, as far as they are in use."""
+    table = topic(log, "actuator_outputs")
+    values = None if table is None else numbers(table, "output")
+    if table is None or values is None or values.ndim != 2:
+        return {}
+    used = values.shape[1]
+    count = numbers(table, "noutputs")
+    if count is not None and len(count):
+        used = int(np.clip(np.nanmax(count), 0, used))
+    found = {
+        number + 1: make_series(table.stamp_ns, values[:, number], "us", f"actuator_outputs.output[{number}]")
+        for number in range(used)
+    }
+    return {number: each for number, each in found.items() if each is not None and each.values.any()}
+
+
+def utc(log: Log) -> tuple[Stamps, Stamps] | None:
+    """Stamps, and UTC (ns) that the receiver tells at each; 0 where it does not know."""
+    for name in ("vehicle_gps_position", "sensor_gps"):
+        table = topic(log, name)
+        if table is not None and {"time_utc_usec", "fix_type"} <= set(table.columns):
+            fixed = Selection(table, table.values("fix_type") >= 3)
+            if len(fixed):
+                told = np.minimum(fixed.values("time_utc_usec"), 1 << 52).astype(np.int64) * 1_000
+                return fixed.stamp_ns, told
+    return None
