@@ -26,7 +26,7 @@ def analyze(
         list[Path],
         typer.Argument(
             metavar="FILE...",
-            help="DataFlash .bin, .tlog, .mcap or bag; several of one run are aligned. The directory of a run stands "
+            help="DataFlash .bin, .ulg, .tlog, .mcap or bag; several of one run are aligned. The directory of a run stands "
             "for its recording and its autopilot's log.",
         ),
     ],

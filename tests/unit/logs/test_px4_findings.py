@@ -12,6 +12,7 @@ import ulog_writer as w
 from xitl_cli.logs import open_log, signals
 from xitl_cli.logs.analyses.catalogue import sections
 from xitl_cli.logs.clocks.utc import utc_offset
+from xitl_cli.logs.formats.run_directory import logs_in, own_log_in
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Finding, Severity
 from xitl_cli.logs.signals.receivers import gnss_receivers
@@ -70,6 +71,13 @@ def made(folder: Path, *, trouble: bool) -> Path:
     path = folder / "autopilot.ulg"
     path.write_bytes(content)
     return path
+
+
+def test_the_directory_of_a_run_stands_for_its_log_too(tmp_path: Path) -> None:
+    log = made(tmp_path, trouble=False)
+    (tmp_path / "run.mcap").touch()
+    assert list(logs_in(tmp_path)) == [tmp_path / "run.mcap", log]
+    assert own_log_in(tmp_path, "") == log
 
 
 def findings(log: Log) -> dict[str, Finding]:

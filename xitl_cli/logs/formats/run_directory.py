@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 RECORDING = "run.mcap"
-OWN_LOG = "autopilot.bin"
-"""Of a fleet it is in the folder of its vessel."""
+OWN_LOGS = ("autopilot.bin", "autopilot.ulg")
+"""Of ArduPilot and of PX4. Of a fleet it is in the folder of its vessel."""
 
 
 def recording_in(path: Path) -> Path:
@@ -21,8 +21,9 @@ def own_log_in(path: Path, vessel: str) -> Path | None:
 
     vessel: of a fleet, empty for a vessel alone.
     """
-    log = path / vessel / OWN_LOG
-    return log if _is_file(path / RECORDING) and _is_file(log) else None
+    if not _is_file(path / RECORDING):
+        return None
+    return next((log for name in OWN_LOGS if _is_file(log := path / vessel / name)), None)
 
 
 def logs_in(path: Path, vessel: str = "") -> Iterator[Path]:
@@ -32,9 +33,9 @@ def logs_in(path: Path, vessel: str = "") -> Iterator[Path]:
     """
     yield recording_in(path)
     if _is_file(path / RECORDING):
-        patterns = [f"{vessel}/{OWN_LOG}"] if vessel else [OWN_LOG, f"*/{OWN_LOG}"]
-        for pattern in patterns:
-            yield from sorted(path.glob(pattern))
+        for pattern in (vessel,) if vessel else ("", "*/"):
+            for name in OWN_LOGS:
+                yield from sorted(path.glob(f"{pattern}/{name}".lstrip("/")))
 
 
 def _is_file(path: Path) -> bool:
