@@ -26,8 +26,8 @@ def analyze(
         list[Path],
         typer.Argument(
             metavar="FILE...",
-            help="DataFlash .bin, .ulg, .tlog, .mcap or bag; several of one run are aligned. The directory of a run stands "
-            "for its recording and its autopilot's log.",
+            help="DataFlash .bin, .ulg, .tlog, .mcap or bag; several of one run are aligned. The directory of a run "
+            "stands for its recording and its autopilot's log.",
         ),
     ],
     report: Annotated[
