@@ -7,6 +7,8 @@ little endian), and the first 6 bytes of SHA-256 over key, frame, link number an
 from __future__ import annotations
 
 import hashlib
+import os
+import stat
 import time
 from hmac import compare_digest
 from pathlib import Path
@@ -46,10 +48,11 @@ def read_key(text: str, source: str) -> bytes:
 def read_key_file(path: str, option: str) -> bytes:
     """The key in the file, see `read_key`. option: what named the file, for the sentence.
 
-    Raises SigningKeyError when there is none.
+    Raises SigningKeyError when there is none, and when group or others may write the file.
     """
     try:
         text = read_text(Path(path))
+        mode = Path(path).stat().st_mode
     except FileNotFoundError:
         raise SigningKeyError(
             f"{path}: the signing key is missing, there is no such file; make one for both ends with "
@@ -60,6 +63,8 @@ def read_key_file(path: str, option: str) -> bytes:
         raise SigningKeyError(
             f"{path}: the signing key cannot be read ({why}); check path and permissions, or leave {option} out"
         ) from None
+    if os.name == "posix" and mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise SigningKeyError(f"{path}: others may write this signing key; run `chmod 600 {path}`")
     return read_key(text, path)
 
 

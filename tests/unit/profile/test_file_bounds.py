@@ -76,6 +76,17 @@ def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
         _used(tmp_path / name)
 
 
+@pytest.mark.parametrize("mode", [0o666, 0o620, 0o602])
+def test_a_signing_key_that_others_may_write_is_refused(tmp_path: Path, mode: int) -> None:
+    key = tmp_path / "key.txt"
+    key.write_text("a-long-passphrase")
+    key.chmod(mode)
+    with pytest.raises(UserError, match=f"run `chmod 600 {key}`"):
+        read_key_file(str(key))
+    key.chmod(0o600)
+    assert len(read_key_file(str(key))) == 32
+
+
 def _used(path: Path) -> None:
     if path.suffix == ".yaml":
         load_profile(str(path))
