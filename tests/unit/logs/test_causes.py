@@ -150,6 +150,8 @@ def test_the_page_holds_them_below_their_cause() -> None:
     page = html(report_page(Report((log(*CUT[:8]),))))
     assert page.count('class="finding ') == 8
     assert page.count("<details class=") == 1
+    head = page[page.index('<ol class="findings">') :]
+    assert head.startswith('<ol class="findings"><li class="finding critical" data-find><span class="badge critical">')
     assert '<details class="follows" open><summary>What follows from it: 2 critical, 4 warnings, 1 notice' in page
 
 

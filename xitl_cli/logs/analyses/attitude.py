@@ -152,6 +152,9 @@ def _overturned(
         running = _running(log, these, parameters) if state != "disarmed" else None
         motors = "" if running is None else f", with its motors running at up to {100.0 * running:.0f} %"
         while_ = f", {state}" if state else ""
+        # A bag of a camera in a hand turns over, too: what is not known to be a vehicle is no capsize.
+        if not state and running is None and not parameters and not firmware_text(log) and log.of_topics:
+            severity = Severity.CRITICAL if "/truth/state" in log.tables else Severity.NOTICE
         evidence = tuple(
             Evidence(tilt.source, tilt.field, a, b, f"{tilt.tilt_deg[worst]:.0f}°") for a, b in these[:_MOST_EVIDENCE]
         )

@@ -23,7 +23,7 @@ from xitl_cli.logs.compare.trajectories import (
     relative_errors,
 )
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals import SignalSource
 
@@ -119,6 +119,7 @@ def _attitude(log: Log, of: SignalSource, stamp_ns: Stamps, pairing: Pairing | N
 
 
 _FAR_M = 2000.0
+_APART = ((50.0, Severity.WARNING), (10.0, Severity.NOTICE))  # root mean square (m), the worse first
 _STEP_M = 1.0
 _HIGH_M = 2.0
 _HIGH_SHARE = 3.0
@@ -168,10 +169,13 @@ def _findings(
 ) -> Iterator[Finding]:
     at = Evidence(poses.sources[0], None, int(poses.a.stamp_ns[worst]), value=f"{level_m[worst]:.2f} m")
     rms = float(np.sqrt(np.mean(level_m**2)))
-    yield Finding.ok(
+    severity = next((severity for limit_m, severity in _APART if rms >= limit_m), Severity.OK)
+    yield Finding(
         "trajectory.distance",
+        severity,
         f"B is {rms:.3g} m (RMS) from A at the same instant, at most {level_m[worst]:.3g} m",
         (at,),
+        "" if severity == Severity.OK else "See on the map where the paths part; compare modes and waypoints there.",
     )
     if how == "none" and float(np.median(level_m)) > _FAR_M:
         yield Finding.warning(

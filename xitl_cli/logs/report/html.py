@@ -59,17 +59,18 @@ def _state(card: FileCard) -> str:
 def finding_items(groups: Sequence[PageGroup], parts: Sequence[PagePart]) -> str:
     """The list at the head of a page: causes, and below each what follows from it."""
     return "".join(
-        f'<li class="finding {wording.SEVERITY_NAMES[group.cause.finding.severity]}" data-find>'
-        + finding_item(group.cause, parts, _consequences(group, parts))
+        f'<li class="finding {wording.SEVERITY_NAMES[group.worst]}" data-find>'
+        + finding_item(group.cause, parts, group.worst, _consequences(group, parts))
         + "</li>"
         for group in groups
     )
 
 
-def finding_item(found: PageFinding, parts: Sequence[PagePart], below: str = "") -> str:
+def finding_item(found: PageFinding, parts: Sequence[PagePart], worst: Severity, below: str = "") -> str:
+    """worst: shown as its badge. A cause has that of its group, as the head of the page counts it."""
     finding, part, section_id = found.finding, parts[found.part], section_name(found.part)
     return (
-        f'{badge(finding.severity)}<div><p class="sentence">{escape(wording.sentence_text(finding.sentence))}</p>'
+        f'{badge(worst)}<div><p class="sentence">{escape(wording.sentence_text(finding.sentence))}</p>'
         + evidence_line(finding.evidence, part.time_line, section_id)
         + (f'<p class="next">{escape(wording.sentence_text(finding.next_step))}</p>' if finding.next_step else "")
         + f'<p class="from"><a href="#{section_id}">{escape(part.section.title)}</a>'
@@ -84,7 +85,8 @@ def _consequences(group: PageGroup, parts: Sequence[PagePart]) -> str:
         return ""
     counted = wording.severity_counts([each.finding.severity for each in group.consequences])
     items = "".join(
-        f'<li class="finding {wording.SEVERITY_NAMES[each.finding.severity]}">{finding_item(each, parts)}</li>'
+        f'<li class="finding {wording.SEVERITY_NAMES[each.finding.severity]}">'
+        f"{finding_item(each, parts, each.finding.severity)}</li>"
         for each in group.consequences
     )
     opened = " open" if group.worst > group.cause.finding.severity else ""
