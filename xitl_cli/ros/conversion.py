@@ -84,6 +84,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, VESSEL_FRAME
 from xitl_cli.ros import clouds, instruments
+from xitl_cli.ros.continuous_odometry import Array, ContinuousOdometry, rotated
 from xitl_cli.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.ros.diagnostics import Diagnostics
 from xitl_cli.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
@@ -152,6 +153,14 @@ class RosConversion:
         """What is said once, at the start: fixed frames of all vessels, descriptions, missions."""
         return (message for message in self._all_static() if message.topic.name not in self._left_out)
 
+    def odom_in_map(self, vessel: str) -> tuple[float, float]:
+        """East and north of the origin of the vessel's `odom` in `map`, in metres."""
+        for each in self._vessels:
+            if each.name == vessel:
+                east_m, north_m, _ = each.odometry.origin_map_m.tolist()
+                return east_m, north_m
+        return 0.0, 0.0
+
     def _all_static(self) -> Iterator[RosMessage]:
         frames = [frame for vessel in self._vessels for frame in vessel.fixed_frames]
         message = TFMessage(transforms=[_transform(frame, 0) for frame in frames])
@@ -194,11 +203,12 @@ class VesselConversion:
         self._thrusters = thrusters_of(profile.vehicle)
         self._turning = [each for each in self._thrusters if each.limit_rad]
         self._profile = profile
-        self.fixed_frames = tuple(named_frame(frame, self.name) for frame in self._resting_frames())
         self._first = first
         self._estimated = profile.autopilot.kind != "none"
         moved_by = {"auto": "estimate" if self._estimated else "truth"}
         self._moved_by = moved_by.get(profile.ros.tf, profile.ros.tf)
+        self.odometry = ContinuousOdometry()
+        self.fixed_frames = tuple(named_frame(frame, self.name) for frame in self._resting_frames())
         self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
         sensors = profile.sensors
         self._instruments = None if sensors is None else instruments.Instruments(sensors, self._framed)
@@ -287,7 +297,8 @@ class VesselConversion:
         yield self._message("robot_description", String(data=make_robot_description(self._profile)), 0)
 
     def _resting_frames(self) -> Iterator[FixedFrame]:
-        yield FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0))
+        if self._moved_by == "truth":  # which is continuous in the map
+            yield FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0))
         yield from sensor_frames(self._profile)
         yield from (each.frame for each in self._thrusters if not each.limit_rad)
 
@@ -352,7 +363,7 @@ class VesselConversion:
         yield self._message("ground_truth/fix", fix, stamp_ns)
 
     def _estimate(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        """The recorder's estimate is in the map and says nothing of what the autopilot does not."""
+        """The recorder's estimate is in the map, with variances of what the autopilot reports."""
         if stamp_ns <= self._estimate_ns:
             return
         self._estimate_ns = stamp_ns
@@ -368,9 +379,17 @@ class VesselConversion:
         odometry.pose.covariance, odometry.twist.covariance = pose.reshape(36), twist.reshape(36)
         if math.isfinite(place.x) and math.isfinite(turn.w):
             self._attitude.estimated(stamp_ns, (turn.w, turn.x, turn.y, turn.z))
+            self._into_odom(stamp_ns, odometry)
         yield self._message("odometry", odometry, stamp_ns)
         if self._moved_by == "estimate":
-            yield self._moved(stamp_ns, odometry.pose.pose)
+            yield self._moved(stamp_ns, odometry.pose.pose, self.odometry.origin_map_m)
+
+    def _into_odom(self, stamp_ns: int, odometry: Any) -> None:
+        """Make the place in `map` one in `odom`."""
+        place, linear, turn = odometry.pose.pose.position, odometry.twist.twist.linear, odometry.pose.pose.orientation
+        velocity_map_mps = rotated((turn.w, turn.x, turn.y, turn.z), np.array([linear.x, linear.y, linear.z]))
+        place_map_m = np.array([place.x, place.y, place.z])
+        place.x, place.y, place.z = self.odometry.update(stamp_ns, place_map_m, velocity_map_mps).tolist()
 
     def _environment(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         message = deserialize(payload, TOPICS["/environment"].schema)
@@ -467,15 +486,19 @@ class VesselConversion:
         named = self._named[topic]
         return RosMessage(named, "" if named.of_all else self.name, serialize(message), stamp_ns)
 
-    def _moved(self, stamp_ns: int, pose: Any) -> RosMessage:
-        """`odom` → `base_link`."""
+    def _moved(self, stamp_ns: int, pose: Any, origin_map_m: Array | None = None) -> RosMessage:
+        """`odom` → `base_link`, and `map` → `odom` where that moves; origin_map_m: place of `odom` in `map` (3,)."""
         place = pose.position
         transform = TransformStamped(
             header=self._header(stamp_ns, self._framed(ODOM_FRAME)),
             child_frame_id=self._framed(VESSEL_FRAME),
             transform=Transform(translation=Vector3(place.x, place.y, place.z), rotation=pose.orientation),
         )
-        return self._message("/tf", TFMessage(transforms=[transform]), stamp_ns)
+        transforms = [transform]
+        if origin_map_m is not None:
+            odom = FixedFrame(MAP_FRAME, ODOM_FRAME, (origin_map_m[0], origin_map_m[1], origin_map_m[2]))
+            transforms.append(_transform(named_frame(odom, self.name), stamp_ns))
+        return self._message("/tf", TFMessage(transforms=transforms), stamp_ns)
 
     def _path(self, stamp_ns: int, places_ne_m: Iterable[tuple[float, float]]) -> Any:
         """nav_msgs/Path: each place with the heading of the way to it."""

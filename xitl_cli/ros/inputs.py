@@ -102,7 +102,8 @@ class RosInputs:
 
     ask: has the run carry out an action, and tells the refusal, None for none. hope: the same without waiting.
     answered: a node has answered a /clock. problem: says a sentence to people. received, refused, superseded: messages
-    by topic; superseded ones had a newer one behind them before they were passed on.
+    by topic; superseded ones had a newer one behind them before they were passed on. odom_in_map: east and north of the
+    origin of a vessel's `odom` in `map`, in metres.
     """
 
     def __init__(
@@ -114,7 +115,9 @@ class RosInputs:
         answered: Callable[[str, int], object] = lambda node, stamp_ns: None,
         problem: Callable[[str], object] = lambda text: None,
         now_s: Callable[[], float] = time.monotonic,
+        odom_in_map: Callable[[str], tuple[float, float]] = lambda vessel: (0.0, 0.0),
     ) -> None:
+        self._odom_in_map = odom_in_map
         self.received: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
         self.superseded: Counter[str] = Counter()
@@ -158,7 +161,11 @@ class RosInputs:
     def _open_of_run(self, first: RunProfile) -> None:
         lockstep = self._spec.lockstep
         step_s = 0.1 if lockstep is None else lockstep.step_s
-        self._open("clicked_point", "", lambda m: _launch(m.header.frame_id, m.point))
+        self._open(
+            "clicked_point",
+            "",
+            lambda m: {"action": "launch", "kind": "trunk"} | self._place(m.header.frame_id, m.point, ""),
+        )
         for name, action in (("pause", {}), ("resume", {}), ("step", {"seconds": step_s})):
             self._open(name, "", lambda m, asked={"action": name, **action}: asked)  # type: ignore[misc]
         self._open("operator/ask", "", _asked)
@@ -178,7 +185,11 @@ class RosInputs:
                 lambda m, number=number, command=command: _motor(number, command, m.data) | of,  # type: ignore[misc]
                 name=name,
             )
-        self._open("goal_pose", vessel, lambda m: _goal(m, vessel) | of)
+        self._open(
+            "goal_pose",
+            vessel,
+            lambda m: {"action": "goto"} | self._place(m.header.frame_id, m.pose.position, vessel) | of,
+        )
         self._open("arm", vessel, lambda m: {"action": "arm", "armed": bool(m.data)} | of)
         self._open("set_mode", vessel, lambda m: {"action": "mode", "mode": str(m.data).strip().upper()} | of)
         for mode in ROVER_MODE_NUMBERS:
@@ -186,7 +197,7 @@ class RosInputs:
             self._open("mode/{mode}", vessel, lambda m, asked=asked: asked, name=f"mode/{mode.lower()}")  # type: ignore[misc]
         self._open("start_mission", vessel, lambda m: {"action": "mission", "do": "start"} | of)
         self._open("clear_mission", vessel, lambda m: {"action": "mission", "do": "clear"} | of)
-        self._open("set_mission", vessel, lambda m: _mission(m, vessel) | of)
+        self._open("set_mission", vessel, lambda m: self._mission(m, vessel) | of)
         self._open("launch_debris", vessel, lambda m: self._launch_ahead(vessel))
         self._open("finish", vessel, lambda m: {"action": "end"} | of)
 
@@ -282,6 +293,23 @@ class RosInputs:
             self._say(topic, f"has {', '.join(passed_over)}, which is passed over: linear.x and angular.z count")
         return {"action": "velocity", "speed_mps": float(linear.x), "turn_rate_radps": -float(angular.z)}
 
+    def _mission(self, message: Any, vessel: str) -> dict[str, Any]:
+        if not len(message.poses):
+            raise InputError("has no poses; use clear_mission to take the mission off board")
+        places = []
+        for pose in message.poses:
+            place = self._place(message.header.frame_id or pose.header.frame_id, pose.pose.position, vessel)
+            places.append([*place.values()])
+        return {"action": "mission", "do": "replace", "waypoints_ned_m": places}
+
+    def _place(self, frame: str, position: Any, vessel: str) -> dict[str, float]:
+        """North and east in `map` of a position in `map` or `odom`."""
+        _check_frame(frame, vessel)
+        _check_finite({"position.x": position.x, "position.y": position.y})
+        in_odom = frame == frame_name(ODOM_FRAME, vessel)
+        east_m, north_m = self._odom_in_map(vessel) if in_odom else (0.0, 0.0)
+        return {"north_m": float(position.y) + north_m, "east_m": float(position.x) + east_m}
+
     def _launch_ahead(self, vessel: str) -> Action:
         if vessel not in self._truth:
             raise InputError("has no vessel to be ahead of yet; wait for the first ground_truth/odom")
@@ -359,26 +387,6 @@ def _motor(number: int, command: Callable[[float], float], value: float) -> dict
     return {"action": "motor", "number": number, "command": command(float(value))}
 
 
-def _goal(message: Any, vessel: str) -> dict[str, Any]:
-    _check_frame(message.header.frame_id, vessel)
-    return {"action": "goto"} | _place(message.pose.position)
-
-
-def _mission(message: Any, vessel: str) -> dict[str, Any]:
-    if not len(message.poses):
-        raise InputError("has no poses; use clear_mission to take the mission off board")
-    places = []
-    for pose in message.poses:
-        _check_frame(message.header.frame_id or pose.header.frame_id, vessel)
-        places.append([*_place(pose.pose.position).values()])
-    return {"action": "mission", "do": "replace", "waypoints_ned_m": places}
-
-
-def _launch(frame: str, point: Any) -> dict[str, Any]:
-    _check_frame(frame, "")
-    return {"action": "launch", "kind": "trunk"} | _place(point)
-
-
 def _asked(message: Any) -> Action:
     try:
         action = json.loads(message.data)
@@ -387,12 +395,6 @@ def _asked(message: Any) -> Action:
     if not isinstance(action, dict):
         raise InputError('is no JSON object; write one such as {"action": "pause"}')
     return action
-
-
-def _place(position: Any) -> dict[str, float]:
-    """East and north of ENU."""
-    _check_finite({"position.x": position.x, "position.y": position.y})
-    return {"north_m": float(position.y), "east_m": float(position.x)}
 
 
 def _check_frame(frame: str, vessel: str) -> None:

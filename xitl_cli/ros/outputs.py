@@ -58,11 +58,12 @@ DIAGNOSED = ("/tasks", "/pace", "/links", "/clocks", "/nodes")
 _TABLE = (
     RosTopic("/clock", "rosgraph_msgs/msg/Clock", "`clock.exchange_rate_hz`", "", "simulation time", (TICKS,), "clock"),
     RosTopic("/tf", "tf2_msgs/msg/TFMessage", "as `odometry`; moving links 10 Hz", "",
-             "`odom` → `base_link`: the autopilot's estimate, without an autopilot the truth (`ros.tf`); gears and "
-             "rudders",
+             "`odom` → `base_link`, continuous, and `map` → `odom`, which has the corrections of the autopilot's "
+             "estimate; without an autopilot the truth (`ros.tf`); gears and rudders",
              (ESTIMATE, TRUTH, TRUE_STATE)),
     RosTopic("/tf_static", "tf2_msgs/msg/TFMessage", "once", "",
-             "`map` → `odom`, at rest, and the mounting places of sensors and thrusters", (), "latched"),
+             "the mounting places of sensors and thrusters; `map` → `odom` where the truth moves `base_link`",
+             (), "latched"),
     RosTopic("imu/data", "sensor_msgs/msg/Imu", "`sensors.imu.rate_hz`", "imu_link",
              "angular velocity and specific force as measured (REP 145: at rest +g upwards); orientation in ENU from "
              "the autopilot's estimate, carried on by the gyroscope; its covariance begins with -1 where there is none",
@@ -73,7 +74,8 @@ _TABLE = (
     RosTopic("fix_velocity", "geometry_msgs/msg/TwistStamped", "the same", "map",
              "velocity of the antenna over ground in ENU, as the receiver has it", (SENSORS_LINK,)),
     RosTopic("odometry", "nav_msgs/msg/Odometry", "`ros.estimate_rate_hz`", "odom → base_link",
-             "the autopilot's estimate; twist in `base_link`", (ESTIMATE,)),
+             "the autopilot's estimate: its velocity integrated, so that the place never jumps (REP 105); add `map` → "
+             "`odom` for the estimated place; twist in `base_link`", (ESTIMATE,)),
     RosTopic("ground_truth/odom", "nav_msgs/msg/Odometry", "`recording.truth_rate_hz`", "map → base_link",
              "the true motion; twist in `base_link`, covariances zero", (TRUTH,)),
     RosTopic("ground_truth/fix", "sensor_msgs/msg/NavSatFix", "10 Hz", "base_link",

@@ -78,7 +78,15 @@ class RosBridge:
         self._inputs: RosInputs | None = None
         if start.operated:
             tell = partial(self._send_up, "problem")
-            self._inputs = RosInputs(start.profiles, middleware, self.ask, self.hope, self._on_ready, tell)
+            self._inputs = RosInputs(
+                start.profiles,
+                middleware,
+                self.ask,
+                self.hope,
+                self._on_ready,
+                tell,
+                odom_in_map=self._conversion.odom_in_map,
+            )
 
     def meet_others(self) -> None:
         """Give nodes that are there already the time to find it, so that they have all from the first message on."""

@@ -177,8 +177,9 @@ def test_frames_and_topics_of_several_vessels_bear_their_names(profile: RunProfi
     message = read(found, "/bravo/odometry")
     assert (message.header.frame_id, message.child_frame_id) == ("bravo/odom", "bravo/base_link")
     assert read(found, "/tf").transforms[0].child_frame_id == "bravo/base_link"
+    assert read(found, "/tf").transforms[1].child_frame_id == "bravo/odom"
     names = {each.child_frame_id for each in read(list(conversion.static()), "/tf_static").transforms}
-    assert {"alpha/odom", "bravo/odom", "alpha/lidar_link", "bravo/imu_link"} <= names
+    assert {"alpha/lidar_link", "bravo/imu_link"} <= names
     assert conversion.wants("/alpha/lidar/points")
     assert not conversion.wants("/charlie/lidar/points")
 
@@ -216,3 +217,37 @@ def test_attitudes_of_the_house_and_of_scipy_agree() -> None:
     theirs = Rotation.from_euler("ZYX", [70.0, -5.0, 10.0], degrees=True).as_quat()
     assert [x, y, z, w] == pytest.approx(theirs.tolist())
     assert math.hypot(x, y, z, w) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("tf", "static", "moving"),
+    [
+        ("estimate", False, [("odom", "base_link"), ("map", "odom")]),
+        ("truth", True, []),
+        ("none", False, []),
+    ],
+)
+def test_who_publishes_map_to_odom(profile: RunProfile, tf: str, static: bool, moving: list[tuple[str, str]]) -> None:
+    conversion = RosConversion([replace(profile, ros=replace(profile.ros, tf=tf))])  # type: ignore[arg-type]
+    fixed = read(list(conversion.static()), "/tf_static").transforms
+    assert (("map", "odom") in [(one.header.frame_id, one.child_frame_id) for one in fixed]) == static
+    payload = odometry(1_000_000_000, [0.0] * 3, [0.0, 0.0, 0.0, 1.0])
+    found = [one for one in conversion.convert("/estimate/odometry", payload, 1_000_000_000) if one.topic.name == "/tf"]
+    links = [(one.header.frame_id, one.child_frame_id) for one in read(found, "/tf").transforms] if found else []
+    assert links == moving
+
+
+def test_a_correction_of_the_estimate_moves_odom_in_map_alone(profile: RunProfile) -> None:
+    conversion = RosConversion([profile])
+    level = [0.0, 0.0, 0.0, 1.0]
+    list(conversion.convert("/estimate/odometry", odometry(1_000_000_000, [10.0, 20.0, 0.0], level), 1_000_000_000))
+    jumped = odometry(1_040_000_000, [10.0, 20.14, 0.0], level)
+    found = list(conversion.convert("/estimate/odometry", jumped, 1_040_000_000))
+    vessel, odom = (one.transform.translation for one in read(found, "/tf").transforms)
+    place = read(found, "/odometry").pose.pose.position
+    velocity = read(found, "/odometry").twist.twist.linear  # level, bow east: that of `map`
+    expected = [10.0 + 0.04 * velocity.x, 20.0 + 0.04 * velocity.y]
+    assert [place.x, place.y] == pytest.approx(expected)
+    assert [vessel.x, vessel.y] == pytest.approx(expected)
+    assert [vessel.x + odom.x, vessel.y + odom.y] == pytest.approx([10.0, 20.14])
+    assert conversion.odom_in_map("") == pytest.approx((odom.x, odom.y))

@@ -92,6 +92,7 @@ class Nodes:
             lambda node, stamp_ns: self.answers.append((node, stamp_ns)),
             self.problems.append,
             lambda: self.now_s,
+            lambda vessel: (100.0, 200.0),
         )
 
     def _ask(self, action: Any) -> str | None:
@@ -185,7 +186,8 @@ def test_other_messages_are_dropped_when_there_are_too_many() -> None:
 def test_a_goal_is_a_place_in_map_or_odom(frame: str, taken: bool) -> None:
     nodes = Nodes()
     nodes.publish("/goal_pose", pose(frame, 20.0, 5.0))  # east, north
-    assert nodes.actions == ([{"action": "goto", "north_m": 5.0, "east_m": 20.0}] if taken else [])
+    east_m, north_m = (120.0, 205.0) if frame == "odom" else (20.0, 5.0)  # `odom` lies at (100, 200) of `map`
+    assert nodes.actions == ([{"action": "goto", "north_m": north_m, "east_m": east_m}] if taken else [])
 
 
 def test_a_path_is_a_mission_and_an_empty_one_is_none() -> None:

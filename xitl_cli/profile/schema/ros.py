@@ -98,7 +98,7 @@ class RosSpec(Specification):
     tf: Annotated[
         Literal["auto", "estimate", "truth", "none"],
         "what moves `base_link` in `odom`; auto: the autopilot's estimate, without an autopilot the truth; "
-        "none: a node of yours does, such as robot_localization",
+        "none: nodes of yours publish `map` to `odom` to `base_link`, such as robot_localization",
     ] = "auto"
     topics: Annotated[dict[str, RosTopicSpec], "by name without namespace, as `imu/data`"] = field(default_factory=dict)
 
