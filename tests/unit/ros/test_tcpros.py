@@ -564,7 +564,7 @@ def test_a_node_that_is_not_listed_may_not_command(master: FakeMaster) -> None:
         commanded.subscribe("/thrust", FLOAT, RELIABLE, lambda data: got.append(deserialize(data, FLOAT).data))
         serve_arm(commanded)
         publish = [(node.advertise("/thrust", FLOAT, RELIABLE), node) for node in (helm, stranger)]
-        wait(lambda: commanded.losses().refused == {"/thrust": 1} and helm.connections())
+        wait(lambda: commanded.losses().refused.get("/thrust") and helm.connections())
         for number, (send, _) in enumerate(publish):
             send(cdr(FLOAT, data=float(number)))
         wait(lambda: got, commanded)
@@ -574,7 +574,7 @@ def test_a_node_that_is_not_listed_may_not_command(master: FakeMaster) -> None:
             assert "error" not in receive_header(client)
         commanded.spin(0.0)
         assert got == [0.0]
-        assert commanded.losses().refused == {"/thrust": 1, "/arm": 1}
+        assert {*commanded.losses().refused} == {"/thrust", "/arm"}
     finally:
         for node in (commanded, helm, stranger):
             node.close()
