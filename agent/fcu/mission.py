@@ -37,6 +37,23 @@ _MOST_ALTITUDE_M = 83000.0
 
 PASSAGES = (WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, RETURN_HOME)  # sailed along a line or a circle
 STAGES = (*PASSAGES, GUIDED_ENABLE, DELAY, SET_YAW_SPEED)  # carried out one after the other
+PERFORMED = (
+    *STAGES,
+    CONDITION_DELAY,
+    CONDITION_DISTANCE,
+    JUMP,
+    CHANGE_SPEED,
+    SET_HOME,
+    SET_SERVO,
+    REPEAT_SERVO,
+    SET_REVERSE,
+    FENCE_ENABLE,
+    AUX_FUNCTION,
+    GUIDED_LIMITS,
+    JUMP_TAG,
+    DO_JUMP_TAG,
+)
+"""What the embedded autopilot carries out; any other command of COMMANDS is passed over."""
 STAYS = (LOITER_UNLIMITED, LOITER_TIME)
 
 

@@ -23,7 +23,7 @@ from agent.wire.link import Link
 from agent.wire.transport import open_transport
 from sim_core.simulation import step
 from xitl_cli.profile import load_profile
-from xitl_cli.run.links.setup import embedded_parameters, mission_places, set_parameters, upload_mission
+from xitl_cli.run.links.setup import embedded_parameters, mission_items, set_parameters, upload_plan
 from xitl_cli.run.sensors.sensing import SensorSuite
 from xitl_cli.run.world.world import build_simulation, local_frame
 from xitl_cli.seeds import Seeds
@@ -84,7 +84,7 @@ class Rig:
         self.link.receive(1.0)
         ends = self.link.send, self.link.receive
         set_parameters((1, 1), embedded_parameters(profile), *ends)
-        upload_mission((1, 1), mission_places(profile, local_frame(profile.site)), *ends)
+        upload_plan((1, 1), mission_items(profile, local_frame(profile.site)), *ends)
 
     def messages(self) -> list[Any]:
         """One physics step: what its sensors say, and the tick."""

@@ -16,7 +16,7 @@ from xitl_cli.profile.files.catalogue import find_profile, profile_name, shipped
 from xitl_cli.profile.files.compose import compose, lay_on, place
 from xitl_cli.profile.files.entry import Entry, Key, Origin, Problem, ProfileError
 from xitl_cli.profile.files.yaml_file import plain_scalar
-from xitl_cli.profile.load import LoadedProfile, loaded_profile, prepared
+from xitl_cli.profile.load import LoadedProfile, loaded_profile, prepared, with_absolute_paths
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,9 +196,9 @@ class BaseProfile:
         for part in reversed(keys):
             entry = Entry({part: entry}, entry.origin)
         path: list[Key] = [int(part) if part.isdigit() else part for part in keys]
-        found, depth = prepared(entry).nearest(tuple(path))
+        found, depth = with_absolute_paths(entry).nearest(tuple(path))
         if depth < len(keys):
-            found = prepared(entry).nearest(tuple(keys))[0]
+            found = with_absolute_paths(entry).nearest(tuple(keys))[0]
         return found.plain()
 
 

@@ -260,7 +260,7 @@ def _place(one: FleetEntry, by_name: Mapping[str, FleetEntry], placed: dict[str,
         if not one.says("mission", "start"):
             place = ahead_of((start.north_m, start.east_m), start.heading_deg, driver.follow.offset_frd_m)
             mission = replace(mission, start=StartSpec(_to_mm(place[0]), _to_mm(place[1]), start.heading_deg))
-        profile = replace(profile, mission=replace(mission, waypoints_ned_m=()))
+        profile = replace(profile, mission=replace(mission, waypoints_ned_m=(), items=()))
     if one.several.count is None:
         placed[one.name] = profile
         return
@@ -332,7 +332,7 @@ def _shifted(profile: Profile, offset_ne_m: Offset, heading_deg: float, with_way
     start = StartSpec(*moved((mission.start.north_m, mission.start.east_m)), mission.start.heading_deg)
     mission = replace(mission, start=start)
     if with_waypoints:
-        mission = replace(mission, waypoints_ned_m=tuple(map(moved, mission.waypoints_ned_m)))
+        mission = mission.moved(moved)
         if driver is not None and driver.follow is not None:
             ahead = in_forward_starboard(offset_ne_m, heading_deg)
             place = driver.follow.offset_frd_m

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from agent.fcu.mission import COMMANDS, PERFORMED
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
@@ -36,6 +37,7 @@ def leftovers(profile: Profile, entry: Entry) -> Iterator[str]:
     yield from gains
     yield from _without_files(profile, entry)
     yield from _of_site(entry)
+    yield from _of_mission(profile)
 
 
 def _of_vessel(entry: Entry, gains_are_named: bool) -> Iterator[str]:
@@ -126,6 +128,22 @@ def _without_files(profile: Profile, entry: Entry) -> Iterator[str]:
         )
 
 
+def _of_mission(profile: Profile) -> Iterator[str]:
+    """Items that the embedded autopilot passes over, and a fence that is not in force."""
+    mission, autopilot = profile.mission, profile.autopilot
+    if mission is None or autopilot is None or autopilot.kind != "embedded":
+        return
+    passed = [
+        f"{number} ({COMMANDS[item.command].name})"
+        for number, item in enumerate(mission.items)
+        if item.command in COMMANDS and item.command not in PERFORMED
+    ]
+    if passed:
+        yield f"mission.items: the embedded autopilot passes over {', '.join(passed)}, as ArduRover does"
+    if mission.fence and not autopilot.parameters.get("FENCE_ENABLE") and not autopilot.parameter_files:
+        yield "mission.fence is uploaded and not in force; set autopilot.parameters.FENCE_ENABLE to 1"
+
+
 def _vessel(entry: Entry) -> VesselSpec | None:
     group = entry.child("vehicle")
     try:
@@ -175,7 +193,7 @@ def _of_place(path: KeyPath) -> bool:
     return {
         "site": key in ("altitude_m", "magnetic_field_ned_gauss"),
         "world": path[1] not in ("contact", "debris"),
-        "mission": key == "waypoints_ned_m",
+        "mission": key in ("waypoints_ned_m", "items", "fence", "rally"),
         "environment": "channel" in key,
     }[str(group)]
 

@@ -15,7 +15,9 @@ from xitl_cli.profile.files.compose import at_speed_of_vessel, compose, lay_on, 
 from xitl_cli.profile.files.entry import Entry, Key, KeyPath, Origin, Problem, ProfileError
 from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.fleet import is_fleet, read_fleet, unfold, unfolded_entry
+from xitl_cli.profile.geographic import with_places_in_metres
 from xitl_cli.profile.leftovers import leftovers
+from xitl_cli.profile.missions.mission_file import with_mission_files
 from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.schema.agents import EXTERNAL, FIND
@@ -23,6 +25,7 @@ from xitl_cli.profile.schema.derived_graph import complete_graph_group
 
 _ANY_FILE: tuple[KeyPath, ...] = (
     ("driver", "file"),
+    ("mission", "file"),
     ("sensors", "recorded", "file"),
     ("autopilot", "signing_key_file"),
     ("autopilot", "link_key_file"),
@@ -88,8 +91,12 @@ def load_with_origins(name: str, overrides: Iterable[str] = (), parts: Iterable[
 
 
 def prepared(entry: Entry) -> Entry:
-    """A composed profile as it is read: paths absolute, without the faults that are null."""
-    return _with_absolute_paths(_without_null_faults(entry))
+    """A composed profile as it is read: paths absolute, files of missions read, places in metres, no null faults.
+
+    Raises ProfileError for a mission file or a place that is wrong.
+    """
+    entry = with_mission_files(with_absolute_paths(_without_null_faults(entry)))
+    return with_places_in_metres(entry, entry.origin.source)
 
 
 def loaded_profile(entry: Entry, path: Path, name: str) -> LoadedProfile:
@@ -173,12 +180,12 @@ def _without_null_faults(entry: Entry) -> Entry:
     return Entry({**entry.value, "faults": Entry(left, faults.origin, faults.replaced)}, entry.origin)
 
 
-def _with_absolute_paths(entry: Entry) -> Entry:
+def with_absolute_paths(entry: Entry) -> Entry:
     """Relative paths inside a profile are meant from its file: made absolute, so that the profile can be moved."""
     vessels = entry.child("vessels")
     if vessels is not None and isinstance(vessels.value, dict):
         assert isinstance(entry.value, dict)
-        absolute = {name: _with_absolute_paths(vessel) for name, vessel in vessels.value.items()}
+        absolute = {name: with_absolute_paths(vessel) for name, vessel in vessels.value.items()}
         entry = Entry({**entry.value, "vessels": Entry(absolute, vessels.origin)}, entry.origin)
     entry = _rewritten(entry, ("graph", "reference"), SUFFIXES)
     for path in _ANY_FILE:

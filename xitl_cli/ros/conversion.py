@@ -292,7 +292,7 @@ class VesselConversion:
     def static(self) -> Iterator[RosMessage]:
         """Description and mission of the vessel."""
         start = self._profile.mission.start
-        places = [(start.north_m, start.east_m), *self._profile.mission.waypoints_ned_m]
+        places = [(start.north_m, start.east_m), *self._profile.mission.course_ned_m]
         yield self._message("mission", self._path(0, places), 0)
         yield self._message("robot_description", String(data=make_robot_description(self._profile)), 0)
 

@@ -308,7 +308,7 @@ def _scripted_report(plant: Plant, vessel: ScriptedVessel) -> SelfReport:
 
 def _is_awaited(profile: RunProfile) -> bool:
     """Whether a run lasts until this vessel has finished: among others one that only follows, or drifts, has no end."""
-    driver, waypoints = profile.driver.kind, profile.mission.waypoints_ned_m
+    driver, waypoints = profile.driver.kind, profile.mission.course_ned_m
     return not profile.vessel or (driver != "follow" and (driver != "none" or len(waypoints) > 0))
 
 

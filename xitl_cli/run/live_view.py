@@ -133,7 +133,7 @@ class VesselWatch(RunNode):
             del self._obstacles[number]
         places = [frames.ned_to_enu(np.asarray(place, dtype=np.float64)) for _, place, _ in self._obstacles.values()]
         radius = [0.5 * max(float(size[0]), float(size[1])) for _, _, size in self._obstacles.values()]
-        waypoints = progress.waypoints if progress.waypoints is not None else self._profile.mission.waypoints_ned_m
+        waypoints = progress.waypoints if progress.waypoints is not None else self._profile.mission.course_ned_m
         others = self._mission.others
         target = None
         if progress.target is not None and 0 <= progress.target < len(waypoints):

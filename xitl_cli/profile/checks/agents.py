@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from urllib.parse import urlsplit
 
 from agent.companion.settings import checked_parameter
-from agent.fcu.mission import MOST_ITEMS
+from agent.fcu.mission import COMMANDS, MOST_ITEMS
 from agent.fcu.parameters import ParameterError, checked
 from agent.mavlink.modes import PX4_MODES
 from xitl_cli.errors import UserError
@@ -69,18 +69,40 @@ def _autopilot(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         except UserError as error:
             yield path, f"autopilot.parameter_files.{number}: {error}"
     if profile.autopilot.kind == "embedded":
-        waypoints = 0 if profile.mission is None else len(profile.mission.waypoints_ned_m)
+        waypoints = (
+            0 if profile.mission is None else max(len(profile.mission.waypoints_ned_m), len(profile.mission.items))
+        )
         if waypoints >= MOST_ITEMS:
             yield (
                 ("mission", "waypoints_ned_m"),
                 f"mission.waypoints_ned_m = a list of {waypoints} is too long for the embedded autopilot, which keeps "
                 f"{MOST_ITEMS} items with home, as ArduRover does on a board; give at most {MOST_ITEMS - 1}",
             )
+        yield from _mission_items(profile)
         for name, value in profile.autopilot.parameters.items():
             try:
                 checked(name, value)
             except ParameterError as error:
                 yield ("autopilot", "parameters", name), f"autopilot.parameters: {error}"
+
+
+def _mission_items(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Items that the embedded autopilot refuses."""
+    if profile.mission is None:
+        return
+    for number, item in enumerate(profile.mission.items):
+        if item.command not in COMMANDS:
+            yield (
+                ("mission", "items", number, "command"),
+                f"mission.items.{number}: command {item.command} is none that the embedded autopilot takes; "
+                "remove the item",
+            )
+    if profile.mission.rally:
+        yield (
+            ("mission", "rally"),
+            "mission.rally: the embedded autopilot keeps no rally points; write mission.rally: [], or use "
+            "autopilot.kind: ardupilot",
+        )
 
 
 def _ground_stations(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:

@@ -33,8 +33,9 @@ def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str
     if driver.kind == "mission":
         # Without site, vessel and mission it is a part, which says itself what it lacks for a run.
         base = autopilot is not None and not (profile.mission or profile.site or profile.vehicle)
-        if not base and (profile.mission is None or not profile.mission.waypoints_ned_m):
-            yield kind, "driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site"
+        if not base and (profile.mission is None or not profile.mission.course):
+            what = "driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site"
+            yield kind, what
         other = autopilot is not None and autopilot.kind not in ("none", "embedded")
         if profile.vehicle is not None and not other:
             yield from _steered(profile.vehicle)

@@ -17,6 +17,20 @@ from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, d
 from xitl_cli.profile.files.yaml_file import parse_yaml, read_yaml
 
 OWN_KEYS = ("name", "description")  # what a profile says of itself; not inherited
+_DEGREES = ("lat", "lon", "latitude_deg", "longitude_deg")
+_RIVALS: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+    ("mission",): {
+        "waypoints_ned_m": ("file", "items"),
+        "items": ("file", "waypoints_ned_m"),
+        "file": ("waypoints_ned_m", "items", "fence", "rally"),
+    },
+    ("mission", "start"): {
+        **dict.fromkeys(("north_m", "east_m"), _DEGREES),
+        **dict.fromkeys(_DEGREES[:2], ("north_m", "east_m", *_DEGREES[2:])),
+        **dict.fromkeys(_DEGREES[2:], ("north_m", "east_m", *_DEGREES[:2])),
+    },
+}
+"""Per group: keys that say the same in another way, and which of those below them they take the place of."""
 
 
 def compose(path: Path) -> Entry:
@@ -86,6 +100,10 @@ def _extended(entry: Entry, path: Path, chain: tuple[Path, ...]) -> Entry:
 
 def laid_on(below: Entry, above: Entry) -> Entry:
     """Two profiles, or two entries of `vessels`, as one: `above` wins."""
+    for path, rivals in _RIVALS.items():
+        group, depth = above.nearest(path)
+        if depth == len(path) and isinstance(group.value, dict):
+            below = _without_keys(below, path, _rivals_of(group, rivals))
     merged = merge(below, above)
     whole: dict[str, Entry] = {}
     vehicle = above.child("vehicle")
@@ -102,6 +120,29 @@ def laid_on(below: Entry, above: Entry) -> Entry:
         return merged
     assert isinstance(merged.value, dict)
     return Entry({**merged.value, **whole}, merged.origin)
+
+
+def _rivals_of(group: Entry, rivals: dict[str, tuple[str, ...]]) -> set[str]:
+    """Keys that those given in a group take the place of."""
+    assert isinstance(group.value, dict)
+    given = [
+        key for key, one in group.value.items() if one.value is not None and not (key == "items" and not one.value)
+    ]
+    return {rival for key in given for rival in rivals.get(key, ())}
+
+
+def _without_keys(entry: Entry, path: tuple[str, ...], keys: set[str]) -> Entry:
+    """`entry` without these keys of the group at `path`."""
+    if not keys or not isinstance(entry.value, dict):
+        return entry
+    if not path:
+        left = {key: one for key, one in entry.value.items() if key not in keys}
+        return entry if len(left) == len(entry.value) else Entry(left, entry.origin, entry.replaced)
+    below = entry.value.get(path[0])
+    if below is None:
+        return entry
+    changed = _without_keys(below, path[1:], keys)
+    return entry if changed is below else Entry({**entry.value, path[0]: changed}, entry.origin, entry.replaced)
 
 
 def at_speed_of_vessel(entry: Entry) -> Entry:
@@ -158,6 +199,8 @@ def _with_override(profile: Entry, text: str) -> Entry:
 
 def _placed(entry: Entry, keys: list[str], depth: int, value: Entry) -> Entry:
     """`entry` with `value` merged in at `keys[depth:]`."""
+    if depth == 0:
+        entry = _without_overridden(entry, keys, value)
     if depth == len(keys):
         return merge(entry, value)
     key, path = keys[depth], dotted(tuple(keys[:depth]))
@@ -176,6 +219,17 @@ def _placed(entry: Entry, keys: list[str], depth: int, value: Entry) -> Entry:
         raise _error(value.origin, f"{path} = {shown(entry.plain())} is a value, not a group; {fix}")
     below = entry.value.get(key, Entry({} if depth + 1 < len(keys) else None, value.origin))
     return Entry({**entry.value, key: _placed(below, keys, depth + 1, value)}, entry.origin)
+
+
+def _without_overridden(entry: Entry, keys: list[str], value: Entry) -> Entry:
+    """`entry` without what an override of one key says in another way."""
+    for path, rivals in _RIVALS.items():
+        own = value
+        for key in reversed(keys[len(path) :]):
+            own = Entry({key: own}, value.origin)
+        if tuple(keys[: len(path)]) == path and isinstance(own.value, dict):
+            entry = _without_keys(entry, path, _rivals_of(own, rivals))
+    return entry
 
 
 def _error(origin: Origin, sentence: str) -> ProfileError:

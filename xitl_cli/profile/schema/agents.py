@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
-from sim_core.keys import AmongVessels, Bounds, Direction, Items, NonNegative, Place, Positive, Specification
+from sim_core.keys import (
+    AmongVessels,
+    Bounds,
+    Direction,
+    Items,
+    NonNegative,
+    Place,
+    Positive,
+    Specification,
+    SpecificationError,
+)
 
 Runs = Literal["in-process", "process", "board"]
 Channels = Annotated[tuple[Annotated[int, Bounds(at_least=1, at_most=32)], ...], Items(1)]
@@ -34,9 +45,28 @@ class StartSpec(Specification):
     heading_deg: Direction = 0.0
 
 
+STAGES_OF_COURSE = (16, 17, 18, 19, 20, 31, 82)
+"""MAV_CMD of items that are sailed to: WAYPOINT, LOITER_UNLIM, _TURNS, _TIME, RETURN_TO_LAUNCH, _TO_ALT, SPLINE."""
+_RETURN = 20
+_JUMPS = (177, 601)  # MAV_CMD_DO_JUMP, MAV_CMD_DO_JUMP_TAG
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionItemSpec(Specification):
+    """One item of a MAVLink plan."""
+
+    command: Annotated[Annotated[int, Bounds(at_least=0, at_most=65535)], "MAV_CMD, such as 16 for NAV_WAYPOINT"]
+    parameters: Annotated[
+        tuple[float | None, float | None, float | None, float | None], "the first four; null: the autopilot's own"
+    ] = (0.0, 0.0, 0.0, 0.0)
+    place_ned_m: Annotated[Place | None, "north and east; null: the command has no place"] = None
+    altitude_m: float = 0.0
+    frame: Annotated[Annotated[int, Bounds(at_least=0, at_most=255)], "MAV_FRAME of the altitude"] = 3
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionSpec(Specification):
-    """Waypoints from the local origin."""
+    """Waypoints from the local origin, or a course from a file."""
 
     speed_mps: Annotated[
         float, Bounds(above=0, at_most=30), "over ground; without: `vehicle.cruise_speed_mps`, where that is given"
@@ -48,6 +78,55 @@ class MissionSpec(Specification):
         Items(0, 65534, "as MAVLink numbers 65535 items and the first is home"),
         "a list of [north, east]",
     ] = ()
+    file: Annotated[
+        str | None,
+        "in place of `waypoints_ned_m`: a course from QGroundControl (`.plan`), Mission Planner (`.waypoints`) or a "
+        "map (`.geojson`, `.kml`, `.gpx`). Reading the profile replaces it by the keys that it brings",
+    ] = None
+    items: Annotated[
+        tuple[MissionItemSpec, ...],
+        Items(0, 65534, "as MAVLink numbers 65535 items and the first is home"),
+        "in place of `waypoints_ned_m`: a MAVLink mission after home, as a file with other commands brings it",
+    ] = ()
+    fence: Annotated[
+        tuple[MissionItemSpec, ...], "items of a fence, uploaded before the mission; `FENCE_ENABLE` puts it in force"
+    ] = ()
+    rally: Annotated[tuple[MissionItemSpec, ...], "rally points, for an ArduPilot or a PX4"] = ()
+
+    def check(self) -> None:
+        if self.items and self.waypoints_ned_m:
+            raise SpecificationError(("items",), "and waypoints_ned_m are both there; leave out one of them")
+
+    @property
+    def course(self) -> dict[int, Place]:
+        """The places to sail to (north, east), by the number of their item; home is item 0."""
+        if not self.items:
+            return dict(enumerate(self.waypoints_ned_m, start=1))
+        home = self.start.north_m, self.start.east_m
+        places = {seq: home if one.command == _RETURN else one.place_ned_m for seq, one in enumerate(self.items, 1)}
+        return {
+            seq: place
+            for seq, place in places.items()
+            if place is not None and self.items[seq - 1].command in STAGES_OF_COURSE
+        }
+
+    @property
+    def course_ned_m(self) -> tuple[Place, ...]:
+        """The places to sail to, in the order of their items."""
+        return tuple(self.course.values())
+
+    @property
+    def jumps(self) -> bool:
+        """Whether items are sailed more than once."""
+        return any(item.command in _JUMPS for item in self.items)
+
+    def moved(self, move: Callable[[Place], Place]) -> MissionSpec:
+        """The same mission with every place of the course moved."""
+        items = tuple(
+            item if item.place_ned_m is None else replace(item, place_ned_m=move(item.place_ned_m))
+            for item in self.items
+        )
+        return replace(self, waypoints_ned_m=tuple(map(move, self.waypoints_ned_m)), items=items)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,6 +19,7 @@ from xitl_cli.record.topics import MotionEstimate, TaskMissEvent, TaskTiming
 
 ORIGIN_SET = "origin set"  # in ArduPilot's words
 RECENT_TEXTS = 20
+MISSION_COMPLETE = 5  # MISSION_STATE_COMPLETE of MISSION_CURRENT
 SUBSYSTEMS = {
     0x1: "gyroscope",
     0x2: "accelerometer",
@@ -72,6 +73,7 @@ class AgentView:
         self.unhealthy: tuple[str, ...] = ()
         self.target_seq: int | None = None
         self.reached_seqs: set[int] = set()
+        self.mission_complete = False
         self.acks: dict[int, int] = {}
         self.tasks: dict[str, TaskTiming] = {}
         self.texts: deque[str] = deque(maxlen=RECENT_TEXTS)
@@ -112,7 +114,7 @@ class AgentView:
         """Another agent with the same mission steers now: its state, and what either has reached."""
         self.status, self.info = other.status, other.info
         self.mode, self.armed, self.ready_to_arm = other.mode, other.armed, other.ready_to_arm
-        self.target_seq = other.target_seq
+        self.target_seq, self.mission_complete = other.target_seq, other.mission_complete
         self.reached_seqs |= other.reached_seqs
         self.acks |= other.acks
 
@@ -142,6 +144,7 @@ class AgentView:
 
     def _mission_current(self, message: Any) -> None:
         self.target_seq = message.seq
+        self.mission_complete = getattr(message, "mission_state", 0) == MISSION_COMPLETE
 
     def _mission_item_reached(self, message: Any) -> None:
         self.reached_seqs.add(message.seq)

@@ -28,7 +28,7 @@ from xitl_cli.run.core.reports import LinkReport, NodeReport
 from xitl_cli.run.links.inbox import OWN_IDS, AgentInbox
 from xitl_cli.run.links.link_accounts import link_state, node_report
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
-from xitl_cli.run.links.setup import set_parameters, upload_mission
+from xitl_cli.run.links.setup import Plans, set_parameters, upload_plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,17 +281,17 @@ class AgentConnection:
         self,
         context: RunContext,
         parameters: dict[str, float],
-        mission: list[tuple[float, float, float]],
+        plans: Plans,
     ) -> None:
-        """Start it, set its parameters, upload its mission. Raises UserError when it does not take them."""
+        """Start it, set its parameters, upload its plans. Raises UserError when it does not take them."""
         self._now_ns = context.clock.now_ns
         self.inbox.begin(context)
         self.link.tap = self.inbox.tap
         self._start()
         lossless = self.link.transport.lossless
         set_parameters(self.target, parameters, self.link.send, self.receive, self._terms.key, lossless)
-        if mission:
-            upload_mission(self.target, mission, self.link.send, self.receive, lossless)
+        for mission_type, items in plans.items():
+            upload_plan(self.target, items, self.link.send, self.receive, lossless, mission_type)
         if not self._lockstep:
             for _ in range(SYNC_BURST):
                 self.request_time()

@@ -11,17 +11,20 @@ import numpy as np
 from agent.fcu.parameters import BY_NAME, SYSTEM_ID
 from agent.mavlink.commands import StatusTextReceiver
 from agent.mavlink.exchange import Target, complete
-from agent.mavlink.missions import MissionUpload, result_name, waypoint_items
+from agent.mavlink.missions import FENCE, MISSION, RALLY, MissionUpload, PlanItem, result_name, waypoint_items
 from agent.mavlink.parameters import ParameterClient
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.parameter_files import read_parameter_file
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.agents import MissionItemSpec
 from xitl_cli.run.links.vessel_gains import vessel_gains
 from xitl_cli.run.world.world import magnetic_field_ned_gauss
 
-Place = tuple[float, float, float]
+Plans = dict[int, list[PlanItem]]
+"""Plans to upload, by their MAV_MISSION_TYPE, in the order of their upload."""
+PLAN_KEYS = {MISSION: "mission", FENCE: "mission.fence", RALLY: "mission.rally"}
 Send = Callable[[Any], object]
 Receive = Callable[[float], list[Any]]
 ANSWER_S = 1.0
@@ -117,12 +120,39 @@ def _position(name: str, position_frd_m: tuple[float, float, float]) -> dict[str
     return {f"{name}_{axis}": value for axis, value in zip("XYZ", position_frd_m, strict=True)}
 
 
-def mission_places(profile: RunProfile, frame: LocalFrame) -> list[Place]:
-    """Latitude and longitude in degrees, altitude in metres; item 0 is home, where the vessel starts."""
-    start = profile.mission.start
-    points = [(start.north_m, start.east_m), *profile.mission.waypoints_ned_m]
+def mission_plans(profile: RunProfile, frame: LocalFrame) -> Plans:
+    """What the profile has of fence, rally points and mission; item 0 of the mission is home, where the vessel starts.
+
+    A plan without items is left out, so that what an autopilot has stored stays.
+    """
+    mission = profile.mission
+    plans: Plans = {}
+    for mission_type, items in ((FENCE, mission.fence), (RALLY, mission.rally)):
+        if items:
+            plans[mission_type] = [_plan_item(frame, seq, item) for seq, item in enumerate(items)]
+    course = mission_items(profile, frame)
+    if len(course) > 1:
+        plans[MISSION] = course
+    return plans
+
+
+def mission_items(profile: RunProfile, frame: LocalFrame) -> list[PlanItem]:
+    """Home, where the vessel starts, and the items of the mission."""
+    mission = profile.mission
+    start = mission.start
+    points = [(start.north_m, start.east_m), *mission.waypoints_ned_m]
     lat, lon, alt = frame.geodetic(np.array([(north, east, 0.0) for north, east in points], dtype=float))
-    return list(zip(lat.tolist(), lon.tolist(), alt.tolist(), strict=True))
+    plain = waypoint_items(zip(lat.tolist(), lon.tolist(), alt.tolist(), strict=True))
+    return [*plain, *(_plan_item(frame, seq, item) for seq, item in enumerate(mission.items, start=1))]
+
+
+def _plan_item(frame: LocalFrame, seq: int, item: MissionItemSpec) -> PlanItem:
+    p1, p2, p3, p4 = (math.nan if value is None else value for value in item.parameters)
+    lat_deg = lon_deg = 0.0
+    if item.place_ned_m is not None:
+        lat, lon, _ = frame.geodetic(np.array([[*item.place_ned_m, 0.0]]))
+        lat_deg, lon_deg = float(lat[0]), float(lon[0])
+    return PlanItem(seq, item.frame, item.command, (p1, p2, p3, p4), lat_deg, lon_deg, item.altitude_m)
 
 
 # -- bringing them to an agent; `receive(timeout_s)` returns the messages that arrived
@@ -169,15 +199,21 @@ def set_parameters(
             raise UserError(f"{key}.parameters.{name} = {value:g}: the agent keeps {kept:g}{reason}")
 
 
-def upload_mission(
-    target: Target, places: Sequence[Place], send: Send, receive: Receive, lossless: bool = False
+def upload_plan(
+    target: Target,
+    items: Sequence[PlanItem],
+    send: Send,
+    receive: Receive,
+    lossless: bool = False,
+    mission_type: int = MISSION,
 ) -> None:
-    """Upload the mission as waypoints. Raises UserError when the agent refuses it or goes silent."""
+    """Upload a mission, a fence or rally points. Raises UserError when the agent refuses it or goes silent."""
+    name = PLAN_KEYS[mission_type]
     give_up_s = TRIES * MISSION_S
     repeat_s = give_up_s if lossless else MISSION_S
-    upload = MissionUpload(target, waypoint_items(places), repeat_s=repeat_s, give_up_s=give_up_s)
+    upload = MissionUpload(target, items, mission_type, repeat_s=repeat_s, give_up_s=give_up_s)
     complete(upload, send, receive)
     if upload.result is None:
-        raise UserError(f"mission: the agent did not finish taking it; {LOSSY}")
+        raise UserError(f"{name}: the agent did not finish taking it; {LOSSY}")
     if not upload.accepted:
-        raise UserError(f"mission: the agent refused it ({result_name(upload.result)})")
+        raise UserError(f"{name}: the agent refused it ({result_name(upload.result)})")

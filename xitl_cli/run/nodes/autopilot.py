@@ -31,7 +31,7 @@ from xitl_cli.run.links.connection import (
 )
 from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
 from xitl_cli.run.links.peer import AgentOptions, open_peer
-from xitl_cli.run.links.setup import embedded_parameters, mission_places
+from xitl_cli.run.links.setup import Plans, embedded_parameters, mission_plans
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.estimation import EstimateCheck
@@ -170,12 +170,12 @@ class AutopilotNode(ControlNode):
     def begin(self, context: RunContext) -> None:
         self._context = context
         parameters: dict[str, float] = {}
-        mission: list[tuple[float, float, float]] = []
+        plans: Plans = {}
         if self._profile.autopilot.kind == "embedded":
             parameters = embedded_parameters(self._profile)
-            mission = mission_places(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
+            plans = mission_plans(self._profile, self._frame)
         for agent in self.agents:
-            agent.begin(context, parameters, mission)
+            agent.begin(context, parameters, plans)
         self.progress = self._progress()
 
     # In the run

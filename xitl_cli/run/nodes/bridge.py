@@ -30,7 +30,7 @@ from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.ports import PortClaims
-from xitl_cli.run.links.setup import live_parameters, mission_places
+from xitl_cli.run.links.setup import live_parameters, mission_plans
 from xitl_cli.run.nodes.autopilot_commands import Send
 from xitl_cli.run.nodes.bridge_clock import SIMULATED_UNEVEN_NS, AutopilotClock
 from xitl_cli.run.nodes.drivers import VehicleDriver
@@ -258,7 +258,7 @@ class BridgeNode(RunNode):
     def preparation(self, driver: VehicleDriver, agent: AgentConnection, send: Send, frame: LocalFrame) -> Preparation:
         """What goes before the driver. agent: the one that is the bridge; `send` sends to it."""
         profile, autopilot, target = self._profile, self._profile.autopilot, agent.target
-        places = mission_places(profile, frame) if profile.mission.waypoints_ned_m else []
+        plans = mission_plans(profile, frame)
         self._agent, self._view = agent, agent.inbox.view
         simulated = self._launch is not None and autopilot.firmware_build == "sitl"
         uneven_ns = SIMULATED_UNEVEN_NS if simulated else 0
@@ -267,7 +267,7 @@ class BridgeNode(RunNode):
             driver,
             self._view,
             ParameterStep(send, target, live_parameters(profile), autopilot.kind == "px4"),
-            MissionStep(send, target, places),
+            MissionStep(send, target, plans),
             CalibrationStep(send, target, autopilot.firmware_build == "linux"),
             autopilot.moored_until_armed,
             self.bridge.mavlink,

@@ -218,7 +218,7 @@ class CompanionNode(RunNode):
 
     def begin(self, context: RunContext) -> None:
         self._now_ns = context.clock.now_ns
-        self.agent.begin(context, companion_parameters(self._profile), [])
+        self.agent.begin(context, companion_parameters(self._profile), {})
         self.inbox.holds = self._lockstep
         if self._lockstep:
             self.agent.link.wait_for_room = self._wait_for_room

@@ -17,7 +17,7 @@ from agent.fcu.control.controller import (
 from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
 from agent.fcu.geodetic import LocalProjection
-from agent.fcu.mission import make_mission, waypoint
+from agent.fcu.mission import MissionItem, make_mission
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.mission_progress import COMPLETE, MissionProgress
 from agent.fcu.vehicle_state import StateEstimate
@@ -28,7 +28,7 @@ from xitl_cli.record.topics import MotorCommand
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file, schedule_from_script
 from xitl_cli.run.core.node import ControlNode, RunStep
 from xitl_cli.run.core.reports import Progress
-from xitl_cli.run.links.setup import embedded_parameters, mission_places
+from xitl_cli.run.links.setup import embedded_parameters, mission_items
 from xitl_cli.run.nodes.drivers import nobody
 from xitl_cli.run.world.world import local_frame
 
@@ -44,8 +44,13 @@ class IdealControl(ControlNode):
         self._allocator = ThrustAllocator(parameters)
         self.command = MotorCommand(self._allocator.neutral, armed=True)
         site = profile.site
-        places = mission_places(profile, local_frame(site))
-        self._mission = MissionProgress(make_mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
+        items = [
+            MissionItem(one.command, one.lat_deg, one.lon_deg, one.alt_m, one.parameters, one.frame)
+            for one in mission_items(profile, local_frame(site))
+        ]
+        self._mission = MissionProgress(make_mission(items), parameters["WP_SPEED"])
+        self._course = tuple(profile.mission.course)
+        self._reached: set[int] = set()
         self._gains = GuidanceGains.from_parameters(parameters, self._allocator.mixer.pivots)
         self._controller = chosen_controller(profile)(parameters)
         self._frame = LocalProjection(site.latitude_deg, site.longitude_deg, site.altitude_m)
@@ -76,12 +81,13 @@ class IdealControl(ControlNode):
         return allocated(self._allocator, self._controller.control(order, estimate, self._dt_s), self._dt_s, speed_mps)
 
     def _progress(self) -> Progress:
-        reached, finished = self._mission.reached, self._mission.state == COMPLETE
+        mission, finished = self._mission, self._mission.state == COMPLETE
+        self._reached.update(seq for seq in mission.drain_reached() if seq in self._course)
         return Progress(
             mode="IDEAL",
             armed=True,
-            target=None if finished else reached,
-            reached=reached,
+            target=self._course.index(mission.current) if mission.current in self._course and not finished else None,
+            reached=len(self._reached),
             finished=finished,
             completed=finished,
             waits_for=self._waits_for,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -18,6 +18,7 @@ from xitl_cli.profile.schema.agents import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
 from xitl_cli.run.core.node import RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
 
 
@@ -51,17 +52,40 @@ class VehicleDriver(RunNode):
         raise NotImplementedError
 
 
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What is to be sailed of the profile's mission: numbers of its items, and whether a jump repeats some."""
+
+    seqs: tuple[int, ...] = ()
+    jumps: bool = False
+
+    def reached(self, view: AgentView) -> int:
+        """How many of the items were reached."""
+        return len(view.reached_seqs.intersection(self.seqs))
+
+    def is_sailed(self, view: AgentView) -> bool:
+        """Whether all were reached, and, where items are repeated, the autopilot says that the mission is complete."""
+        all_reached = 0 < len(self.seqs) == self.reached(view)
+        return all_reached and (view.mission_complete or not self.jumps)
+
+    def target(self, view: AgentView) -> int:
+        """The index of the item under way: of those in order the first that was not reached."""
+        if self.jumps and view.target_seq in self.seqs:
+            return self.seqs.index(view.target_seq)
+        left = (number for number, seq in enumerate(self.seqs) if seq not in view.reached_seqs)
+        return next(left, max(len(self.seqs) - 1, 0))
+
+
 class NoDriver(VehicleDriver):
     """Nobody gives orders; a mission that the autopilot starts by itself still counts."""
 
-    def __init__(self, commands: AutopilotCommands, waypoints: int) -> None:
+    def __init__(self, commands: AutopilotCommands, course: Course) -> None:
         self._view = commands.view
-        self._total = waypoints
+        self._course = course
 
     def progress(self) -> Progress:
-        reached = len({seq for seq in self._view.reached_seqs if 1 <= seq <= self._total})
-        done = 0 < self._total == reached
-        return Progress("", reached=reached, finished=done, completed=done)
+        done = self._course.is_sailed(self._view)
+        return Progress("", reached=self._course.reached(self._view), finished=done, completed=done)
 
 
 def nobody() -> str:
@@ -82,19 +106,19 @@ def make_driver(
 
     Raises UserError when its file cannot be played.
     """
-    driver, waypoints = profile.driver, len(profile.mission.waypoints_ned_m)
+    driver, course = profile.driver, Course(tuple(profile.mission.course), profile.mission.jumps)
     if driver.kind == "mission":
-        return MissionDriver(commands, waypoints, profile.autopilot.arm_timeout_s, others)
+        return MissionDriver(commands, course, profile.autopilot.arm_timeout_s, others)
     if driver.kind == "ground-station":
         return GroundStationDriver(commands, frame, ground_stations, driver.stay)
     if driver.kind == "ros":
         return RosDriver(commands, frame, driver.arms, profile.autopilot.arm_timeout_s, others)
     if driver.kind == "script":
-        return ScriptDriver(commands, frame, driver.script, waypoints)
+        return ScriptDriver(commands, frame, driver.script, course)
     if driver.kind == "replay":
         schedule = schedule_from_file(profile)
         return ReplayDriver(commands, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s, others)
-    return NoDriver(commands, waypoints)
+    return NoDriver(commands, course)
 
 
 READY_TIMEOUT_S = 60.0
@@ -172,18 +196,18 @@ def why_not_armed(texts: Iterable[str], unhealthy: Sequence[str] = ()) -> str:
 
 
 class MissionDriver(VehicleDriver):
-    """Sends the commands a person at a ground station would; the mission has `waypoints` items after home."""
+    """Sends the commands a person at a ground station would; done when the course is sailed."""
 
     def __init__(
         self,
         commands: AutopilotCommands,
-        waypoints: int,
+        course: Course,
         arm_timeout_s: float = READY_TIMEOUT_S,
         others: Callable[[], str] = nobody,
     ) -> None:
         self._view = commands.view
         self._departure = ArmingSequence(commands, "AUTO", arm_timeout_s, others)
-        self._total = waypoints
+        self._course = course
         self._under_way = False
 
     @property
@@ -198,9 +222,8 @@ class MissionDriver(VehicleDriver):
         self._under_way = self._under_way or self._departure.update(sim_ns)
 
     def progress(self) -> Progress:
-        reached = len({seq for seq in self._view.reached_seqs if 1 <= seq <= self._total})
-        done = 0 < self._total == reached
-        target = reached if self._under_way and not done else None
+        reached, done = self._course.reached(self._view), self._course.is_sailed(self._view)
+        target = self._course.target(self._view) if self._under_way and not done else None
         waits_for = self._departure.waits_for
         return Progress("", target=target, reached=reached, finished=done, completed=done, waits_for=waits_for)
 
@@ -262,16 +285,16 @@ class ScriptDriver(VehicleDriver):
 
     Mode and arm are repeated every second until they are accepted or the next step begins; RC pulses stay in force,
     and are repeated, until a later step gives others. Completed is a script whose steps were all reached and whose
-    orders were all accepted. The mission on board, which a script may start, has `waypoints` items after home.
+    orders were all accepted. The mission on board, which a script may start, has this course.
     """
 
     def __init__(
-        self, commands: AutopilotCommands, frame: LocalFrame, steps: Sequence[ScriptStep], waypoints: int
+        self, commands: AutopilotCommands, frame: LocalFrame, steps: Sequence[ScriptStep], course: Course
     ) -> None:
         self._commands = commands
         self._steps = steps
         self._targets = [_place(frame, step.goto_ned_m) for step in steps]
-        self._total = waypoints
+        self._course = course
         self._number = -1
         self._now_ns = -1
         self._mode_set = self._armed = True
@@ -302,12 +325,11 @@ class ScriptDriver(VehicleDriver):
         settled = self._settled()
         given_up = self._now_ns - round(self._steps[-1].at_s * 1e9) >= LAST_ORDER_S * 1e9
         view = self._commands.view
-        reached = len({seq for seq in view.reached_seqs if 1 <= seq <= self._total})
-        sailing = view.armed and view.mode == "AUTO" and reached < self._total
+        sailing = view.armed and view.mode == "AUTO" and bool(self._course.seqs) and not self._course.is_sailed(view)
         return Progress(
             "",
-            target=reached if sailing else None,
-            reached=reached,
+            target=self._course.target(view) if sailing else None,
+            reached=self._course.reached(view),
             finished=played and self._steps[-1].end and (settled or given_up),
             completed=played and settled and not self._refused,
         )

@@ -110,7 +110,7 @@ class MissionNode(RunNode):
     """
 
     def __init__(self, profile: RunProfile, control: ControlNode) -> None:
-        self.score = MissionScore(profile.mission.waypoints_ned_m)
+        self.score = MissionScore(profile.mission.course_ned_m)
         self.others: tuple[Point, ...] | None = None
         self._profile = profile
         self._control = control

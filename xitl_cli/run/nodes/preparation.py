@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 from agent.mavlink.commands import CommandClient
 from agent.mavlink.exchange import Request, Target, Timer
-from agent.mavlink.missions import MissionUpload, result_name, waypoint_items
+from agent.mavlink.missions import MISSION, MissionUpload, result_name
 from agent.mavlink.parameters import ParameterClient
 from agent.wire import dialect
 from xitl_cli.errors import UserError
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.links.setup import Place, Send
+from xitl_cli.run.links.setup import PLAN_KEYS, Plans, Send
 from xitl_cli.run.nodes.drivers import VehicleDriver
 
 SHORTEST_HEARTBEAT_S = 20.0
@@ -115,44 +115,62 @@ class ParameterStep:
 
 
 class MissionStep:
-    """Uploads the mission; item 0 is home. `update` and `handle` as above.
+    """Uploads plans one after the other; item 0 of a mission is home. `update` and `handle` as above.
 
-    Raises UserError from `update` when the autopilot refuses it or does not finish taking it.
+    Raises UserError from `update` when the autopilot refuses one or does not finish taking it.
     """
 
-    def __init__(self, send: Send, target: Target, places: Sequence[Place]) -> None:
+    def __init__(self, send: Send, target: Target, plans: Plans) -> None:
         self._send = send
         self._target = target
-        self._upload = MissionUpload(
-            target,
-            waypoint_items(places),
-            repeat_s=ANSWER_S,
-            give_up_s=MISSION_S,
-            refused_s=REFUSED_S,
-            new_timer=PatientTimer,
-        )
+        self._left = [
+            (
+                mission_type,
+                MissionUpload(
+                    target,
+                    items,
+                    mission_type,
+                    repeat_s=ANSWER_S,
+                    give_up_s=MISSION_S,
+                    refused_s=REFUSED_S,
+                    new_timer=PatientTimer,
+                ),
+            )
+            for mission_type, items in plans.items()
+        ]
         self._now_ns = 0
-        self.done = not places
+
+    @property
+    def done(self) -> bool:
+        """Whether all are on board."""
+        return not self._left
 
     def update(self, sim_ns: int) -> None:
         """Announce it, and again while nobody asks for it."""
         self._now_ns = sim_ns
-        upload = self._upload
+        if not self._left:
+            return
+        mission_type, upload = self._left[0]
         for message in upload.poll(sim_ns):
             self._send(message)
-        if self.done or not upload.done:
+        if not upload.done:
             return
+        key = PLAN_KEYS[mission_type]
         if upload.result is None:
-            raise UserError(f"mission: the autopilot did not finish taking it in {MISSION_S:.0f} s; {NOT_TAKEN}")
-        raise UserError(f"mission: the autopilot refused it ({result_name(upload.result)})")
+            raise UserError(f"{key}: the autopilot did not finish taking it in {MISSION_S:.0f} s; {NOT_TAKEN}")
+        raise UserError(f"{key}: the autopilot refused it ({result_name(upload.result)})")
 
     def handle(self, message: Any) -> None:
         """A message of the autopilot."""
-        for reply in self._upload.handle(message, self._now_ns):
+        if not self._left:
+            return
+        mission_type, upload = self._left[0]
+        for reply in upload.handle(message, self._now_ns):
             self._send(reply)
-        if self._upload.accepted and not self.done:
-            self.done = True
-            self._send(dialect.MAVLink_mission_set_current_message(*self._target, 1))  # it may be from a run before
+        if upload.accepted:
+            self._left.pop(0)
+            if mission_type == MISSION:  # it may be from a run before
+                self._send(dialect.MAVLink_mission_set_current_message(*self._target, 1))
 
 
 class CalibrationStep:

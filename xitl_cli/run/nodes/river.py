@@ -193,7 +193,7 @@ def river_from_profile(profile: RunProfile, seeds: Seeds, plant: Plant, progress
     waterway = simulation.waterway
     debris, mission = profile.world.debris, profile.mission
     start = (mission.start.north_m, mission.start.east_m)
-    legs = MissionLegs([start, *mission.waypoints_ned_m])
+    legs = MissionLegs([start, *mission.course_ned_m])
     current = simulation.environment.current  # the mean one, as it is planned with
     encounters = DebrisEncounters(
         draw_encounters(debris.encounters, legs.length_m, default_rng(seeds.sequence("encounters"))),

@@ -67,7 +67,7 @@ def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.Sce
         entity
         for each in profiles
         for entity in (
-            _mission(each, [(each.mission.start.north_m, each.mission.start.east_m), *each.mission.waypoints_ned_m]),
+            _mission(each, [(each.mission.start.north_m, each.mission.start.east_m), *each.mission.course_ned_m]),
             _vessel(each.vehicle, each.vessel),
             *([_propellers(each.vehicle, each.vessel)] if each.vehicle.propellers else []),
         )
@@ -220,7 +220,7 @@ def _water(profiles: Sequence[RunProfile]) -> messages.SceneEntity:
     profile = profiles[0]
     places = []
     for each in profiles:
-        places += [*each.mission.waypoints_ned_m, (each.mission.start.north_m, each.mission.start.east_m)]
+        places += [*each.mission.course_ned_m, (each.mission.start.north_m, each.mission.start.east_m)]
     if profile.world.log_boom is not None:
         boom = profile.world.log_boom
         places += [(point[0], point[1]) for point in boom.anchors_ne_m or boom.points_ned_m or ()]

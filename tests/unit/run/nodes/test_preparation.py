@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agent.mavlink.missions import waypoint_items
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
@@ -62,7 +63,7 @@ class Case:
             self.driver,
             self.view,
             ParameterStep(self.sent.append, TARGET, {"WP_SPEED": 3.0}),
-            MissionStep(self.sent.append, TARGET, [(0.0, 0.0, 0.0)]),
+            MissionStep(self.sent.append, TARGET, {0: waypoint_items([(0.0, 0.0, 0.0)])}),
             CalibrationStep(self.sent.append, TARGET, wanted=False),
             held,
             "tcp://127.0.0.1:5760",

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from agent.mavlink.missions import waypoint_items
 from agent.wire import dialect
 from xitl_cli.errors import UserError
 from xitl_cli.run.nodes import preparation
@@ -28,6 +29,7 @@ TICK = 10_000_000
 SECOND = 1_000_000_000
 TARGET = (1, 1)
 PLACES = [(-8.8, -63.95, 70.0), (-8.79, -63.95, 70.0), (-8.78, -63.94, 70.0)]
+PLANS = {0: waypoint_items(PLACES)}
 ACCEPTED, NO_SPACE = dialect.MAV_MISSION_ACCEPTED, dialect.MAV_MISSION_NO_SPACE
 
 
@@ -153,7 +155,7 @@ def test_the_parameters_of_others_that_come_in_between_are_passed_over() -> None
 
 def test_the_mission_is_handed_over_item_by_item_with_home_first() -> None:
     rover = Rover()
-    upload = MissionStep(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLANS)
     run(upload, rover, 0.2)
     assert upload.done
     assert rover.kinds() == ["MISSION_COUNT", *["MISSION_ITEM_INT"] * 3, "MISSION_SET_CURRENT"]
@@ -165,7 +167,7 @@ def test_the_mission_is_handed_over_item_by_item_with_home_first() -> None:
 
 def test_a_mission_that_is_lost_on_the_way_is_announced_again() -> None:
     rover = Rover(drops=lambda number: number in (1, 3))
-    upload = MissionStep(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLANS)
     run(upload, rover, 3.5)
     assert upload.done
     assert [item.seq for item in rover.items] == [0, 1, 2]
@@ -174,7 +176,7 @@ def test_a_mission_that_is_lost_on_the_way_is_announced_again() -> None:
 def test_an_autopilot_that_has_no_room_yet_gets_the_mission_later() -> None:
     rover = Rover()
     rover.has_room = False
-    upload = MissionStep(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLANS)
     run(upload, rover, REFUSED_S / 2)
     assert not upload.done
     rover.has_room = True
@@ -185,20 +187,20 @@ def test_an_autopilot_that_has_no_room_yet_gets_the_mission_later() -> None:
 def test_an_autopilot_that_goes_on_refusing_the_mission_ends_the_run_with_its_reason() -> None:
     rover = Rover()
     rover.has_room = False
-    upload = MissionStep(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLANS)
     with pytest.raises(UserError, match=r"mission: the autopilot refused it \(MAV_MISSION_NO_SPACE\)"):
         run(upload, rover, REFUSED_S + 1.0)
 
 
 def test_an_autopilot_that_does_not_ask_for_the_mission_ends_the_run() -> None:
     rover = Rover(drops=lambda number: True)
-    upload = MissionStep(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLANS)
     with pytest.raises(UserError, match="mission: the autopilot did not finish taking it"):
         run(upload, rover, MISSION_S + 1.0)
 
 
 def test_no_mission_is_done_at_once() -> None:
-    assert MissionStep(Rover().take, TARGET, []).done
+    assert MissionStep(Rover().take, TARGET, {}).done
 
 
 def test_the_calibration_is_accepted_by_the_command_that_arducopter_and_rover_know() -> None:

@@ -1,0 +1,95 @@
+"""A mission as a file has it: items of MAVLink with places in degrees, and where each was written."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT
+from agent.fcu.mission import COMMANDS, WAYPOINT
+
+RALLY_POINT = 5100  # MAV_CMD_NAV_RALLY_POINT
+FENCE_COMMANDS = (RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT)
+RELATIVE, NO_PLACE = 3, 2  # MAV_FRAME
+MOST_ITEMS = 65_534
+
+Parameters = tuple[float | None, float | None, float | None, float | None]
+
+
+class MissionFileError(ValueError):
+    """A mission file that cannot be used. The message says which element is wrong and what to do.
+
+    line: 1-based, None where the format's reader knows none.
+    """
+
+    def __init__(self, text: str, line: int | None = None) -> None:
+        super().__init__(text)
+        self.line = line
+
+
+@dataclass(frozen=True, slots=True)
+class FileItem:
+    """One item: parameters 1 to 4 (None: the autopilot's own), place in degrees (None: none), altitude in metres.
+
+    where: the element of the file, for errors; line: 1-based, None where unknown.
+    """
+
+    command: int = WAYPOINT
+    parameters: Parameters = (0.0, 0.0, 0.0, 0.0)
+    place_deg: tuple[float, float] | None = None
+    altitude_m: float = 0.0
+    frame: int = RELATIVE
+    where: str = ""
+    line: int | None = None
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a place to go to, and nothing more."""
+        return self.command == WAYPOINT and not any(self.parameters) and self.place_deg is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What a file brings: the mission after home, the fence and the rally points, each as items."""
+
+    items: tuple[FileItem, ...]
+    fence: tuple[FileItem, ...] = ()
+    rally: tuple[FileItem, ...] = ()
+
+
+def place_of(latitude_deg: float, longitude_deg: float, where: str, line: int | None = None) -> tuple[float, float]:
+    """A checked place. Raises MissionFileError for one that is not on the Earth."""
+    if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+        text = f"{where}: latitude {latitude_deg:g}, longitude {longitude_deg:g} is not on the Earth"
+        raise MissionFileError(f"{text}; check the order of the two numbers", line)
+    return latitude_deg, longitude_deg
+
+
+def mavlink_item(
+    command: int, frame: int, numbers: tuple[float | None, ...], where: str, line: int | None = None
+) -> FileItem:
+    """An item from MAVLink's seven parameters; None or NaN stands for the autopilot's own.
+
+    A latitude and a longitude that are both 0 are no place, as ArduPilot has it. Raises MissionFileError.
+    """
+    p1, p2, p3, p4, x, y, z = (None if one is None or math.isnan(one) else one for one in numbers)
+    known = COMMANDS.get(command)
+    has_place = known.has_place if known is not None else frame != NO_PLACE
+    place = None
+    if x or y:
+        if not has_place:
+            name = "" if known is None else f" ({known.name})"
+            text = f"{where}: command {command}{name} has no place, and its parameters 5 and 6 are {x:g} and {y:g}"
+            raise MissionFileError(f"{text}, which xitl does not bring; remove the item or set them to 0", line)
+        place = place_of(x or 0.0, y or 0.0, where, line)
+    return FileItem(command, (p1, p2, p3, p4), place, z or 0.0, frame, where, line)
+
+
+def sorted_course(items: list[FileItem], what: str) -> Course:
+    """The items of one list by what they are for: mission, fence or rally points. Raises MissionFileError."""
+    if not items:
+        raise MissionFileError(f"has no {what}; draw at least one")
+    fence = tuple(item for item in items if item.command in FENCE_COMMANDS)
+    rally = tuple(item for item in items if item.command == RALLY_POINT)
+    others = (*FENCE_COMMANDS, RALLY_POINT)
+    return Course(tuple(item for item in items if item.command not in others), fence, rally)

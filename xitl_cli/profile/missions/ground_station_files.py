@@ -1,0 +1,193 @@
+"""Missions of ground stations: QGroundControl's `.plan`, and the text format QGC WPL of Mission Planner and others.
+
+Sources: docs.qgroundcontrol.com, Plan File Format; mavlink.io, File Formats.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT
+from agent.fcu.mission import JUMP
+from xitl_cli.profile.missions.course import (
+    RALLY_POINT,
+    Course,
+    FileItem,
+    MissionFileError,
+    mavlink_item,
+    place_of,
+    sorted_course,
+)
+
+WPL_COLUMNS = 12
+_WPL_VERSIONS = ("100", "110", "120")
+
+
+def read_plan(text: str) -> Course:
+    """A `.plan`: mission, fence and rally points. The planned home is not used: the vessel has `mission.start`.
+
+    Of a survey and a corridor scan the items that the station has generated are taken. Raises MissionFileError.
+    """
+    plan = read_json(text)
+    if not isinstance(plan, dict) or plan.get("fileType") != "Plan":
+        raise MissionFileError('is no plan of QGroundControl ("fileType": "Plan" is missing); save the plan again')
+    mission = _member(plan, "mission", dict, "")
+    items = list(_plan_items(_member(mission, "items", list, "mission"), "mission.items"))
+    return Course(
+        tuple(_with_sequence_numbers(items)),
+        tuple(_plan_fence(plan.get("geoFence") or {})),
+        tuple(_plan_rally(plan.get("rallyPoints") or {})),
+    )
+
+
+def read_json(text: str) -> Any:
+    """The value of a JSON text. Raises MissionFileError with the line."""
+    try:
+        return json.loads(text, parse_constant=lambda word: _refuse_constant(word))
+    except json.JSONDecodeError as error:
+        raise MissionFileError(f"is not valid JSON: {error.msg}, column {error.colno}", error.lineno) from None
+    except RecursionError:
+        raise MissionFileError("is nested too deeply; save it again from the program it was drawn in") from None
+    except ValueError as error:  # a number of too many digits
+        raise MissionFileError(f"is not valid JSON: {error}") from None
+
+
+def number_of(value: Any, where: str) -> float:
+    """A finite number of a JSON value. Raises MissionFileError."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or abs(value) > 1e300:
+        raise MissionFileError(f"{where} = {str(value)[:40]} is not a number; write one")
+    return float(value)
+
+
+def _refuse_constant(word: str) -> None:
+    raise MissionFileError(f"holds {word}, which is no number of JSON; replace it")
+
+
+def _member(group: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
+    value = group.get(key)
+    if not isinstance(value, kind):
+        what = "an object" if kind is dict else "a list"
+        raise MissionFileError(f"{f'{where}.' if where else ''}{key} is missing or is not {what}; save the plan again")
+    return value
+
+
+def _plan_items(found: list[Any], path: str) -> Iterator[tuple[FileItem, Any]]:
+    """Each item with its doJumpId."""
+    for number, one in enumerate(found):
+        where = f"{path}.{number}"
+        if not isinstance(one, dict):
+            raise MissionFileError(f"{where} is not an object; save the plan again")
+        if one.get("type") == "ComplexItem":
+            generated = one.get("TransectStyleComplexItem")
+            if not isinstance(generated, dict) or not isinstance(generated.get("Items"), list):
+                kind = str(one.get("complexItemType"))[:40]
+                fix = "replace it by waypoints; surveys and corridor scans can be brought"
+                raise MissionFileError(f"{where} is a complex item, {kind!r}, which xitl cannot sail; {fix}")
+            yield from _plan_items(generated["Items"], f"{where}.TransectStyleComplexItem.Items")
+            continue
+        yield _plan_item(one, where), one.get("doJumpId")
+
+
+def _plan_item(one: dict[str, Any], where: str) -> FileItem:
+    command, frame = (int(number_of(one.get(key), f"{where}.{key}")) for key in ("command", "frame"))
+    numbers = _member(one, "params", list, where)
+    if len(numbers) != 7:
+        raise MissionFileError(f"{where}.params has {len(numbers)} entries; MAVLink has 7")
+    values = tuple(
+        None if value is None else number_of(value, f"{where}.params.{index}") for index, value in enumerate(numbers)
+    )
+    return mavlink_item(command, frame, values, where)
+
+
+def _with_sequence_numbers(items: list[tuple[FileItem, Any]]) -> Iterator[FileItem]:
+    """The target of a jump is the doJumpId of an item in the file, and the item's place in the mission on board."""
+    by_id = {identifier: seq for seq, (_, identifier) in enumerate(items, start=1) if isinstance(identifier, int)}
+    for item, _ in items:
+        if item.command != JUMP or not by_id:
+            yield item
+            continue
+        target = int(item.parameters[0] or 0)
+        if target not in by_id:
+            raise MissionFileError(f"{item.where}: jumps to item {target}, which is not there; give a doJumpId")
+        yield replace(item, parameters=(float(by_id[target]), *item.parameters[1:]))
+
+
+def _plan_fence(fence: Any) -> Iterator[FileItem]:
+    if not isinstance(fence, dict):
+        raise MissionFileError("geoFence is not an object; save the plan again")
+    if isinstance(fence.get("polygon"), list) and fence["polygon"]:
+        raise MissionFileError("geoFence is of version 1; open the plan in QGroundControl and save it again")
+    for number, one in enumerate(fence.get("polygons") or []):
+        where = f"geoFence.polygons.{number}"
+        corners = one.get("polygon") if isinstance(one, dict) else None
+        if not isinstance(corners, list) or len(corners) < 3:
+            raise MissionFileError(f"{where} has fewer than 3 corners; draw it again")
+        command = POLYGON_IN if one.get("inclusion", True) else POLYGON_OUT
+        for index, corner in enumerate(corners):
+            place = _pair(corner, f"{where}.polygon.{index}")
+            yield FileItem(command, (float(len(corners)), 0.0, 0.0, 0.0), place, 0.0, 0, where)
+    for number, one in enumerate(fence.get("circles") or []):
+        where = f"geoFence.circles.{number}"
+        circle = one.get("circle") if isinstance(one, dict) else None
+        if not isinstance(circle, dict):
+            raise MissionFileError(f"{where} has no circle; draw it again")
+        radius_m = number_of(circle.get("radius"), f"{where}.circle.radius")
+        command = CIRCLE_IN if one.get("inclusion", True) else CIRCLE_OUT
+        place = _pair(circle.get("center"), f"{where}.circle.center")
+        yield FileItem(command, (radius_m, 0.0, 0.0, 0.0), place, 0.0, 0, where)
+    if fence.get("breachReturn"):
+        where = "geoFence.breachReturn"
+        yield FileItem(RETURN_POINT, place_deg=_pair(fence["breachReturn"], where), where=where)
+
+
+def _plan_rally(rally: Any) -> Iterator[FileItem]:
+    if not isinstance(rally, dict):
+        raise MissionFileError("rallyPoints is not an object; save the plan again")
+    for number, point in enumerate(rally.get("points") or []):
+        where = f"rallyPoints.points.{number}"
+        yield FileItem(RALLY_POINT, place_deg=_pair(point, where), where=where)
+
+
+def _pair(value: Any, where: str) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) < 2:
+        raise MissionFileError(f"{where} is not a place; write [latitude, longitude]")
+    return place_of(number_of(value[0], where), number_of(value[1], where), where)
+
+
+def read_waypoints(text: str) -> Course:
+    """A `QGC WPL` text: twelve columns, the first item is home and is not used.
+
+    Items of a fence and rally points, which Mission Planner saves in such files too, are sorted out by their commands.
+    Raises MissionFileError with the line.
+    """
+    lines = text.split("\n")
+    words = lines[0].split()
+    if words[:2] != ["QGC", "WPL"]:
+        raise MissionFileError("does not begin with QGC WPL 110; save the waypoints again", 1)
+    if words[2:] and words[2] not in _WPL_VERSIONS:
+        raise MissionFileError(f"is of version {words[2][:20]}; save it as QGC WPL 110", 1)
+    items = [
+        _waypoint(line.split(), number)
+        for number, line in enumerate(lines[1:], start=2)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    return sorted_course(items[1:], "waypoint after home, its first")
+
+
+def _waypoint(columns: list[str], line: int) -> FileItem:
+    if len(columns) != WPL_COLUMNS:
+        what = f"item has {len(columns)} columns; QGC WPL has {WPL_COLUMNS}: index, current, frame, command, "
+        raise MissionFileError(f"{what}4 parameters, latitude, longitude, altitude, autocontinue", line)
+    where = f"item {columns[0]}"
+    try:
+        frame, command = int(columns[2]), int(columns[3])
+        numbers = tuple(map(float, columns[4:11]))
+    except ValueError as error:
+        raise MissionFileError(f"{where}: {error}; write numbers", line) from None
+    if any(math.isinf(number) for number in numbers):
+        raise MissionFileError(f"{where}: a number is not finite; write numbers", line)
+    return mavlink_item(command, frame, numbers, where, line)

@@ -1,0 +1,109 @@
+"""`mission.file` of a composed profile, replaced by the items that the file has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from agent.files import read_text
+from xitl_cli.profile.files.catalogue import shown_path
+from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, Scalar, shown
+from xitl_cli.profile.missions.course import Course, FileItem, MissionFileError
+from xitl_cli.profile.missions.ground_station_files import read_plan, read_waypoints
+from xitl_cli.profile.missions.map_files import read_geojson, read_gpx, read_kml
+
+READERS: Mapping[str, Callable[[str], Course]] = {
+    ".plan": read_plan,
+    ".waypoints": read_waypoints,
+    ".txt": read_waypoints,
+    ".geojson": read_geojson,
+    ".json": read_geojson,
+    ".kml": read_kml,
+    ".gpx": read_gpx,
+}
+
+
+def with_mission_files(entry: Entry) -> Entry:
+    """`entry` with the file of its mission read, and those of its vessels. Raises ProfileError with file and element.
+
+    Places stay latitudes and longitudes: `with_places_in_metres` comes after.
+    """
+    vessels = entry.child("vessels")
+    if vessels is not None and isinstance(vessels.value, dict):
+        assert isinstance(entry.value, dict)
+        read = {name: with_mission_files(vessel) for name, vessel in vessels.value.items()}
+        entry = Entry({**entry.value, "vessels": Entry(read, vessels.origin, vessels.replaced)}, entry.origin)
+    mission = entry.child("mission")
+    file = None if mission is None else mission.child("file")
+    if mission is None or file is None or file.value is None:
+        return entry
+    assert isinstance(entry.value, dict)
+    return Entry({**entry.value, "mission": _read(mission, file)}, entry.origin, entry.replaced)
+
+
+def _read(mission: Entry, file: Entry) -> Entry:
+    assert isinstance(mission.value, dict)
+    course = _course(file)
+    both = [key for key in ("waypoints_ned_m", "items") if (own := mission.value.get(key)) is not None and own.value]
+    if both:
+        raise _error(file.origin, f"mission.file and mission.{both[0]} are both there; leave out one of them")
+    source = shown_path(Path(str(file.value)))
+    brought: dict[str, Entry] = {}
+    if all(item.is_plain for item in course.items):
+        places = tuple(_place(item, source) for item in course.items)
+        brought["waypoints_ned_m"] = Entry(places, file.origin)
+    else:
+        brought["items"] = _list(course.items, source, file.origin)
+    if course.fence:
+        brought["fence"] = _list(course.fence, source, file.origin)
+    if course.rally:
+        brought["rally"] = _list(course.rally, source, file.origin)
+    kept = {key: value for key, value in mission.value.items() if key not in ("file", "waypoints_ned_m", "items")}
+    return Entry({**brought, **kept}, mission.origin, mission.replaced)
+
+
+def _course(file: Entry) -> Course:
+    if not isinstance(file.value, str):
+        raise _error(file.origin, f"mission.file = {shown(file.plain())} is not text; write the path of a file")
+    path = Path(file.value)
+    read = READERS.get(path.suffix.lower())
+    if read is None:
+        what = f"mission.file = {shown(file.value)} is of no format that is known"
+        raise _error(file.origin, f"{what}; use one of {', '.join(READERS)}")
+    try:
+        return read(read_text(path).removeprefix("\ufeff"))
+    except OSError as error:
+        reason = (error.strerror or "unknown reason").lower()
+        raise _error(file.origin, f"mission.file: {path} cannot be read: {reason}; check the path") from None
+    except UnicodeDecodeError as error:
+        raise _error(Origin(shown_path(path)), f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+    except MissionFileError as error:
+        raise _error(Origin(shown_path(path), error.line), str(error)) from None
+
+
+def _list(items: tuple[FileItem, ...], source: str, origin: Origin) -> Entry:
+    return Entry(tuple(_item(item, source) for item in items), origin)
+
+
+def _item(item: FileItem, source: str) -> Entry:
+    at = Origin(source, item.line)
+    values: dict[str, Entry] = {
+        "command": Entry(item.command, at),
+        "parameters": Entry(tuple(Entry(value, at) for value in item.parameters), at),
+        "altitude_m": Entry(item.altitude_m, at),
+        "frame": Entry(item.frame, at),
+    }
+    if item.place_deg is not None:
+        values["place_ned_m"] = _place(item, source)
+    return Entry(values, at)
+
+
+def _place(item: FileItem, source: str) -> Entry:
+    assert item.place_deg is not None
+    at = Origin(source, item.line)
+    degrees: dict[str, Scalar] = {"lat": item.place_deg[0], "lon": item.place_deg[1]}
+    return Entry({key: Entry(value, at) for key, value in degrees.items()}, at)
+
+
+def _error(origin: Origin, sentence: str) -> ProfileError:
+    return ProfileError([Problem(origin, sentence)], origin.source)
