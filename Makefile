@@ -4,6 +4,8 @@ VENV := .venv
 AGENT_PYTHON ?= python3.9
 AGENT_VENV := build/agent-python
 BIN := $(VENV)/bin
+# Errors and warnings alone, so that a first `make run` shows the run and not a hundred lines of pip.
+PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check --no-input -c constraints.txt
 # Many tests wait for processes that they started, of the slow ones most; a worker costs some seconds to begin.
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
@@ -18,18 +20,18 @@ $(VENV)/.run: pyproject.toml constraints.txt
 		{ echo "xitl needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) -V). Try: make PYTHON=python3.11" >&2; exit 2; }
 	@$(PYTHON) -c 'import ensurepip, venv' || \
 		{ echo "$(PYTHON) has no venv module. On Debian or Ubuntu: apt install python3-venv" >&2; exit 2; }
-	$(PYTHON) -m venv $(VENV)
+	@$(PYTHON) -m venv $(VENV)
 	@echo "installing xitl and what it needs into $(VENV)/, some 360 MB: a minute or so, the first time only"
-	$(BIN)/python -m pip install --disable-pip-version-check --no-input -c constraints.txt -e .
+	@$(PIP_INSTALL) -e .
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.run
 	@echo "installing what tests and checks need into $(VENV)/, another 1.2 GB: some minutes, the first time only"
-	$(BIN)/python -m pip install --disable-pip-version-check --no-input -c constraints.txt -e '.[dev]'
+	@$(PIP_INSTALL) -e '.[dev]'
 	@touch $@
 
 $(VENV)/.mutate: $(VENV)/.dev
-	$(BIN)/python -m pip install --disable-pip-version-check --no-input -c constraints.txt -e '.[dev,mutation]'
+	@$(PIP_INSTALL) -e '.[dev,mutation]'
 	@touch $@
 
 run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts

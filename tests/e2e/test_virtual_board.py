@@ -61,7 +61,7 @@ def board() -> Iterator[EmulatedBoard]:
     try:
         yield booted(name)
     finally:
-        remove(name, images=False)
+        remove(name, images=False, force=True)
 
 
 def booted(name: str, network: str | None = None) -> EmulatedBoard:

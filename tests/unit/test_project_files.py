@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -100,3 +101,9 @@ def test_the_template_of_a_change_names_targets_that_are_there() -> None:
     asked = [word for words in re.findall(r"`make ([^`]+)`", text) for word in words.split()]
     assert "test" in asked
     assert set(asked) <= TARGETS
+
+
+def test_no_output_of_a_run_lies_at_the_top_of_the_tree() -> None:
+    named = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    outputs = (".png", ".html", ".mcap", ".bin", ".pdf", ".svg", ".csv")
+    assert [name for name in named if "/" not in name and name.endswith(outputs)] == []

@@ -107,8 +107,11 @@ def start(
     return board, wait_until_up(board, limit_s, progress)
 
 
-def remove(name: str, images: bool) -> list[str]:
-    """Remove a board, and with `images` every image that no board uses any more. Returns what was removed."""
+def remove(name: str, images: bool, force: bool = False) -> list[str]:
+    """Remove a board, and with `images` every image that no board uses any more. Returns the paths removed.
+
+    Raises UserError for a board that runs, unless `force` is set, which cuts its power first.
+    """
     folder = board_folder(name)
     if not folder.is_dir():
         the_board(name)
@@ -117,6 +120,8 @@ def remove(name: str, images: bool) -> list[str]:
     except UserError:
         board = None
     if board is not None and running(board) is not None:
+        if not force:
+            raise UserError(f"{name}: runs; stop it first (xitl board stop {name}), or cut its power with --force")
         cut_power(board)
     shutil.rmtree(folder)
     removed = [str(folder)]

@@ -157,11 +157,12 @@ def compare(
 def remove(
     name: Name,
     images: Annotated[bool, typer.Option("--images", help="And the images that no other board uses.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Cut the power of a board that runs.")] = False,
 ) -> None:
-    """Remove a board with its disk and keys; the image that it was made of stays for others."""
+    """Remove a stopped board with its disk and keys; its image stays for other boards."""
     from xitl_cli.board.life import remove as take_away
 
-    for path in take_away(name, images):
+    for path in take_away(name, images, force):
         _say(f"removed {path}")
 
 

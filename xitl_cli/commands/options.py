@@ -119,3 +119,11 @@ RunsSeed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything
 RunsDuration = Annotated[
     float | None, typer.Option("--duration", metavar="S", min=1.0, help="Simulation time of each run at most.")
 ]
+
+
+def renamed(old_value: str | None, value: str | None, old: str, new: str) -> str | None:
+    """The value of an option that has a new name. The old name still works, with a notice."""
+    if old_value is None:
+        return value
+    typer.echo(f"{old} is now {new}; the old name will go", err=True)
+    return old_value if value is None else value

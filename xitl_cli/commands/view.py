@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import Vessel
+from xitl_cli.commands.options import Vessel, renamed
 from xitl_cli.commands.output import tell_damage
 from xitl_cli.end_signals import end_signals_handled
 from xitl_cli.errors import UserError
@@ -39,7 +39,8 @@ def view(
     from_time: Annotated[
         str | None, typer.Option("--from", metavar="TIME", help="Of --html and --gif: 90, 1:30.5 or 1:02:03.")
     ] = None,
-    to_time: Annotated[str | None, typer.Option("--to", metavar="TIME", help="Likewise the end.")] = None,
+    until_time: Annotated[str | None, typer.Option("--until", metavar="TIME", help="Likewise the end.")] = None,
+    to_time: Annotated[str | None, typer.Option("--to", hidden=True)] = None,
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write one page with the replay, which opens from the disk.")
     ] = None,
@@ -68,7 +69,9 @@ def view(
     from xitl_cli.view.server import check_view_extra
 
     check_view_extra()
-    at_s, from_s, to_s = (parse_optional_seconds(text) for text in (at, from_time, to_time))
+    at_s, from_s, to_s = (
+        parse_optional_seconds(text) for text in (at, from_time, renamed(to_time, until_time, "--to", "--until"))
+    )
     pixels = _size(size)
     if not 0.0 < speed < float("inf"):
         raise UserError(f"--speed {speed:g}: is no speed; give a number above 0, such as 4")

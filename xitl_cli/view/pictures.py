@@ -138,7 +138,7 @@ def moving_picture(
     if frames > MOST_FRAMES:
         raise UserError(
             f"{span.length_s:.0f} s at {speed:g} × are {frames} pictures, more than {MOST_FRAMES}; choose a shorter "
-            "span (--from, --to) or a higher --speed"
+            "span (--from, --until) or a higher --speed"
         )
     with _photographer(recording, size, camera, vessel, dark) as photograph:
         pictures = [photograph(span.from_s + span.length_s * number / frames) for number in range(frames)]

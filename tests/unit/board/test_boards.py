@@ -70,6 +70,19 @@ def test_a_board_that_is_not_there_is_told_with_those_that_are(board: EmulatedBo
         life.remove("raft", images=False)
 
 
+def test_a_board_that_runs_is_removed_only_by_force(board: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
+    cut: list[EmulatedBoard] = []
+    monkeypatch.setattr(life, "running", lambda board: 4711)
+    monkeypatch.setattr(life, "cut_power", cut.append)
+    with pytest.raises(UserError, match=r"boat: runs; stop it first \(xitl board stop boat\)"):
+        life.remove("boat", images=False)
+    assert board.folder.exists()
+    assert not cut
+    life.remove("boat", images=False, force=True)
+    assert not board.folder.exists()
+    assert [each.name for each in cut] == ["boat"]
+
+
 def test_a_damaged_record_is_told_and_can_be_removed(board: EmulatedBoard) -> None:
     (board.folder / "board.json").write_text('{"name": 1}')
     with pytest.raises(UserError, match="remove it: xitl board remove boat"):
