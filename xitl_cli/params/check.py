@@ -21,12 +21,24 @@ _VEHICLES = {10: "Rover", 11: "Rover (boat)"}
 
 @dataclass(frozen=True, slots=True)
 class ParameterRename:
-    """`new` since `version`. The value carries over; `note` where it does not simply."""
+    """`new` since `version`.
+
+    values: pairs of an old value and the new one of the same meaning; None where every value keeps its meaning. `note`
+    says how the meaning changed.
+    """
 
     old: str
     new: str
     version: str
     note: str = ""
+    values: tuple[tuple[float, float], ...] | None = None
+
+    def carried(self, name: str, value: float) -> float | None:
+        """The value under the other name that means what `value` means under `name`; None where that is not known."""
+        if self.values is None:
+            return value
+        pairs = self.values if name == self.old else [(new, old) for old, new in self.values]
+        return dict(pairs).get(value)
 
 
 def _receivers() -> Iterator[ParameterRename]:
@@ -51,10 +63,12 @@ RENAMES: tuple[ParameterRename, ...] = (
     ParameterRename("BRD_SAFETYENABLE", "BRD_SAFETY_DEFLT", "4.4"),
     ParameterRename("SYSID_THISMAV", "MAV_SYSID", "4.7"),
     ParameterRename("SYSID_MYGCS", "MAV_GCS_SYSID", "4.7"),
-    ParameterRename("SYSID_ENFORCE", "MAV_OPTIONS", "4.7", "bit 0"),
+    ParameterRename("SYSID_ENFORCE", "MAV_OPTIONS", "4.7", "bit 0", values=()),
     ParameterRename("TELEM_DELAY", "MAV_TELEM_DELAY", "4.7"),
     *(ParameterRename(f"SR{port}_{name}", f"MAV{port + 1}_{name}", "4.7") for port in range(7) for name in _STREAMS),
-    ParameterRename("ARMING_CHECK", "ARMING_SKIPCHK", "4.7", "it names the checks that are left out: 1 becomes 0"),
+    ParameterRename(
+        "ARMING_CHECK", "ARMING_SKIPCHK", "4.7", "it names the checks that are left out: 1 becomes 0", ((1.0, 0.0),)
+    ),
 )
 
 
@@ -64,6 +78,22 @@ def other_name(name: str, present: Mapping[str, float]) -> ParameterRename | Non
         if (rename.old == name and rename.new in present) or (rename.new == name and rename.old in present):
             return rename
     return None
+
+
+def in_names_of(present: Mapping[str, float], wanted: Mapping[str, float]) -> dict[str, float]:
+    """`wanted` in the names and values of the version that has `present`.
+
+    A parameter whose value has no known counterpart keeps its name.
+    """
+    found: dict[str, float] = {}
+    for name, value in wanted.items():
+        rename = None if name in present else other_name(name, present)
+        carried = None if rename is None else rename.carried(name, value)
+        if rename is None or carried is None:
+            found[name] = value
+        else:
+            found[rename.new if name == rename.old else rename.old] = carried
+    return found
 
 
 # -- what a vehicle has, held against what it should have
@@ -137,7 +167,7 @@ def check_parameters(wanted: Mapping[str, float], present: Mapping[str, float]) 
     for name, value in wanted.items():
         kept = present.get(name)
         if kept is None:
-            absent.append(_absent(name, value, wanted, present))
+            absent.append(absent_parameter(name, value, wanted, present))
         elif same_value(kept, value):
             alike += 1
         else:
@@ -156,7 +186,10 @@ def hiding_parameter(name: str, wanted: Mapping[str, float], present: Mapping[st
     return ""
 
 
-def _absent(name: str, value: float, wanted: Mapping[str, float], present: Mapping[str, float]) -> AbsentParameter:
+def absent_parameter(
+    name: str, value: float, wanted: Mapping[str, float], present: Mapping[str, float]
+) -> AbsentParameter:
+    """Why the vehicle has no parameter of this name. `wanted` and `present`: all that is asked for, all that it has."""
     rename = other_name(name, present)
     if rename is not None:
         has = rename.new if rename.old == name else rename.old

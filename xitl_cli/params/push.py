@@ -14,7 +14,7 @@ from agent.mavlink.ftp import FtpRefusedError, checksum, has_folder, make_folder
 from agent.mavlink.parameters import same_value
 from agent.wire import dialect
 from xitl_cli.errors import UserError
-from xitl_cli.params.check import hiding_parameter
+from xitl_cli.params.check import absent_parameter, hiding_parameter, in_names_of
 from xitl_cli.params.values import format_value
 from xitl_cli.params.vehicle import VehicleConnection, VehicleFiles, connect
 from xitl_cli.shipped import firmware_params_dir
@@ -108,6 +108,7 @@ def _set_all(vehicle: VehicleConnection, wanted: Mapping[str, float], changes: d
     set_some = False
     for _ in range(MOST_ROUNDS):
         present = vehicle.read_all()
+        wanted = in_names_of(present, wanted)
         held = _held(wanted, present)
         now = set_differing(vehicle, {name: value for name, value in wanted.items() if name != held}, present)
         for name in [name for name, change in changes.items() if change.reason]:
@@ -145,14 +146,15 @@ def set_differing(
 ) -> list[PushedParameter]:
     """Set what differs from `present`, each read back. Nothing raises for a value that the vehicle refuses.
 
-    `complete`: all that the vehicle has is in `present`; else what is not there was asked for in vain.
+    `complete`: `present` has all parameters of the vehicle. Otherwise they are read when a name is missing.
     """
     changes: list[PushedParameter] = []
+    if not complete and any(name not in present for name in wanted):
+        present = vehicle.read_all()
     for name, value in wanted.items():
         before = present.get(name)
         if before is None:
-            said = f": {vehicle.texts[-1]}" if vehicle.texts else "; it may have no such parameter"
-            reason = "the vehicle has no such parameter" if complete else f"the vehicle does not answer for it{said}"
+            reason = absent_parameter(name, value, wanted, present).sentence(format_value)
             changes.append(PushedParameter(name, value, None, None, reason))
         elif not same_value(before, value):
             answer = vehicle.set(name, value)

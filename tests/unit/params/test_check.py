@@ -66,6 +66,29 @@ def test_a_rename_whose_value_means_otherwise_says_so() -> None:
     assert "1 becomes 0" in missing.sentence(str)
 
 
+def test_a_push_sets_a_renamed_parameter_by_the_name_that_this_version_has(params: Params, tmp_path: Path) -> None:
+    file = tmp_path / "boat.parm"
+    file.write_text("ARMING_CHECK 1\nGPS_TYPE 14\n")
+    boat = VehicleDouble(BOAT | {"ARMING_SKIPCHK": 64.0})
+    with over_tcp(boat) as url:
+        ran = params("push", str(file), url, "--json")
+    assert ran.code == 0, ran.error
+    assert boat.values["ARMING_SKIPCHK"] == 0.0
+    assert boat.values["GPS1_TYPE"] == 14.0
+
+
+def test_a_push_does_not_guess_a_value_that_another_version_means_otherwise(params: Params, tmp_path: Path) -> None:
+    file = tmp_path / "boat.parm"
+    file.write_text("ARMING_CHECK 72\n")
+    boat = VehicleDouble(BOAT)
+    with over_tcp(boat) as url:
+        ran = params("push", str(file), url, "--json")
+    assert ran.code == 2
+    assert boat.values["ARMING_SKIPCHK"] == 0.0
+    (refused,) = ran.told["refused"]
+    assert "ARMING_SKIPCHK since 4.7, it names the checks that are left out" in refused["reason"]
+
+
 def test_renames_are_of_names_that_fit_the_wire() -> None:
     assert all(max(len(rename.old), len(rename.new)) <= 16 for rename in RENAMES)
     assert len({rename.old for rename in RENAMES}) == len(RENAMES)

@@ -198,7 +198,7 @@ def test_what_a_vehicle_refuses_is_said_with_its_own_words(params: Params, tmp_p
     reasons = {change["name"]: change["reason"] for change in ran.told["refused"]}
     said = "PAR_001: set denied because the vessel is armed and under way right now"
     assert reasons["PAR_001"] == f"the vehicle keeps 0.37: {said}"
-    assert reasons["NO_SUCH"] == "the vehicle has no such parameter"
+    assert reasons["NO_SUCH"] == "this version has none"
     assert reasons["FRAME_CLASS"] == "the vehicle keeps 1"
 
 
@@ -210,7 +210,7 @@ def test_set_reads_back(params: Params) -> None:
     assert "WP_SPEED = 2 → 3.5" in ran.out
     assert "1 set, 0 refused, 1 were so already" in ran.out
     assert double.values["WP_SPEED"] == 3.5
-    assert "WP_SPED = 3 was refused, the vehicle does not answer for it; it may have no such parameter" in unknown.error
+    assert "WP_SPED = 3 was refused, this version has none; nearest: WP_SPEED" in unknown.error
 
 
 @pytest.mark.slow
