@@ -126,7 +126,7 @@ def test_a_bus_with_both_agents_carries_the_traffic_of_both(write: Write) -> Non
     assert problem_of(write, bus, "board", own) == ""
     shared = f"  standby: {{runs: board, link: '{bus}&peer=3'}}\n"
     sentence = problem_of(write, bus, "board", shared)
-    assert "wanted are 39966 bytes/s for 2 agents (imu 400 Hz × 48 = 19200, " in sentence
+    assert "wanted are 39974 bytes/s for 2 agents (imu 400 Hz × 48 = 19200, " in sentence
     assert "use bitrate=1000000&fd=true&data_bitrate=2000000" in sentence
     lower = re.search(r"lower sensors\.imu\.rate_hz to ([0-9.]+)", sentence)
     assert lower is not None
@@ -158,9 +158,9 @@ def test_what_the_sentence_advises_is_enough(write: Write, link: str) -> None:
 def test_a_bus_that_is_too_slow_counts_both_ways(write: Write) -> None:
     sentence = problem_of(write, "can://slcan/pty?bitrate=250000")
     assert sentence.startswith(
-        "autopilot.link = 'can://slcan/pty?bitrate=250000' carries 11443 bytes/s of such frames both"
+        "autopilot.link = 'can://slcan/pty?bitrate=250000' carries 11442 bytes/s of such frames both"
     )
-    assert "wanted are 19983 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
+    assert "wanted are 19987 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
     assert "actuators 50 Hz × 74 = 3700" in sentence
 
 

@@ -85,7 +85,7 @@ def _problems(path: Path) -> list[str]:
         (
             "clock: fast",
             "boat.yaml:1: clock = 'fast' is not a group; indent keys under it: "
-            "mode, physics_rate_hz, exchange_rate_hz, duration_s, seed",
+            "mode, physics_rate_hz, exchange_rate_hz, duration_s, seed, on_loss",
         ),
         (
             "mission: {waypoints_ned_m: 5}",
