@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -220,7 +221,7 @@ def test_another_address_has_a_token(started: Callable[..., Viewed]) -> None:
 
 def test_a_port_that_is_taken_is_an_error_before_anything_runs(started: Callable[..., Viewed], tmp_path: Path) -> None:
     run = started("sitl", "--view", "--pace", "1")
-    port = run.address.rstrip("/").rpartition(":")[2]
+    port = str(urlsplit(run.address).port)
     arguments = ["sim", "sitl", "--view-port", port, "--out", str(tmp_path / "other")]
     other = subprocess.run(
         [sys.executable, "-c", "from xitl_cli.main import main; main()", *arguments], capture_output=True, text=True
