@@ -26,7 +26,7 @@ def test_info_of_several_files_and_one_that_is_none(xitl: Xitl, tmp_path: Path) 
     assert told.returncode == 2
     assert told.stderr.strip().splitlines() == [
         "error: notes.txt: is no log: it is text that begins with 'calm, a little rain'; "
-        "give a DataFlash .bin, a .tlog, an .mcap or a bag of ROS"
+        "give a DataFlash .bin, an .ulg of PX4, a .tlog, an .mcap or a bag of ROS"
     ]
     first, _, second = told.stdout.partition(str(MISSION_TLOG))
     assert "DataFlash, 7.1 MB, 152455 records" in first

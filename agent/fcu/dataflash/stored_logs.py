@@ -29,7 +29,8 @@ class StoredLog(NamedTuple):
 class StoredLogs:
     """The numbered logs of a directory, or one file, oldest first. See `agent.mavlink.logs.Logs`.
 
-    What is being written to is there as far as it has been written.
+    What is being written to is there as far as it has been written. A symbolic link in the directory is neither listed
+    nor read: it could lead to any file of this machine.
     """
 
     def __init__(self, directory: Path | None = None, file: Path | None = None) -> None:
@@ -74,9 +75,16 @@ class StoredLogs:
         if self._directory is None or not self._directory.is_dir():
             return []
         numbered = [
-            (int(match[1]), entry) for entry in self._directory.iterdir() if (match := LOG_NAME.fullmatch(entry.name))
+            (int(match[1]), entry)
+            for entry in self._directory.iterdir()
+            if (match := LOG_NAME.fullmatch(entry.name)) and not entry.is_symlink()
         ]
         return [(entry.name.upper(), entry) for _, entry in sorted(numbered)]
+
+
+def _open_no_link(path: str, flags: int) -> int:
+    """Open a file that a link may have replaced since it was listed. Raises OSError for a link."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0))
 
 
 class LogFile:
@@ -114,7 +122,7 @@ class LogFile:
     def _load(self, number: int) -> None:
         """By the thread."""
         try:
-            with self._log.path.open("rb") as file:
+            with open(self._log.path, "rb", opener=_open_no_link) as file:
                 file.seek(number * WINDOW_BYTES)
                 data = file.read(WINDOW_BYTES)
             windows = dict(self._windows)

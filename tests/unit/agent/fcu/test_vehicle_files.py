@@ -75,6 +75,31 @@ def test_every_folder_is_listed(tmp_path: Path) -> None:
             listed(channel, path)
 
 
+def test_a_link_out_of_the_folder_is_neither_listed_nor_read(tmp_path: Path) -> None:
+    secret, folder = tmp_path / "secret", tmp_path / "logs"
+    secret.write_bytes(b"of somebody else")
+    folder.mkdir()
+    (folder / "00000001.BIN").write_bytes(LOG[:9])
+    (folder / "00000002.BIN").symlink_to(secret)
+    channel = station(StoredLogs(folder))
+    assert listed(channel, "/APM/LOGS") == ["F00000001.BIN\t9"]
+    with pytest.raises(FtpRefusedError):
+        carried_out(channel, read_file("/APM/LOGS/00000002.BIN"))
+
+
+def test_a_log_that_a_link_has_replaced_since_it_was_listed_is_not_read(tmp_path: Path) -> None:
+    secret, folder = tmp_path / "secret", tmp_path / "logs"
+    secret.write_bytes(b"of somebody else")
+    folder.mkdir()
+    (folder / "00000001.BIN").write_bytes(LOG[:16])
+    channel = station(StoredLogs(folder))
+    assert listed(channel, "/APM/LOGS") == ["F00000001.BIN\t16"]
+    (folder / "00000001.BIN").unlink()
+    (folder / "00000001.BIN").symlink_to(secret)
+    with pytest.raises(FtpRefusedError):
+        carried_out(channel, read_file("/APM/LOGS/00000001.BIN"))
+
+
 def test_param_pck_holds_what_the_list_of_values_says() -> None:
     channel = station()
     channel.autopilot.parameters.set("WP_SPEED", 1.75)
