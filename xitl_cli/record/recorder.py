@@ -29,6 +29,7 @@ from xitl_cli.record.topics import (
     ODOM_FRAME,
     SONAR_POINT,
     TOPICS,
+    UNKNOWN_VARIANCE,
     VESSEL_FRAME,
     MapSource,
     MotionEstimate,
@@ -48,7 +49,8 @@ Intensity = NDArray[np.uint8]
 Channel = tuple[Callable[..., bytes], PayloadWriter]
 """Encodes a stamp and one value a field; writes the payload."""
 
-_NO_COVARIANCE = (0.0,) * 36
+_EXACT = (0.0,) * 36
+_UNKNOWN = tuple(np.diag([UNKNOWN_VARIANCE] * 6).ravel().tolist())
 _NO_ROTATION = (0.0, 0.0, 0.0)
 _FLU = np.array([1.0, -1.0, -1.0], dtype=np.float32)
 _FRD_FLU = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -236,7 +238,8 @@ class Recorder:
             estimate.vel_ned_mps @ frames.quat_to_matrix(estimate.quat_ned_frd),
             estimate.quat_ned_frd,
             estimate.gyro_frd_radps,
-            estimate.pos_deviation_ned_m,
+            _pose_covariance(estimate.pos_deviation_ned_m),
+            _UNKNOWN,
         )
         self._topics.transform(stamp_ns, self._topics.frame(ESTIMATE_FRAME), position, attitude)
 
@@ -292,22 +295,26 @@ class Recorder:
         vel_frd_mps: Array,
         quat_ned_frd: Array,
         gyro_frd_radps: Array,
-        pos_deviation_ned_m: Array | None = None,
+        pose_covariance: tuple[float, ...] = _EXACT,
+        twist_covariance: tuple[float, ...] = _EXACT,
     ) -> tuple[list[float], list[float]]:
         """Write nav_msgs/Odometry; return position (ENU) and attitude (FLU to ENU, w x y z)."""
         position = frames.ned_to_enu(pos_ned_m).tolist()
         w, x, y, z = attitude = frames.quat_ned_frd_to_enu_flu(quat_ned_frd).tolist()
         twist = frames.frd_to_flu(vel_frd_mps).tolist() + frames.frd_to_flu(gyro_frd_radps).tolist()
         child = self._topics.frame(frame)
-        known = _NO_COVARIANCE if pos_deviation_ned_m is None else _position_covariance(pos_deviation_ned_m)
-        self._topics.write(topic, stamp_ns, MAP_FRAME, child, position, (x, y, z, w), known, twist, _NO_COVARIANCE)
+        self._topics.write(
+            topic, stamp_ns, MAP_FRAME, child, position, (x, y, z, w), pose_covariance, twist, twist_covariance
+        )
         return position, attitude
 
 
-def _position_covariance(deviation_ned_m: Array) -> tuple[float, ...]:
-    """Of a pose in ENU, row by row; of the attitude nothing is known."""
-    north, east, down = deviation_ned_m.tolist()
-    covariance = [0.0] * 36
+def _pose_covariance(pos_deviation_ned_m: Array | None) -> tuple[float, ...]:
+    """(36,) of a pose in ENU, row by row; no autopilot states the variance of its attitude."""
+    if pos_deviation_ned_m is None:
+        return _UNKNOWN
+    north, east, down = pos_deviation_ned_m.tolist()
+    covariance = list(_UNKNOWN)
     covariance[0], covariance[7], covariance[14] = east * east, north * north, down * down
     return tuple(covariance)
 
@@ -360,9 +367,9 @@ class PerceptionRecorder:
             self._topics.frame(VESSEL_FRAME),
             pose[:3, 3].tolist(),
             (x, y, z, w),
-            _NO_COVARIANCE,
+            _UNKNOWN,
             (*linear, *_NO_ROTATION),
-            _NO_COVARIANCE,
+            _UNKNOWN,
         )
 
     def map_points(self, stamp_ns: int, points_odom_m: Points, intensity: Intensity, source: MapSource) -> None:

@@ -37,6 +37,11 @@ VESSEL_FRAME = "base_link"
 ESTIMATE_FRAME = "base_link_estimate"
 ODOM_FRAME = "odom"
 """The body's place when the companion's odometry began."""
+UNKNOWN_VARIANCE = 1e6
+"""In m², rad² and so on, of an element of nav_msgs/Odometry whose accuracy nobody states.
+
+The message has no mark for "unknown". Filters take zero for an exact value, as they must for the truth.
+"""
 
 HISTOGRAM_BINS = 16
 Histogram: TypeAlias = Annotated[tuple[int, ...], f"uint32[{HISTOGRAM_BINS}]"]
@@ -461,7 +466,8 @@ _TABLE = (
     Topic("/truth/odometry", "nav_msgs/msg/Odometry", "the same",
           "the same motion in ENU with a FLU body (REP 103), for ROS tools and `evo`", OdometryMessage),
     Topic("/estimate/odometry", "nav_msgs/msg/Odometry", "as the autopilot sends it",
-          "the autopilot's estimate, in the frame of the truth; covariance of the position where it says one",
+          "the autopilot's estimate, in the frame of the truth; variance of the position where it states one, "
+          "1e6 of all it does not",
           OdometryMessage),
     Topic("/environment", "xitl_msgs/msg/Environment", "10 Hz",
           "current and wind (NED) at the vessel, surface elevation", EnvironmentMessage),
@@ -522,7 +528,8 @@ _TABLE = (
     Topic("/sonar/ping", "xitl_msgs/msg/Ping", "each ping", "the echo of a ping", PingMessage, from_start=False),
     Topic("/sonar/points", "foxglove.PointCloud", "each ping", "points that stand out of the echo", from_start=False),
     Topic("/companion/odometry", "nav_msgs/msg/Odometry", "each cloud placed",
-          "pose of the companion's odometry in `odom`, where it began", OdometryMessage, from_start=False),
+          "pose of the companion's odometry in `odom`, where it began; it states no variances: all are 1e6",
+          OdometryMessage, from_start=False),
     Topic("/companion/map", "foxglove.PointCloud", "as it grows",
           "points new in the map, in `odom`: `intensity`, `source` 0 lidar, 1 sonar", from_start=False),
     Topic("/companion/obstacles", "xitl_msgs/msg/Obstacle", "2 Hz each",

@@ -82,7 +82,7 @@ from sim_core.frames import ned_to_enu
 from sim_core.geodesy import LocalFrame
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
-from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, VESSEL_FRAME
+from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, UNKNOWN_VARIANCE, VESSEL_FRAME
 from xitl_cli.ros import clouds, instruments
 from xitl_cli.ros.continuous_odometry import Array, ContinuousOdometry, rotated
 from xitl_cli.ros.definitions import deserialize, ros2_types, serialize
@@ -373,7 +373,8 @@ class VesselConversion:
         place, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
         pose, twist = odometry.pose.covariance.reshape(6, 6).copy(), np.zeros((6, 6))
         for axis in range(3):
-            pose[axis, axis] = pose[axis, axis] or POSITION_DEVIATION_M**2
+            if not 0.0 < pose[axis, axis] < UNKNOWN_VARIANCE:  # older recordings have 0 for "unknown"
+                pose[axis, axis] = POSITION_DEVIATION_M**2
             pose[axis + 3, axis + 3] = instruments.ATTITUDE_DEVIATION_RAD[axis] ** 2
             twist[axis, axis], twist[axis + 3, axis + 3] = VELOCITY_DEVIATION_MPS**2, RATE_DEVIATION_RADPS**2
         odometry.pose.covariance, odometry.twist.covariance = pose.reshape(36), twist.reshape(36)

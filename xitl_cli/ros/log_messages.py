@@ -69,13 +69,13 @@ from sim_core.frames import (
 )
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.signals.sensors import inertial_units
-from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, VESSEL_FRAME
+from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, UNKNOWN_VARIANCE, VESSEL_FRAME
 from xitl_cli.ros.frames import GNSS_FRAME, IMU_FRAME
 from xitl_cli.ros.outputs import OUTPUTS, RosTopic
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
-_NO_COVARIANCE = np.zeros(36)
+_UNKNOWN_COVARIANCE = np.diag([UNKNOWN_VARIANCE] * 6).reshape(36)
 
 
 class LogMessage(NamedTuple):
@@ -123,7 +123,10 @@ def _fixes(log: Log, shift_ns: int) -> Iterator[LogMessage]:
 
 
 def _odometry(log: Log, shift_ns: int) -> Iterator[LogMessage]:
-    """Positions with the attitudes of those instants; the velocity is the slope of the positions."""
+    """Positions with the attitudes of those instants; the velocity is the slope of the positions.
+
+    Turn rates are zero, and all variances are UNKNOWN_VARIANCE.
+    """
     position = signals.position_ned(log)
     if position is None or len(position.path.stamp_ns) < 2:
         return
@@ -150,8 +153,8 @@ def _odometry(log: Log, shift_ns: int) -> Iterator[LogMessage]:
         odometry = Odometry(
             header=header,
             child_frame_id=VESSEL_FRAME,
-            pose=PoseWithCovariance(pose=Pose(Point(east, north, up), attitude), covariance=_NO_COVARIANCE),
-            twist=TwistWithCovariance(twist=twist, covariance=_NO_COVARIANCE),
+            pose=PoseWithCovariance(pose=Pose(Point(east, north, up), attitude), covariance=_UNKNOWN_COVARIANCE),
+            twist=TwistWithCovariance(twist=twist, covariance=_UNKNOWN_COVARIANCE),
         )
         yield LogMessage(OUTPUTS["odometry"], odometry, stamp_ns)
         moved = TransformStamped(header, VESSEL_FRAME, Transform(Vector3(east, north, up), attitude))

@@ -100,6 +100,8 @@ def test_a_pose_is_turned_into_the_axes_that_are_drawn_and_back(tmp_path: Path) 
     assert (place.x, place.y, place.z) == pytest.approx((1.0, -2.0, -3.0))
     assert (turn.w, turn.z) == pytest.approx((np.cos(0.15), -np.sin(0.15)))  # clockwise is negative about up
     assert (speed.x, speed.y, speed.z) == pytest.approx((1.0, -0.5, -0.25))
+    for covariance in (message.pose.covariance, message.twist.covariance):
+        assert np.diag(np.reshape(covariance, (6, 6))).tolist() == [1e6] * 6  # the odometry states none
     with open_log(tmp_path / "run.mcap") as log:
         back = recorded.online(log)
     assert back.pos_m[1].tolist() == pytest.approx([1.0, 2.0, 3.0])

@@ -390,6 +390,9 @@ def test_a_log_of_ardupilot_is_motion_and_sensors_and_rows(tmp_path: Path) -> No
     assert found["/imu/data"][100].linear_acceleration.z == pytest.approx(9.8, abs=1.0)
     assert abs(rolls).max() >= abs(found["/imu/data"][100].angular_velocity.x)
     assert {(each.header.frame_id, each.child_frame_id) for each in found["/odometry"]} == {("odom", "base_link")}
+    for each in found["/odometry"]:
+        for covariance in (each.pose.covariance, each.twist.covariance):
+            assert np.diag(covariance.reshape(6, 6)).tolist() == [1e6] * 6  # a log states no accuracy
     speed = np.array([[each.twist.twist.linear.x, each.twist.twist.linear.y] for each in found["/odometry"]])
     sailing = speed[np.hypot(*speed.T) > 1.0]
     assert len(sailing) > 100

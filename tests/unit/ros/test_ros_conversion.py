@@ -120,6 +120,15 @@ def test_magnetic_field_is_in_tesla_and_pressure_in_pascal(conversion: RosConver
     assert pressure.fluid_pressure == pytest.approx(101_325.0)
 
 
+@pytest.mark.parametrize("unstated_m2", [0.0, 1e6])
+def test_a_position_whose_variance_the_autopilot_does_not_state_has_the_documented_one(
+    conversion: RosConversion, unstated_m2: float
+) -> None:
+    payload = odometry(1, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], unstated_m2)
+    message = read(list(conversion.convert("/estimate/odometry", payload, 1)), "/odometry")
+    assert np.diag(message.pose.covariance.reshape(6, 6))[:3].tolist() == [1.0] * 3
+
+
 def test_estimate_is_odom_to_base_link_with_a_covariance_that_is_nowhere_zero(conversion: RosConversion) -> None:
     xyzw = Rotation.from_euler("ZYX", [30.0, 2.0, -3.0], degrees=True).as_quat().tolist()
     payload = odometry(1_500_000_000, [10.0, 20.0, 0.5], xyzw, variance=0.09)
