@@ -84,7 +84,7 @@ def test_a_link_out_of_the_folder_is_neither_listed_nor_read(tmp_path: Path) -> 
     channel = station(StoredLogs(folder))
     assert listed(channel, "/APM/LOGS") == ["F00000001.BIN\t9"]
     with pytest.raises(FtpRefusedError):
-        carried_out(channel, read_file("/APM/LOGS/00000002.BIN"))
+        carried_out(channel, read_file("/APM/LOGS/00000002.BIN", 64))
 
 
 def test_a_log_that_a_link_has_replaced_since_it_was_listed_is_not_read(tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ def test_a_log_that_a_link_has_replaced_since_it_was_listed_is_not_read(tmp_path
     (folder / "00000001.BIN").unlink()
     (folder / "00000001.BIN").symlink_to(secret)
     with pytest.raises(FtpRefusedError):
-        carried_out(channel, read_file("/APM/LOGS/00000001.BIN"))
+        carried_out(channel, read_file("/APM/LOGS/00000001.BIN", 64))
 
 
 def test_param_pck_holds_what_the_list_of_values_says() -> None:
