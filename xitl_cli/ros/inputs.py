@@ -19,11 +19,11 @@ from typing import Any, Literal
 
 from agent.mavlink.modes import ROVER_MODE_NUMBERS
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, VESSEL_FRAME
+from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, VESSEL_FRAME
 from xitl_cli.ros.definitions import deserialize
 from xitl_cli.ros.frames import frame_name, thruster_names
 from xitl_cli.ros.middleware import COMMANDS, RELIABLE, Middleware
-from xitl_cli.ros.outputs import TRUTH, ros_name
+from xitl_cli.ros.outputs import ENVIRONMENT, TRUTH, ros_name
 
 Action = Mapping[str, Any]
 STREAM_S = 0.005
@@ -65,8 +65,8 @@ class RosInput:
 
 _TABLE = (
     RosInput("cmd_vel", "geometry_msgs/msg/Twist",
-             "`linear.x`: speed over ground in m/s, negative astern, `angular.z`: turn rate in rad/s to port; "
-             "with `ros.cmd_vel: TwistStamped` that type", streams=True),
+             "`linear.x`: speed over ground in m/s, negative astern, or through the water (`ros.cmd_vel_reference`), "
+             "`angular.z`: turn rate in rad/s to port; with `ros.cmd_vel: TwistStamped` that type", streams=True),
     RosInput("thrusters/{thruster}/cmd", _NUMBER,
              "without an autopilot: thrust at rest in N, negative astern, as VRX has it; with `ros.thrust: share` a "
              "motor command in [-1, 1]", streams=True),
@@ -128,6 +128,7 @@ class RosInputs:
         self._streams: list[_Stream] = []
         self._answers: list[tuple[str, int]] = []
         self._truth: dict[str, bytes] = {}
+        self._environment: dict[str, bytes] = {}
         self._spec = profiles[0].ros
         self._refusals = middleware.advertise(ros_name(self._spec.namespace, "", REFUSALS), _STRING, RELIABLE)
         self._open_of_run(profiles[0])
@@ -135,9 +136,11 @@ class RosInputs:
             self._open_of_vessel(profile)
 
     def recorded(self, topic: str, payload: bytes) -> None:
-        """What the run recorded: where the vessels are."""
+        """What the run recorded: where the vessels are, and the current there."""
         if topic.endswith(TRUTH):
             self._truth[topic.removesuffix(TRUTH).strip("/")] = payload
+        elif topic.endswith(ENVIRONMENT):
+            self._environment[topic.removesuffix(ENVIRONMENT).strip("/")] = payload
 
     def flush(self) -> None:
         """Pass on what is due. To be called after each spin of the middleware.
@@ -291,7 +294,20 @@ class RosInputs:
         if passed_over := [name for name, value in others.items() if value]:
             topic = ros_name(self._spec.namespace, vessel, "cmd_vel")
             self._say(topic, f"has {', '.join(passed_over)}, which is passed over: linear.x and angular.z count")
-        return {"action": "velocity", "speed_mps": float(linear.x), "turn_rate_radps": -float(angular.z)}
+        speed_mps = float(linear.x)
+        if self._spec.cmd_vel_reference == "water":
+            speed_mps += self._current_ahead_mps(vessel)
+        return {"action": "velocity", "speed_mps": speed_mps, "turn_rate_radps": -float(angular.z)}
+
+    def _current_ahead_mps(self, vessel: str) -> float:
+        """Component of the true current at the vessel along its heading. Raises InputError before the first of it."""
+        if vessel not in self._environment or vessel not in self._truth:
+            raise InputError("has no current to be relative to yet; wait for the first message on current")
+        north_mps, east_mps, _ = deserialize(
+            self._environment[vessel], TOPICS[ENVIRONMENT].schema
+        ).current_ned_mps.tolist()
+        yaw_rad = self._yaw_enu_rad(self._true_pose(vessel))
+        return float(east_mps * math.cos(yaw_rad) + north_mps * math.sin(yaw_rad))
 
     def _mission(self, message: Any, vessel: str) -> dict[str, Any]:
         if not len(message.poses):
@@ -311,13 +327,22 @@ class RosInputs:
         return {"north_m": float(position.y) + north_m, "east_m": float(position.x) + east_m}
 
     def _launch_ahead(self, vessel: str) -> Action:
-        if vessel not in self._truth:
-            raise InputError("has no vessel to be ahead of yet; wait for the first ground_truth/odom")
-        pose = deserialize(self._truth[vessel], "nav_msgs/msg/Odometry").pose.pose
-        q = pose.orientation
-        yaw_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+        pose = self._true_pose(vessel)
+        yaw_rad = self._yaw_enu_rad(pose)
         north_m, east_m = pose.position.y + AHEAD_M * math.sin(yaw_rad), pose.position.x + AHEAD_M * math.cos(yaw_rad)
         return {"action": "launch", "kind": "trunk", "north_m": round(north_m, 3), "east_m": round(east_m, 3)}
+
+    def _true_pose(self, vessel: str) -> Any:
+        """The latest geometry_msgs/Pose in `map`. Raises InputError before the first."""
+        if vessel not in self._truth:
+            raise InputError("has no vessel to be ahead of yet; wait for the first ground_truth/odom")
+        return deserialize(self._truth[vessel], "nav_msgs/msg/Odometry").pose.pose
+
+    @staticmethod
+    def _yaw_enu_rad(pose: Any) -> float:
+        """Counter-clockwise from east."""
+        q = pose.orientation
+        return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
     def _on_ready(self, message: Any) -> None:
         self._answers.append((str(message.frame_id), message.stamp.sec * 1_000_000_000 + message.stamp.nanosec))

@@ -52,7 +52,7 @@ def ros_name(*parts: str) -> str:
 
 SENSORS_LINK, ANSWERS_LINK = "/link/agent/tx", "/link/agent/rx"
 TRUTH, TRUE_STATE, TRUE_FIX, ESTIMATE = "/truth/odometry", "/truth/state", "/truth/fix", "/estimate/odometry"
-TICKS = "/actuators"
+TICKS, ENVIRONMENT = "/actuators", "/environment"
 DIAGNOSED = ("/tasks", "/pace", "/links", "/clocks", "/nodes")
 
 _TABLE = (
@@ -100,9 +100,9 @@ _TABLE = (
     RosTopic("sonar/echo", "sensor_msgs/msg/PointCloud2", "each ping", "sonar_link",
              "the whole echo, a point a sample along the beam: x y z, intensity", ("/sonar/ping",)),
     RosTopic("wind", "geometry_msgs/msg/Vector3Stamped", "10 Hz", "map",
-             "velocity of the air at the vessel in ENU, m/s: where it blows to", ("/environment",)),
+             "velocity of the air at the vessel in ENU, m/s: where it blows to", (ENVIRONMENT,)),
     RosTopic("current", "geometry_msgs/msg/Vector3Stamped", "10 Hz", "map",
-             "velocity of the water at the vessel in ENU, m/s", ("/environment",)),
+             "velocity of the water at the vessel in ENU, m/s", (ENVIRONMENT,)),
     RosTopic("thrusters/{thruster}/state", "sensor_msgs/msg/JointState", "10 Hz", "",
              "`left` and `right`, or `propeller_0` …, and `rudder_0` …: position is the angle of gear or rudder in "
              "rad, counter-clockwise seen from above; velocity the shaft's in rad/s, NaN where the vehicle file does "

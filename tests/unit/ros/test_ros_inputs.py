@@ -13,6 +13,7 @@ import pytest
 
 from sim_core.environment.spec import Water
 from xitl_cli.profile import RunProfile, load_profile
+from xitl_cli.record.topics import TOPICS
 from xitl_cli.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.ros.inputs import INPUTS, RosInputs, command_of_thrust, motor_commands
 from xitl_cli.ros.middleware import QosProfile
@@ -219,18 +220,50 @@ def test_services_answer_what_the_run_says_and_are_topics_too() -> None:
     assert all(f"/{name}" in nodes.middleware.topics for name in services if not name.startswith("mode/"))
 
 
+@pytest.mark.parametrize(
+    ("reference", "current_ned_mps", "asked_mps"),
+    [
+        ("water", (0.4, 0.0, 0.0), 1.4),  # from astern
+        ("water", (-0.4, 0.0, 0.0), 0.6),
+        ("water", (0.0, 0.7, 0.0), 1.0),  # abeam
+        ("ground", (0.4, 0.7, 0.0), 1.0),
+    ],
+)
+def test_a_speed_through_the_water_has_the_current_along_the_heading_added(
+    reference: str, current_ned_mps: tuple[float, float, float], asked_mps: float
+) -> None:
+    nodes = Nodes("sitl", f"ros.cmd_vel_reference={reference}")
+    nodes.inputs.recorded("/truth/odometry", heading_north())
+    environment = TOPICS["/environment"].message_type().encode(1, current_ned_mps, (0.0, 0.0, 0.0), 0.0)
+    nodes.inputs.recorded("/environment", environment)
+    nodes.publish("/cmd_vel", twist(1.0, 0.0))
+    assert nodes.actions[-1]["speed_mps"] == pytest.approx(asked_mps)
+
+
+def test_a_speed_through_the_water_waits_for_the_first_current() -> None:
+    nodes = Nodes("sitl", "ros.cmd_vel_reference=water")
+    nodes.publish("/cmd_vel", twist(1.0, 0.0))
+    assert nodes.actions == []
+    assert nodes.inputs.refused == {"/cmd_vel": 1}
+    assert "wait for the first message on current" in nodes.problems[0]
+
+
+def heading_north() -> bytes:
+    """/truth/odometry of a vessel at 3 m east, 4 m north that heads north."""
+    turn = made("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))
+    place = made("geometry_msgs/msg/Pose", made("geometry_msgs/msg/Point", 3.0, 4.0, 0.0), turn)
+    there = made("geometry_msgs/msg/PoseWithCovariance", place, np.zeros(36))
+    moving = made("geometry_msgs/msg/TwistWithCovariance", twist(0.0, 0.0), np.zeros(36))
+    return serialize(made("nav_msgs/msg/Odometry", header("map"), "base_link", there, moving))
+
+
 def test_debris_goes_ahead_of_the_bow() -> None:
     nodes = Nodes()
     assert nodes.call("/launch_debris") == (
         False,
         "has no vessel to be ahead of yet; wait for the first ground_truth/odom",
     )
-    turn = made("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # heads north
-    place = made("geometry_msgs/msg/Pose", made("geometry_msgs/msg/Point", 3.0, 4.0, 0.0), turn)
-    there = made("geometry_msgs/msg/PoseWithCovariance", place, np.zeros(36))
-    moving = made("geometry_msgs/msg/TwistWithCovariance", twist(0.0, 0.0), np.zeros(36))
-    message = made("nav_msgs/msg/Odometry", header("map"), "base_link", there, moving)
-    nodes.inputs.recorded("/truth/odometry", serialize(message))
+    nodes.inputs.recorded("/truth/odometry", heading_north())
     assert nodes.call("/launch_debris") == (True, "")
     assert nodes.actions[-1] == {"action": "launch", "kind": "trunk", "north_m": 24.0, "east_m": 3.0}
 

@@ -86,6 +86,11 @@ class RosSpec(Specification):
     cmd_vel: Annotated[Literal["Twist", "TwistStamped"], "type of `cmd_vel`; Nav2 has TwistStamped from Kilted on"] = (
         "Twist"
     )
+    cmd_vel_reference: Annotated[
+        Literal["ground", "water"],
+        "what `linear.x` of `cmd_vel` is relative to; water: the true current along the heading is added to it, as a "
+        "speed log without errors would have it",
+    ] = "ground"
     thrust: Annotated[
         Literal["newton", "share"], "what `thrusters/*/cmd` are: thrust at rest, or motor commands in [-1, 1]"
     ] = "newton"
