@@ -36,6 +36,7 @@ _UNITS = {
     "a": "A",
     "ah": "A h",
     "m": "m", "s": "s", "ns": "ns", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "radps": "rad/s", "radpm": "rad/m",
+    "deg": "°",
     "n": "N", "hz": "Hz", "grad": "gon", "ppm": "ppm", "percent": "%", "mib": "MiB", "c": "°C",
 }  # fmt: skip
 _FRAMES = {"ned": "NED", "frd": "FRD", "enu": "ENU", "flu": "FLU"}

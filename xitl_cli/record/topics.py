@@ -283,6 +283,27 @@ class EncounterState:
 
 
 @dataclass(frozen=True, slots=True)
+class AisReport:
+    """A transmission that the vessel's AIS receiver heard, with the AIS names of its fields.
+
+    Of a position report the name and the callsign are empty, of static data all numbers but the MMSI are unknown.
+    """
+
+    mmsi: Uint32
+    ais_class: Annotated[String, "`class-a` or `class-b`"]
+    report: Annotated[String, "`position` or `static`"]
+    sentences: Annotated[String, "`!AIVDM` of NMEA 0183, one a line"]
+    latitude_deg: Float64 | None = None
+    longitude_deg: Float64 | None = None
+    speed_mps: Annotated[Float64, "over ground"] | None = None
+    course_rad: Annotated[Float64, "over ground, clockwise from true north"] | None = None
+    heading_rad: Annotated[Float64, "clockwise from true north"] | None = None
+    navigational_status: Int64 | None = None
+    name: String = ""
+    callsign: String = ""
+
+
+@dataclass(frozen=True, slots=True)
 class BridgeCounts:
     """Counters of a bridge to another autopilot: those of XITL_BRIDGE_STATUS."""
 
@@ -542,6 +563,9 @@ _TABLE = (
           BodyMessage, per_vessel=False, from_start=False),
     Topic("/contacts", "xitl_msgs/msg/Contact", "beginning, then 10 Hz",
           "contacts of the hull: with what, where, force, closing speed", ContactMessage, from_start=False),
+    Topic("/ais", "xitl_msgs/msg/AisReport", "each transmission heard, fleets only",
+          "what the vessel's AIS receiver hears; [fleets.md](fleets.md#scripted-traffic-and-ais)",
+          AisReport, from_start=False),
     Topic("/encounters", "xitl_msgs/msg/Encounter", "each event, 1 Hz while it lasts, fleets only",
           "two vessels come up with one another: by which rule, who gives way, closest approach; "
           "[fleets.md](fleets.md)", EncounterState, per_vessel=False, from_start=False),

@@ -226,6 +226,7 @@ class VesselConversion:
             TRUE_FIX: self._true_fix,
             ESTIMATE: self._estimate,
             "/environment": self._environment,
+            "/ais": self._ais,
             ANSWERS_LINK: self._answer,
             TICKS: self._tick,
             TRUE_STATE: self._state,
@@ -260,6 +261,8 @@ class VesselConversion:
             names += ["/clock", "/tf"]
         if self._estimated:
             names += ["odometry", "mode", "armed"]
+            if self.name:
+                names += ["ais"]
         if self._turning:
             names += ["joint_states"]
         if self._instruments is not None:
@@ -399,6 +402,10 @@ class VesselConversion:
             yield self._message(
                 topic, Vector3Stamped(header=self._header(stamp_ns, MAP_FRAME), vector=vector), stamp_ns
             )
+
+    def _ais(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        for sentence in deserialize(payload, TOPICS["/ais"].schema).sentences.splitlines():
+            yield self._message("ais", String(data=sentence), stamp_ns)
 
     def _lidar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         assert self._lidar is not None

@@ -22,7 +22,7 @@ from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.live_foxglove import LiveFoxgloveNode
 from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.live_view import LiveViewNode, VesselWatch
-from xitl_cli.run.nodes.ais import AisLine, AisNode, hears_sentences, receiver_of
+from xitl_cli.run.nodes.ais import AisLine, AisNode, AisRecorder, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import BridgeNode
@@ -112,7 +112,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         return node
 
     # Who moves the vessel.
-    bridge = autopilot = companion = line = None
+    bridge = autopilot = companion = line = ais = None
     if profile.autopilot.kind == "none":
         by_nodes = profile.driver.kind == "ros"
         silent_s = profile.ros.silent_s
@@ -140,7 +140,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         ready = (lambda: True) if autopilot is None else (lambda: autopilot.driver.ready)
         setup.voices.add(profile.vessel, own, lambda: control.progress.finished, ready)
         if receiver is not None:
-            setup.receivers[profile.vessel] = receiver
+            ais = setup.receivers[profile.vessel] = AisRecorder(receiver)
 
     # What is around it, what looks at it, what scores it.
     open_water = simulation.waterway is OPEN_WATER and not setup.operated
@@ -196,6 +196,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
 
     order: list[RunNode | None] = [
         collisions,
+        ais,
         sensors,
         perception,
         findings,

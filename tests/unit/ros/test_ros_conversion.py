@@ -260,3 +260,19 @@ def test_a_correction_of_the_estimate_moves_odom_in_map_alone(profile: RunProfil
     assert [vessel.x, vessel.y] == pytest.approx(expected)
     assert [vessel.x + odom.x, vessel.y + odom.y] == pytest.approx([10.0, 20.14])
     assert conversion.odom_in_map("") == pytest.approx((odom.x, odom.y))
+
+
+def test_ais_that_a_vessel_hears_is_a_sentence_a_message() -> None:
+    profiles = list(load_profile("fleet-convoy").run_profiles())
+    name, conversion = profiles[1].vessel, RosConversion(profiles)
+    assert (f"/{name}/ais", "std_msgs/msg/String") in {
+        (topic.full_name(vessel), topic.type) for topic, vessel in conversion.topics()
+    }
+    lines = ["!AIVDM,2,1,1,A,5,0*00", "!AIVDM,2,2,1,A,8,2*00"]
+    numbers = [math.nan] * 5
+    encode = TOPICS["/ais"].message_type().encode
+    payload = encode(7, 200_001_001, "class-a", "static", "\n".join(lines), *numbers, -1, "BARGE", "BRG1")
+    found = list(conversion.convert(f"/{name}/ais", payload, 7))
+    assert [(one.topic.full_name(one.vessel), deserialize(one.cdr, one.topic.type).data) for one in found] == [
+        (f"/{name}/ais", line) for line in lines
+    ]

@@ -13,9 +13,10 @@ from sim_core.world.spec import AisSpec
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.world import AisRadioSpec
-from xitl_cli.run.core.node import RunNode, RunStep
+from xitl_cli.record.topics import AisReport
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.nodes.autopilot_commands import Send
-from xitl_cli.run.traffic.ais import AisDimensions, AisStatic
+from xitl_cli.run.traffic.ais import AisDimensions, AisStatic, sentences
 from xitl_cli.run.traffic.receivers import AisReceiver, SentenceReceiver, mavlink_receiver, px4_receiver
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.traffic.transponder import AisClass, AisTransmission, Transponder
@@ -76,6 +77,50 @@ def ais_static(spec: AisSpec, length_m: float, beam_m: float, ahead_m: float = 0
     return AisStatic(spec.mmsi, spec.name, spec.callsign, spec.ship_type, dimensions, draft_m)
 
 
+class AisRecorder(RunNode):
+    """A vessel's receiver that also records what it hears."""
+
+    def __init__(self, receive: AisReceiver) -> None:
+        self._receive = receive
+        self._now_ns = 0
+
+    @property
+    def unsent_bytes(self) -> int:
+        """Bytes of sentences that the receiver's line did not take."""
+        return self._receive.unsent if isinstance(self._receive, SentenceReceiver) else 0
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+
+    def exchange(self, step: RunStep) -> None:
+        self._now_ns = step.now_ns
+
+    def __call__(self, heard: AisTransmission) -> None:
+        """One transmission."""
+        self._recorder.write(self._now_ns, ais_report(heard))
+        self._receive(heard)
+
+
+def ais_report(heard: AisTransmission) -> AisReport:
+    """A transmission as it is recorded."""
+    said = b"".join(sentence for payload in heard.payloads() for sentence in sentences(payload))
+    text, report = said.decode("ascii").replace("\r\n", "\n").strip(), heard.report
+    if isinstance(report, AisStatic):
+        return AisReport(report.mmsi, heard.ais_class, "static", text, name=report.name, callsign=report.callsign)
+    return AisReport(
+        report.mmsi,
+        heard.ais_class,
+        "position",
+        text,
+        report.lat_deg,
+        report.lon_deg,
+        report.speed_mps,
+        None if report.course_deg is None else math.radians(report.course_deg),
+        None if report.heading_deg is None else math.radians(report.heading_deg),
+        report.status,
+    )
+
+
 class AisNode(RunNode):
     """Vessels with a voice and a transponder are heard by the others' receivers, as far as the radio reaches.
 
@@ -129,13 +174,13 @@ class AisNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         """ais: transmissions, and what became of them at each receiver."""
-        lines = [one for one in self._receivers.values() if isinstance(one, SentenceReceiver)]
+        recorders = [one for one in self._receivers.values() if isinstance(one, AisRecorder)]
         return {
             "ais": {
                 "sent": {name: one.sent for name, one in self._transponders.items()},
                 "heard": self._heard,
                 "lost": self._lost,
                 "out_of_range": self._out_of_range,
-                "unsent_bytes": sum(line.unsent for line in lines),
+                "unsent_bytes": sum(one.unsent_bytes for one in recorders),
             }
         }

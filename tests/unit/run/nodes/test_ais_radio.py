@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 from xitl_cli.profile import load_profile
-from xitl_cli.run.nodes.ais import AisNode
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.run.nodes.ais import AisNode, AisRecorder
 from xitl_cli.run.traffic.self_report import SelfReport
 
 PLACES_NE_M = {
@@ -42,6 +46,43 @@ def radio_for(seconds: float, *overrides: str) -> tuple[dict[str, Any], dict[str
         step: Any = SimpleNamespace(number=tick * every, now_ns=voices.now_ns)
         node.exchange(step)
     return node.report()["ais"], heard
+
+
+def test_what_a_receiver_hears_is_recorded_and_goes_on_to_it(tmp_path: Path) -> None:
+    runnable = list(load_profile("fleet-convoy").run_profiles())
+    heard: list[Any] = []
+    voices: Any = Voices()
+    recorder = Recorder(tmp_path / "run.mcap", "lz4", vessel="follower_1")
+    receiver = AisRecorder(heard.append)
+    context: Any = SimpleNamespace(recorder=recorder)
+    receiver.begin(context)
+    node = AisNode(runnable, voices, {"follower_1": receiver})
+    every = round(runnable[0].clock.physics_rate_hz / 10.0)
+    for tick in range(200):
+        voices.now_ns = tick * 100_000_000
+        step: Any = SimpleNamespace(number=tick * every, now_ns=voices.now_ns)
+        receiver.exchange(step)
+        node.exchange(step)
+    recorder.close()
+    with (tmp_path / "run.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found = [one for *_, one in reader.iter_decoded_messages(topics=["/follower_1/ais"])]
+    assert len(found) == len(heard) > 0
+    assert {one.report for one in found} == {"position", "static"}
+    for one, sent in zip(found, heard, strict=True):
+        assert one.mmsi == sent.report.mmsi
+        first = one.sentences.splitlines()[0]
+        assert mmsi_of(first.split(",")[5]) == one.mmsi
+    position = next(one for one in found if one.report == "position")
+    assert (position.ais_class, position.speed_mps, position.heading_rad) == ("class-a", 2.0, 0.0)
+    assert math.isnan(next(one for one in found if one.report == "static").latitude_deg)
+
+
+def mmsi_of(armoured: str) -> int:
+    """Bits 8 to 37 of any AIS message (ITU-R M.1371-5, annex 8), from its six-bit characters."""
+    codes = [ord(each) - 48 for each in armoured]
+    bits = "".join(f"{code - 8 if code > 40 else code:06b}" for code in codes)
+    return int(bits[8:38], 2)
 
 
 def test_out_of_range_is_what_is_sent_farther_away() -> None:
