@@ -22,6 +22,12 @@ def seconds(message: Any) -> float:
     return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
+def offset(transform: Any) -> np.ndarray:
+    """(3,) of a transform without rotation of its parent, in metres."""
+    move = transform.transform.translation
+    return np.array([move.x, move.y, move.z])
+
+
 def place(message: Any) -> list[float]:
     at = message.pose.pose.position
     return [at.x, at.y, at.z]
@@ -88,7 +94,11 @@ def test_sensors_and_estimate_in_a_bag_agree_with_its_truth(xitl: Xitl, tmp_path
     ]
     assert np.mean(up, axis=0).tolist() == pytest.approx([0.0, 0.0, 9.78], abs=0.3)  # gravity, by the mean of waves
 
-    moved = [transform for message in found["/tf"] for transform in message.transforms]
-    assert [each.child_frame_id for each in moved] == ["base_link"] * len(estimates)
+    assert len(found["/tf"]) == len(estimates)
+    for message in found["/tf"]:
+        body, odom = message.transforms
+        assert (body.header.frame_id, body.child_frame_id) == ("odom", "base_link")
+        assert (odom.header.frame_id, odom.child_frame_id) == ("map", "odom")
+        assert np.linalg.norm(offset(odom) + offset(body) - places[nearest(odom)]) < 3.0
     field = [[each.magnetic_field.x, each.magnetic_field.y, each.magnetic_field.z] for each in found["/magnetic_field"]]
     assert np.linalg.norm(field, axis=1).mean() == pytest.approx(23e-6, rel=0.15)  # of Rondônia (WMM)
