@@ -262,7 +262,7 @@ class VesselConversion:
         if self._estimated:
             names += ["odometry", "mode", "armed"]
             if self.name:
-                names += ["ais"]
+                names += ["ais/nmea"]
         if self._turning:
             names += ["joint_states"]
         if self._instruments is not None:
@@ -405,7 +405,7 @@ class VesselConversion:
 
     def _ais(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         for sentence in deserialize(payload, TOPICS["/ais"].schema).sentences.splitlines():
-            yield self._message("ais", String(data=sentence), stamp_ns)
+            yield self._message("ais/nmea", String(data=sentence), stamp_ns)
 
     def _lidar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         assert self._lidar is not None

@@ -120,7 +120,7 @@ _TABLE = (
              (ANSWERS_LINK,), "latched"),
     RosTopic("armed", "std_msgs/msg/Bool", "as it changes", "", "whether the autopilot is armed",
              (ANSWERS_LINK,), "latched"),
-    RosTopic("ais", "std_msgs/msg/String", "each transmission heard, fleets only", "",
+    RosTopic("ais/nmea", "std_msgs/msg/String", "each transmission heard, fleets only", "",
              "what the vessel's AIS receiver hears: one `!AIVDM` sentence of NMEA 0183 a message", ("/ais",)),
     RosTopic("robot_description", "std_msgs/msg/String", "once", "", "URDF of the vessel", (), "latched"),
 )  # fmt: skip

@@ -19,6 +19,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import TOPICS
 from xitl_cli.ros.conversion import RosConversion, RosMessage
 from xitl_cli.ros.definitions import deserialize
+from xitl_cli.ros.outputs import OUTPUTS
 
 ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FLU_FROM_FRD = np.diag([1.0, -1.0, -1.0])
@@ -265,7 +266,7 @@ def test_a_correction_of_the_estimate_moves_odom_in_map_alone(profile: RunProfil
 def test_ais_that_a_vessel_hears_is_a_sentence_a_message() -> None:
     profiles = list(load_profile("fleet-convoy").run_profiles())
     name, conversion = profiles[1].vessel, RosConversion(profiles)
-    assert (f"/{name}/ais", "std_msgs/msg/String") in {
+    assert (f"/{name}/ais/nmea", "std_msgs/msg/String") in {
         (topic.full_name(vessel), topic.type) for topic, vessel in conversion.topics()
     }
     lines = ["!AIVDM,2,1,1,A,5,0*00", "!AIVDM,2,2,1,A,8,2*00"]
@@ -274,5 +275,6 @@ def test_ais_that_a_vessel_hears_is_a_sentence_a_message() -> None:
     payload = encode(7, 200_001_001, "class-a", "static", "\n".join(lines), *numbers, -1, "BARGE", "BRG1")
     found = list(conversion.convert(f"/{name}/ais", payload, 7))
     assert [(one.topic.full_name(one.vessel), deserialize(one.cdr, one.topic.type).data) for one in found] == [
-        (f"/{name}/ais", line) for line in lines
+        (f"/{name}/ais/nmea", line) for line in lines
     ]
+    assert TOPICS["/ais"].name not in {topic.full_name() for topic in OUTPUTS.values()}  # a bag has both
