@@ -291,7 +291,7 @@ class JsonWorld(Injector):
     def run_on(self, now_ns: int) -> bool:
         """The vessel goes on at constant velocity, and its inertial samples say the same."""
         path = self._path
-        if path is None:
+        if path is None or not self._line.peer:  # no autopilot has asked
             return False
         if not self._runs_on:
             self._runs_on = True
