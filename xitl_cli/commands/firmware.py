@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,6 +34,10 @@ def get(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Download it again, from the start, over what is there.")
     ] = False,
+    pinned: Annotated[
+        str,
+        typer.Option("--sha256", metavar="HEX", help="Refuse any other file than the one with this SHA-256."),
+    ] = "",
     as_json: Json = False,
 ) -> None:
     """Download ArduPilot firmware from the project's public server into the cache, where `xitl sim` finds it."""
@@ -51,7 +56,7 @@ def get(
             bar.update(task, completed=done, total=total)
 
     try:
-        fetched = fetch_firmware(vehicle, version, board, url or BASE, overwrite, progress)
+        fetched = fetch_firmware(vehicle, version, board, url or BASE, overwrite, progress, _digest(pinned))
     finally:
         if shown:
             bar.stop()
@@ -140,3 +145,9 @@ def _row(one: CachedFirmware) -> dict[str, Any]:
 
 def _print_json(row: dict[str, Any]) -> None:
     typer.echo(json.dumps(row, indent=2, ensure_ascii=False))
+
+
+def _digest(text: str) -> str:
+    if text and not re.fullmatch(r"[0-9a-fA-F]{64}", text):
+        raise UserError(f"--sha256 {text}: is no SHA-256; give its 64 hexadecimal digits")
+    return text

@@ -6,6 +6,7 @@ CACHE is that of xitl_cli.cache. VERSION is what was asked for: `stable`, `beta`
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -97,11 +98,25 @@ def find_cached(vehicle: str, version: str, board: str) -> CachedFirmware | None
 
 
 def find_program(vehicle: str, build: str) -> Path | None:
-    """The program to start for a build, `sitl` or `linux`, that this machine can run; None when there is none."""
+    """The program to start for a build, `sitl` or `linux`, that this machine can run; None when there is none.
+
+    Raises UserError for a program that changed since it was downloaded.
+    """
     for one in list_cached(vehicle):
         if one.is_program and (one.board in SIMULATED) == (build == SITL) and runs_here(one.file):
+            if one.record.sha256 and sha256(one.file) != one.record.sha256:
+                raise UserError(
+                    f"{one.file}: is not the file that was downloaded, its SHA-256 differs from {RECORD}; "
+                    f"run `xitl firmware get {vehicle} --version {one.version} --overwrite`"
+                )
             return one.file
     return None
+
+
+def sha256(file: Path) -> str:
+    """Hexadecimal digest of a file."""
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:

@@ -20,9 +20,9 @@ from urllib.request import HTTPRedirectHandler, Request, build_opener
 from agent import __version__
 from xitl_cli.errors import UserError
 from xitl_cli.firmware import cache, server
-from xitl_cli.firmware.cache import CachedFirmware, FirmwareRecord
+from xitl_cli.firmware.cache import CachedFirmware, FirmwareRecord, sha256
 from xitl_cli.firmware.server import FirmwareFolder, PublishedVersion
-from xitl_cli.firmware.verify import DamagedError, sha256, verify
+from xitl_cli.firmware.verify import DamagedError, check_pin, verify
 
 TIMEOUT_S = 30.0
 CHUNK_BYTES = 1 << 16
@@ -69,8 +69,12 @@ def fetch_firmware(
     base: str = server.BASE,
     force: bool = False,
     progress: Progress = lambda done, total: None,
+    pinned: str = "",
 ) -> FetchedFirmware:
     """Have a firmware in the cache.
+
+    pinned: the SHA-256 that the file must have, in hexadecimal digits. Without it, a numbered release that is
+    downloaded again must be the file that was downloaded first.
 
     A numbered release in the cache is not asked for again, and `stable`, `beta` and `latest` are downloaded only when
     the server's commit differs from that of the copy in the cache; `force` downloads in any case.
@@ -81,17 +85,28 @@ def fetch_firmware(
         folder = server.find_folder(base, vehicle, version, board, read_text)
         cached = cache.find_cached(vehicle, folder.version, board)
         if cached is not None and not force and folder.version not in server.MOVING_VERSIONS:
-            return FetchedFirmware(cached, fresh=False)
+            return _found(cached, pinned)
         published = server.published_version(folder, read_text)
         if cached is not None and not force and cached.record.git and cached.record.git == published.git:
-            return FetchedFirmware(cached, fresh=False)
-        return _download(folder, published, progress)
+            return _found(cached, pinned)
+        if cached is not None and not pinned and folder.version not in server.MOVING_VERSIONS:
+            pinned = cached.record.sha256
+        return _download(folder, published, progress, pinned)
     except UnreachableError as error:
         known = version in server.MOVING_VERSIONS and vehicle in cache.PROGRAMS and not force
         cached = cache.find_cached(vehicle, version, board) if known else None
         if cached is not None:
-            return FetchedFirmware(cached, fresh=False, note=f"the copy in the cache is used: {error}")
+            return _found(cached, pinned, note=f"the copy in the cache is used: {error}")
         raise UnreachableError(f"{error}; {_manual_way(vehicle, version, board, base)}") from None
+
+
+def _found(cached: CachedFirmware, pinned: str, note: str = "") -> FetchedFirmware:
+    """The copy in the cache. Raises UserError where it is not the pinned file."""
+    try:
+        check_pin(cached.file, pinned)
+    except DamagedError as error:
+        raise UserError(f"{cached.file}: {error}; download it again with --overwrite") from None
+    return FetchedFirmware(cached, fresh=False, note=note)
 
 
 def read_text(url: str) -> str | None:
@@ -108,11 +123,11 @@ def read_text(url: str) -> str | None:
         raise UnreachableError(f"{url}: the connection broke ({_reason(error)}); try again") from None
 
 
-def _download(folder: FirmwareFolder, published: PublishedVersion, progress: Progress) -> FetchedFirmware:
+def _download(folder: FirmwareFolder, published: PublishedVersion, progress: Progress, pinned: str) -> FetchedFirmware:
     target = cache.cache_folder(folder.vehicle, folder.version, folder.board)
     for name in cache.file_names(folder.vehicle, folder.board):
         try:
-            return _download_file(folder, published, target / name, progress)
+            return _download_file(folder, published, target / name, progress, pinned)
         except RefusedError as error:
             if error.status != _NOT_FOUND:
                 raise
@@ -120,7 +135,7 @@ def _download(folder: FirmwareFolder, published: PublishedVersion, progress: Pro
 
 
 def _download_file(
-    folder: FirmwareFolder, published: PublishedVersion, target: Path, progress: Progress
+    folder: FirmwareFolder, published: PublishedVersion, target: Path, progress: Progress, pinned: str
 ) -> FetchedFirmware:
     url = folder.url + target.name
     checksum = read_text(url + _CHECKSUM_SUFFIX)
@@ -132,7 +147,7 @@ def _download_file(
             file = Path(temporary) / target.name
             size = _receive(url, file, progress)
             try:
-                verified = verify(file, image, folder.board, published.git, checksum)
+                verified = (*verify(file, image, folder.board, published.git, checksum), *check_pin(file, pinned))
             except DamagedError as error:
                 raise UserError(f"{url}: {error}; try again, or another version") from None
             if not image:

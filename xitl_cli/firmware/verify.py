@@ -18,7 +18,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from xitl_cli.firmware.cache import SITL, SITL_ARMHF
+from xitl_cli.firmware.cache import SITL, SITL_ARMHF, sha256
 
 _ELF_MACHINE = {SITL: (62, "x86-64"), SITL_ARMHF: (40, "ARM")}
 _SHA256 = re.compile(r"\b([0-9a-fA-F]{64})\b")
@@ -47,10 +47,14 @@ def verify(file: Path, image: bool, board: str, git: str, published: str | None)
     return tuple(checked)
 
 
-def sha256(file: Path) -> str:
-    """Hexadecimal digest of a file."""
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
+def check_pin(file: Path, pinned: str) -> list[str]:
+    """Compare a file with a pinned SHA-256; raises DamagedError for another file. Nothing is checked without a pin."""
+    if not pinned:
+        return []
+    found = sha256(file)
+    if found != pinned.lower():
+        raise DamagedError(f"its SHA-256 is {found}, and {pinned.lower()} is pinned")
+    return ["SHA-256 as pinned"]
 
 
 def _published(data: bytes, published: str) -> list[str]:

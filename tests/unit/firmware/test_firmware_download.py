@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import platform
 import socket
 from pathlib import Path
 
@@ -18,8 +20,10 @@ SITL = "/Rover/stable/SITL_x86_64_linux_gnu/ardurover"
 PIXHAWK = "/Rover/stable/Pixhawk6X/ardurover.apj"
 
 
-def get(server: FirmwareServer, version: str = "stable", board: str = "sitl", force: bool = False) -> FetchedFirmware:
-    return fetch_firmware("rover", version, board, server.url, force)
+def get(
+    server: FirmwareServer, version: str = "stable", board: str = "sitl", force: bool = False, pinned: str = ""
+) -> FetchedFirmware:
+    return fetch_firmware("rover", version, board, server.url, force, pinned=pinned)
 
 
 def test_a_program_lands_in_the_cache_ready_to_run(server: FirmwareServer, cache_at: Path) -> None:
@@ -236,14 +240,43 @@ def test_a_file_that_is_none_is_refused_and_dropped(
 
 
 def test_a_checksum_beside_the_file_is_held_against_it(server: FirmwareServer, cache_at: Path) -> None:
-    import hashlib
-
     server.files[SITL + ".sha256"] = f"{hashlib.sha256(program()).hexdigest()}  ardurover\n".encode()
     assert "SHA-256 as published" in get(server).cached.record.verified
 
     server.files[SITL + ".sha256"] = f"{'0' * 64}  ardurover\n".encode()
     with pytest.raises(UserError, match="its SHA-256 is not the one that is published beside it"):
         get(server, force=True)
+
+
+def test_a_file_that_is_not_the_pinned_one_is_refused(server: FirmwareServer, cache_at: Path) -> None:
+    digest = hashlib.sha256(program()).hexdigest()
+    assert "SHA-256 as pinned" in get(server, pinned=digest.upper()).cached.record.verified
+    for force in (False, True):
+        with pytest.raises(UserError, match=f"its SHA-256 is {digest}, and 000"):
+            get(server, force=force, pinned="0" * 64)
+
+
+def test_a_release_that_changed_on_the_server_is_refused(server: FirmwareServer, cache_at: Path) -> None:
+    path = SITL.replace("stable", "stable-4.6.3")
+    get(server, version="4.6.3")
+    server.files[path] = program(commit="f" * 40)
+    with pytest.raises(UserError, match="is pinned; try again, or another version"):
+        get(server, version="4.6.3", force=True)
+
+
+def test_a_program_that_changed_in_the_cache_does_not_start(server: FirmwareServer, cache_at: Path) -> None:
+    machine = {"x86_64": 62, "aarch64": 183, "armv7l": 40}[platform.machine()]
+    folder = cache.cache_folder("rover", "4.6.3", "sitl")
+    folder.mkdir(parents=True)
+    file = folder / "ardurover"
+    file.write_bytes(program(machine))
+    file.chmod(0o755)
+    record = cache.FirmwareRecord(sha256=cache.sha256(file))
+    (folder / cache.RECORD).write_text(cache.record_text(record))
+    assert cache.find_program("rover", "sitl") == file
+    file.write_bytes(program(machine) + b"more")
+    with pytest.raises(UserError, match="is not the file that was downloaded"):
+        cache.find_program("rover", "sitl")
 
 
 def test_another_commit_than_the_server_says_is_noted(server: FirmwareServer, cache_at: Path) -> None:
