@@ -9,17 +9,19 @@ from pathlib import Path
 
 import pytest
 
+from tests.permitted_skips import GUARD
+
 ROOT = Path(__file__).parents[2]
 
 
-def run(directory: Path, reason: str, ci: bool, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run(directory: Path, reason: str, guarded: bool, *arguments: str) -> subprocess.CompletedProcess[str]:
     """pytest on one file whose only test skips, with the guard of this suite."""
     (directory / "conftest.py").write_text("from tests.permitted_skips import register as pytest_configure\n")
     (directory / "test_it.py").write_text(
         f"import pytest\n\ndef test_passes():\n    pass\n\ndef test_skips():\n    pytest.skip({reason!r})\n"
     )
-    environment = {key: value for key, value in os.environ.items() if key not in ("CI", "PYTEST_ADDOPTS")}
-    environment |= {"PYTHONPATH": str(ROOT)} | ({"CI": "true"} if ci else {})
+    environment = {key: value for key, value in os.environ.items() if key not in (GUARD, "PYTEST_ADDOPTS")}
+    environment |= {"PYTHONPATH": str(ROOT)} | ({GUARD: "1"} if guarded else {})
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments, "."]
     return subprocess.run(command, cwd=directory, env=environment, capture_output=True, text=True, check=False)
 
