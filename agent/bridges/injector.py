@@ -49,8 +49,6 @@ class Injector:
 
     title: str
     counts: InjectorCounters
-    keeps_time = False
-    """Whether the autopilot stands still in lockstep once it has taken what it was given."""
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
         """A run starts on this clock; `say` brings a sentence, with a MAV_SEVERITY, to the host."""
@@ -65,10 +63,6 @@ class Injector:
 
     def serve(self, now_ns: int) -> None:
         """With every poll, in runs and between: receive from the autopilot and answer its requests. Never waits."""
-
-    def settle(self, now_ns: int) -> bool:
-        """Lockstep: wait until the autopilot stands still; False when it does not after a short wait."""
-        return True
 
     def advance(self, now_ns: int) -> bool:
         """Lockstep: let the autopilot run up to this instant; False when it has not followed after a short wait."""

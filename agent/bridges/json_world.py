@@ -171,7 +171,6 @@ class JsonWorld(Injector):
     """Serves one autopilot at `address`. `open` raises TransportError when that cannot be."""
 
     title = "JSON world"
-    keeps_time = True
 
     def __init__(self, url: str, on_restart: Callable[[], None]) -> None:
         self._line = JsonLine(url, self._on_start)
@@ -242,19 +241,10 @@ class JsonWorld(Injector):
         if monotonic() - self._advanced_s > WAIT_S:  # between runs; in one, `advance` hears it
             self._line.hear()
 
-    def settle(self, now_ns: int) -> bool:
-        """It has taken all frames, asks for the next and does nothing else until it has that."""
-        self._now_us = now_ns // 1000
-        return self._noted(lambda until_s: self._line.wait(0, until_s))
-
     def advance(self, now_ns: int) -> bool:
         self._now_us = now_ns // 1000
-        return self._noted(self._tell)
-
-    def _noted(self, wait: Callable[[float], bool]) -> bool:
-        """Whether the autopilot follows in time, in which `wait` lets it; a longer silence and its end are said."""
         began_s = monotonic()
-        followed = wait(began_s + WAIT_S)
+        followed = self._tell(began_s + WAIT_S)
         self._advanced_s = monotonic()
         self.counts.taken = followed
         if followed:

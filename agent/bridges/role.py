@@ -173,9 +173,6 @@ class BridgeRole(Role):
         self._unsent = 0  # of the host's messages, once the autopilot was there
         self._imu_stamp_us = self._imu_received_us = 0
         self._vehicle.reset(clock, self.add_event)
-        self._keeps_time = lockstep and any(injector.keeps_time for injector in self._injectors)
-        if self._keeps_time:
-            self._vehicle.hold()
         for injector in self._injectors:
             injector.reset(clock, lockstep, self.add_event)
 
@@ -186,7 +183,6 @@ class BridgeRole(Role):
     def end_run(self, now_ns: int) -> Sequence[Message]:
         """The host takes the world away: the autopilot is disarmed, and rebooted where that is wanted."""
         self._running = False
-        self._vehicle.release(go_on=False)
         self._give_last_orders()
         neutral = (0.0,) * len(self._outputs.channels)
         last = actuators_message(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
@@ -276,33 +272,17 @@ class BridgeRole(Role):
 
     def end_tick(self, tick: int, now_ns: int) -> Sequence[Message]:
         self._count = tick
-        self._followed = self._exchange(now_ns)
-        if not self._keeps_time:
-            self._hear(now_ns)
+        followed = True
+        for injector in self._injectors:
+            followed = injector.advance(now_ns) and followed
+        self._followed = followed and self._reach()
+        self._hear(now_ns)
         waiting, self._waiting = self._waiting, []
         if not self._followed:
             return waiting
         self._take_outputs()
         waiting.append(self._actuators(now_ns))
         return waiting
-
-    def _exchange(self, now_ns: int) -> bool:
-        """Whether the autopilot has followed.
-
-        One that stands still between the ticks is heard, and gets its messages, while it does: then a seed repeats
-        which of its steps answers what.
-        """
-        followed = True
-        for injector in self._injectors:
-            followed = injector.settle(now_ns) and followed
-        if not followed or not self._reach():
-            return False
-        if self._keeps_time:
-            self._hear(now_ns)
-            self._unsent += self._vehicle.heard and not self._vehicle.release()
-        for injector in self._injectors:
-            followed = injector.advance(now_ns) and followed
-        return followed
 
     @property
     def has_followed(self) -> bool:
@@ -330,8 +310,6 @@ class BridgeRole(Role):
         now_ns = now()
         for injector in self._injectors:
             injector.serve(now_ns)
-        if self._running and self._keeps_time:
-            return
         self._hear(now_ns)
         if self._lockstep and self._running:
             return

@@ -93,7 +93,6 @@ class VehicleLink:
         self._taps: list[Tap] = []
         self._say: Say = lambda severity, text: None
         self._arrived: list[Message] = []
-        self._held: list[Message] | None = None
         self._clear(0)
 
     def _clear(self, now_ns: int) -> None:
@@ -112,7 +111,6 @@ class VehicleLink:
     def reset(self, clock: Clock, say: Say) -> None:
         """A run starts on this clock: counts from zero, and the streams are asked for again."""
         self._say = say
-        self._held = None
         self._clear(clock.now_ns())
         self._streams.reset()
         self._link.reset_counters()
@@ -144,22 +142,7 @@ class VehicleLink:
                     target.target_component = self.component_id
             elif kind is _MANUAL_CONTROL:
                 target.target = self.system_id
-        return self._transmit(*messages)
-
-    def _transmit(self, *messages: Message) -> bool:
-        if self._held is None:
-            return self._link.send(*messages)
-        self._held += messages
-        return True
-
-    def hold(self) -> None:
-        """From now on keep what is to be sent until `release`, so that it goes out at instants of the simulation."""
-        self._held = self._held or []
-
-    def release(self, go_on: bool = True) -> bool:
-        """Send what was held; False when the line does not take all of it. go_on: hold what comes next."""
-        held, self._held = self._held or [], [] if go_on else None
-        return not held or self._link.send(*held)
+        return self._link.send(*messages)
 
     def send_sample(self, message: Message) -> bool:
         """The same for what would mislead when it came late: False, and not sent, while others wait for the line."""
@@ -183,7 +166,7 @@ class VehicleLink:
             self._note_time(message)
             self._streams.note_arrival(message.get_msgId(), now_ns)
             if isinstance(message, mav.MAVLink_timesync_message) and not message.tc1:
-                self._transmit(mav.MAVLink_timesync_message(now_ns, message.ts1))
+                self._link.send(mav.MAVLink_timesync_message(now_ns, message.ts1))
             elif not self._streams.is_own_acknowledgement(message, now_ns):
                 for_host.append(message)
         return for_host
@@ -192,7 +175,7 @@ class VehicleLink:
         """Heartbeat, stream requests, and a word where it falls silent; called some times a second in runs."""
         if self._beat_ns is None or now_ns - self._beat_ns >= HEARTBEAT_NS:
             self._beat_ns = now_ns
-            self._transmit(
+            self._link.send(
                 mav.MAVLink_heartbeat_message(
                     mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3
                 )

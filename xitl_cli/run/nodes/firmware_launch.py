@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import SplitResult, urlsplit
 
-from agent.fcu.gps_time import EPOCH_UNIX_S, LEAP_S, START_OF_RUNS_S
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.firmware.process import FirmwareProcess
@@ -26,8 +25,6 @@ AIS_PROTOCOL, AIS_PORTS = 40, (5, 6, 7)  # those that a SITL gives to nothing el
 STATION_PORTS = (1, 2)  # SERIAL1 and SERIAL2 speak MAVLink unless told otherwise
 SCRIPTING = {"SCR_ENABLE": 1, "SCR_SDEV_EN": 1, "SCR_SDEV1_PROTO": EXTERNAL_AHRS_PROTOCOL}
 SPEEDUP = 200  # as fast as the world comes
-START_UNIX_S = START_OF_RUNS_S - LEAP_S + EPOCH_UNIX_S
-"""The date of every run in lockstep, in place of the date of this machine."""
 _LISTENS = ("SERIAL0 on TCP port", "Waiting for connection", "Loaded defaults")
 
 
@@ -109,7 +106,6 @@ class FirmwareLaunch:
         else:
             parts = urlsplit(world)
             words += ["--model", "JSON:127.0.0.1", "--sim-port-out", str(parts.port), "--speedup", str(SPEEDUP)]
-            words += ["--start-time", str(START_UNIX_S)]
         words += ["--rc-in-port", str(self._rc_port)]
         serial = {0: f"tcp:{urlsplit(self.bridge.mavlink).port}", 1: "none:", 2: "none:"}
         for port, address in self._stations():

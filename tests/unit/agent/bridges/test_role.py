@@ -230,69 +230,6 @@ def test_the_host_is_told_the_same_in_the_same_order_however_late_the_autopilot_
     assert told(late=True) == told(late=False)
 
 
-class StandingWay(Way):
-    """Of an autopilot that stands still between its ticks. moves: what it does while its time goes on."""
-
-    keeps_time = True
-
-    def __init__(self) -> None:
-        super().__init__(pulses_us=[1500] * 3)
-        self.settled_ns: list[int] = []
-        self.moves: Callable[[], object] = lambda: None
-
-    def settle(self, now_ns: int) -> bool:
-        self.settled_ns.append(now_ns)
-        return self.follows
-
-    def advance(self, now_ns: int) -> bool:
-        self.moves()
-        return super().advance(now_ns)
-
-
-def test_an_autopilot_that_stands_still_between_ticks_is_spoken_with_only_while_it_does(
-    make: Callable[..., Bench],
-) -> None:
-    """Else it would hang on the wall clock which of its steps hears what, and which tick brings its answer."""
-    way = StandingWay()
-    bench = make(way)
-    bench.start(LOCKSTEP)
-    heard: list[str] = []
-
-    def move() -> None:
-        """It has heard what came before, and says something on its way."""
-        wait_until(lambda: bench.double.hear() or not wanted - {each.get_type() for each in bench.double.heard})
-        heard.extend(each.get_type() for each in bench.double.heard)
-        bench.double.heard.clear()
-        bench.tell(mav.MAVLink_local_position_ned_message(5, 1, 2, 3, 4, 5, 6))
-
-    wanted = {"HEARTBEAT", "COMMAND_LONG"}
-    way.moves = move
-    bench.send(mav.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
-    bench.tell(beat())
-    assert bench.send() == []
-    assert bench.double.hear() == []
-    first = [message.get_type() for message in bench.exchange()]
-    assert {"HEARTBEAT", "COMMAND_LONG"} <= set(heard)
-    assert "HEARTBEAT" in first
-    assert "LOCAL_POSITION_NED" not in first
-    assert of(bench.send(), "LOCAL_POSITION_NED") == []
-    wanted = set()
-    way.moves = lambda: None
-    assert len(of(bench.exchange(), "LOCAL_POSITION_NED")) == 1
-    assert way.settled_ns == way.advanced_ns == [10_000_000, 20_000_000]
-
-
-def test_nothing_moves_on_while_an_autopilot_does_not_stand_still(make: Callable[..., Bench]) -> None:
-    way = StandingWay()
-    bench = make(way)
-    bench.start(LOCKSTEP)
-    way.follows = False
-    assert of(bench.exchange(), "XITL_ACTUATORS") == []
-    assert way.advanced_ns == []
-    way.follows = True
-    assert of(bench.send(), "XITL_ACTUATORS")
-
-
 def test_a_run_that_is_stopped_leaves_no_tick_open(make: Callable[..., Bench]) -> None:
     way = Way(pulses_us=[1500] * 3)
     bench = make(way)
