@@ -91,7 +91,7 @@ def test_a_page_from_the_disk_plays_and_goes_where_it_is_told(browser: Any, run:
     page.get_by_role("button", name="waypoint 1 reached").click()
     wait_for_place(page, there.tolist(), 0.5)  # at 10 instants a second and 3 m/s
     assert (np.abs(shot(page) - before).max(axis=2) > 40).mean() > 0.01
-    at_finding = next(each for each in found if each.time_s is not None)
+    at_finding = next(each for each in found if each.time_s is not None and each.time_s < 29.0)  # the end starts anew
     page.get_by_role("button", name=at_finding.sentence[:40]).click()
     field = page.locator(".mantine-NumberInput-input").first
     playwright.expect(field).to_have_value(re.compile(rf"{at_finding.time_s:.1f}"))
