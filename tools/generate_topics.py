@@ -7,10 +7,10 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from xitl_cli.plugins.ros.inputs import INPUTS
+from xitl_cli.plugins.ros.outputs import OUTPUTS
 from xitl_cli.record.cdr import TopicField
 from xitl_cli.record.topics import TOPICS, OdometryMessage
-from xitl_cli.ros.inputs import INPUTS
-from xitl_cli.ros.outputs import OUTPUTS
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
@@ -61,7 +61,11 @@ def ros_inputs_table() -> Iterator[str]:
 
 
 Tables = dict[str, tuple[str, Callable[[], Iterator[str]]]]
-_RECORDED, _OF_ROS, _ASKED = "xitl_cli/record/topics.py", "xitl_cli/ros/outputs.py", "xitl_cli/ros/inputs.py"
+_RECORDED, _OF_ROS, _ASKED = (
+    "xitl_cli/record/topics.py",
+    "xitl_cli/plugins/ros/outputs.py",
+    "xitl_cli/plugins/ros/inputs.py",
+)
 PAGES: dict[str, Tables] = {
     "recording.md": {"topics": (_RECORDED, topic_table), "fields": (_RECORDED, field_table)},
     "ros.md": {"topics of ROS": (_OF_ROS, ros_table), "what nodes may ask": (_ASKED, ros_inputs_table)},

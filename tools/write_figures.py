@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.campaign.compare import counted_statuses
-from xitl_cli.campaign.results import ResultTable, Row
-from xitl_cli.campaign.statistics import spread
+from xitl_cli.plugins.campaign.compare import counted_statuses
+from xitl_cli.plugins.campaign.results import ResultTable, Row
+from xitl_cli.plugins.campaign.statistics import spread
 
 BEGIN, END = "<!-- figures -->", "<!-- end of figures -->"
 COLUMNS = {

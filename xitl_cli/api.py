@@ -14,8 +14,6 @@ from xitl_cli.profile import load_profile as _load_profile
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
-    from xitl_cli.campaign.results import ResultTable
-    from xitl_cli.experiments.report import ExperimentReport
     from xitl_cli.graph.wdri import FleetWdri, VertexCount, Wdri
     from xitl_cli.logs.compare.comparison import Comparison
     from xitl_cli.logs.model.log import Log
@@ -24,13 +22,9 @@ if TYPE_CHECKING:
 __all__ = [
     "Result",
     "analyze",
-    "campaign",
     "compare",
     "load_profile",
     "open_log",
-    "paper",
-    "picture",
-    "replay_html",
     "simulate",
     "wdri",
 ]
@@ -88,71 +82,6 @@ def simulate(
     if result.summary["error"]:
         raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
     return result
-
-
-def campaign(
-    plan: PathText,
-    *,
-    out: PathText | None = None,
-    on: str | None = None,
-    workers: int | None = None,
-    resume: bool = False,
-) -> ResultTable:
-    """Carry out a plan of many runs, as `xitl campaign` does, and keep the campaign in a folder.
-
-    plan: a YAML file, or the name of a shipped one. out: the folder, `runs/<plan>-<time>` in the working directory by
-    default. on: the address of a Dask scheduler, this machine by default; for `tls://`, Dask's configuration names the
-    files (`distributed.comm.tls`). workers: runs at once on this machine, as many as it has cores by default. resume:
-    go on with what an earlier one in `out` lacks.
-
-    `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) say what came out. Raises UserError for
-    what is wrong in the plan, and when it cannot go on; what ended until then is kept.
-    """
-    from xitl_cli.campaign.cluster import check_installed
-    from xitl_cli.campaign.plan import find_plan, read_plan
-
-    check_installed()
-    from xitl_cli.campaign.carry_out import carry_out, open_folder
-
-    found = read_plan(find_plan(fspath(plan)))
-    return carry_out(found, open_folder(found, None if out is None else Path(out), resume), on, workers)
-
-
-def paper(
-    section: Literal["4.1", "4.2", "4.3", "4.4", "wdri"],
-    *,
-    out: PathText | None = None,
-    seed: int = 1,
-    duration_s: float | None = None,
-    real: PathText | None = None,
-    board: str | None = None,
-    firmware: PathText | None = None,
-    overwrite: bool = False,
-) -> ExperimentReport:
-    """Carry out one of the paper's experiments, as `xitl paper` does: its values beside ours, and the figures.
-
-    out: the directory of its runs, `runs/paper-<section>-<time>` in the working directory by default. duration_s: of
-    each run at most. real: a log of a real boat (4.1). board: the URL of an agent on a board (4.3). firmware: an
-    ardurover to start (4.2, 4.3), the one that is found by default.
-
-    `report.rows` have `quantity`, `paper`, `ours`, `unit` and `difference`. Raises UserError where it cannot be done
-    here.
-    """
-    from xitl_cli.experiments.catalogue import EXPERIMENTS, carry_out
-    from xitl_cli.experiments.setup import ExperimentSetup, default_directory
-
-    if section not in EXPERIMENTS:
-        raise UserError(f"{section!r} is no section of the paper; use {', '.join(EXPERIMENTS)}")
-    setup = ExperimentSetup(
-        default_directory(section) if out is None else Path(out),
-        seed,
-        duration_s,
-        overwrite,
-        firmware=None if firmware is None else fspath(firmware),
-        real=None if real is None else Path(real),
-        board=board,
-    )
-    return carry_out(section, setup)
 
 
 def wdri(
@@ -225,32 +154,6 @@ def compare(
 
     with open_log(a, vessel) as log_a, open_log(b, vessel_b or vessel) as log_b:
         return compare_logs(log_a, log_b, align=align, start=start, of_a=of_a, of_b=of_b, armed=armed)
-
-
-def replay_html(
-    *logs: PathText, vessel: str | None = None, from_s: float | None = None, to_s: float | None = None
-) -> str:
-    """A page that plays logs in 3D, as `xitl view --html` writes it: opens from the disk, asks for nothing outside.
-
-    vessel: of a fleet's recording this one alone. from_s, to_s: a part of it. Raises UserError without the extra `view`
-    and for an empty span, LogError for a file that is no log, or without positions or attitudes.
-    """
-    from xitl_cli.view.recording import open_scene
-    from xitl_cli.view.replay_page import replay_html as page_of
-
-    with open_scene([Path(log) for log in logs], vessel) as recording:
-        return page_of(recording, from_s=from_s, to_s=to_s)
-
-
-def picture(*logs: PathText, at_s: float, size: tuple[int, int] = (1280, 720), vessel: str | None = None) -> bytes:
-    """An instant of logs in 3D as PNG, as `xitl view --png` writes it; size: width and height.
-
-    vessel: what is looked at. Raises UserError without the extra `view`, without Chromium, Chrome or Edge, and for an
-    instant outside of the recording; LogError as `replay_html`.
-    """
-    from xitl_cli.view.pictures import picture as picture_of
-
-    return picture_of([Path(log) for log in logs], at_s, size=size, vessel=vessel)
 
 
 def _texts(overrides: Overrides) -> list[str]:

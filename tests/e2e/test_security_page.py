@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from tests.patience import wait_until
-from xitl_cli.campaign import cluster
+from xitl_cli.plugins.campaign import cluster
 from xitl_cli.profile import load_profile
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.session import run

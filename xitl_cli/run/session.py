@@ -28,14 +28,13 @@ from xitl_cli.record.mcap_file import ChannelMirror, McapFile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.compose import RunSetup, compose, compose_world, link_names
 from xitl_cli.run.core import directory
+from xitl_cli.run.core.live_output import live_outputs
 from xitl_cli.run.core.node import RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
 from xitl_cli.run.core.pace import Lockstep, OperatedLockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
-from xitl_cli.run.live_foxglove import LiveFoxgloveNode
-from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import Steering, VesselOrders
@@ -202,8 +201,8 @@ class RunNodes:
 
     @property
     def mirrors(self) -> tuple[ChannelMirror, ...]:
-        """The nodes that show what is recorded elsewhere too."""
-        return tuple(node for node in self.world.behind if isinstance(node, (LiveFoxgloveNode, LiveRosNode)))
+        """Receivers of each recorded message, next to the recording."""
+        return tuple(mirror for node in self.world.behind if (mirror := node.mirror()) is not None)
 
     def named(self) -> Iterator[tuple[str, RunNode]]:
         """Each with its vessel's name, in the order of the calls; those of the world have none."""
@@ -232,6 +231,7 @@ def _composed(
     after = departs_after(profiles)
     stations = StationAddresses(profiles)
     opened.callback(stations.close)
+    live = live_outputs(profiles)
     workers = fleet_workers(profiles)
     if workers is not None:
         opened.callback(workers.close)
@@ -240,7 +240,7 @@ def _composed(
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
             made = (profile, seeds, scenery, view, own, interrupted, stations, voices, after[profile.vessel], receivers)
-            acting = operation.operated, orders, steering
+            acting = operation.operated, orders, steering, live
             setups.append(RunSetup(*made, workers, *acting))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)

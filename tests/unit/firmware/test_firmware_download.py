@@ -13,8 +13,9 @@ from firmware_server import FirmwareServer
 from typer.testing import CliRunner
 
 from xitl_cli.errors import UserError
-from xitl_cli.firmware import cache, download
-from xitl_cli.firmware.download import FetchedFirmware, fetch_firmware
+from xitl_cli.firmware import cache
+from xitl_cli.plugins.firmware import download
+from xitl_cli.plugins.firmware.download import FetchedFirmware, fetch_firmware
 
 SITL = "/Rover/stable/SITL_x86_64_linux_gnu/ardurover"
 PIXHAWK = "/Rover/stable/Pixhawk6X/ardurover.apj"
@@ -159,7 +160,7 @@ def test_https_is_not_left_by_a_redirection() -> None:
     from urllib.error import URLError
     from urllib.request import Request
 
-    from xitl_cli.firmware.download import NoDowngrade
+    from xitl_cli.plugins.firmware.download import NoDowngrade
 
     arguments = (BytesIO(), 302, "Found", Message())
     followed = NoDowngrade().redirect_request(Request("https://a.test/x"), *arguments, "https://b.test/x")

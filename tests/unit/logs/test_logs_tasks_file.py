@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from made_log import MadeLog, MadeTable
 
 from agent.wire import dialect
-from xitl_cli.commands.logs import read_tasks
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses.tasks import analyse
 from xitl_cli.logs.model.system_files import TaskTime, parse_tasks, tasks_counted
 from xitl_cli.params.vehicle import VehicleFiles
+from xitl_cli.plugins.logs.command import read_tasks
 
 CAPTURED = Path(__file__).parents[2] / "data/captures/linux-tasks.txt"
 IDLE = "AP_GyroFFT::sample_gyros*        MIN=   0 MAX=   0 AVG=   0 OVR=  0 SLP=  0, TOT= 0.0%\n"

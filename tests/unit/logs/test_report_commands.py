@@ -10,16 +10,16 @@ import typer
 from typer.testing import CliRunner
 
 from tests.recorded import CALM, LOGS, MISSION_TLOG
-from xitl_cli.commands import logs_analyze
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses import catalogue
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Section
+from xitl_cli.plugins.logs import analyze_command
 
 app = typer.Typer()
-app.command("analyze")(logs_analyze.analyze)
-app.command("plot")(logs_analyze.plot)
+app.command("analyze")(analyze_command.analyze)
+app.command("plot")(analyze_command.plot)
 
 
 def run(*arguments: str | Path, width: int = 80) -> tuple[int, str]:

@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mav
 from vehicle_double import VehicleDouble, over_tcp
 
 from agent.mavlink import parameters as protocol
-from xitl_cli.params import push as pushing
 from xitl_cli.params import vehicle as live
-from xitl_cli.params.check import RENAMES, AbsentParameter, DifferingParameter, check_parameters, other_name
+from xitl_cli.plugins.params import push as pushing
+from xitl_cli.plugins.params.check import RENAMES, AbsentParameter, DifferingParameter, check_parameters, other_name
 
 Params = Any  # of conftest.py: `xitl params ARGUMENTS`, in this process
 BOAT = {"WP_SPEED": 2.0, "WP_RADIUS": 2.0, "CRUISE_SPEED": 0.1, "GPS1_TYPE": 1.0, "ARMING_SKIPCHK": 0.0}

@@ -13,12 +13,12 @@ from agent.wire import dialect
 from tests.free_ports import free_port
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
+from xitl_cli.plugins.ros.live_ros import LiveRosNode
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.links.connection import AgentConnection
-from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
 from xitl_cli.run.nodes.drivers import Course, NoDriver

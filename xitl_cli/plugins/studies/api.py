@@ -1,0 +1,51 @@
+"""`xitl.paper` of the public Python API."""
+
+from __future__ import annotations
+
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from xitl_cli.plugins.studies.experiments.report import ExperimentReport
+
+PathText = str | PathLike[str]
+
+
+def paper(
+    section: Literal["4.1", "4.2", "4.3", "4.4", "wdri"],
+    *,
+    out: PathText | None = None,
+    seed: int = 1,
+    duration_s: float | None = None,
+    real: PathText | None = None,
+    board: str | None = None,
+    firmware: PathText | None = None,
+    overwrite: bool = False,
+) -> ExperimentReport:
+    """Carry out one of the paper's experiments, as `xitl paper` does: its values beside ours, and the figures.
+
+    out: the directory of its runs, `runs/paper-<section>-<time>` in the working directory by default. duration_s: of
+    each run at most. real: a log of a real boat (4.1). board: the URL of an agent on a board (4.3). firmware: an
+    ardurover to start (4.2, 4.3), the one that is found by default.
+
+    `report.rows` have `quantity`, `paper`, `ours`, `unit` and `difference`. Raises UserError where it cannot be done
+    here.
+    """
+    from xitl_cli.plugins.studies.experiments.catalogue import EXPERIMENTS, carry_out
+    from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup, default_directory
+
+    if section not in EXPERIMENTS:
+        raise UserError(f"{section!r} is no section of the paper; use {', '.join(EXPERIMENTS)}")
+    setup = ExperimentSetup(
+        default_directory(section) if out is None else Path(out),
+        seed,
+        duration_s,
+        overwrite,
+        firmware=None if firmware is None else fspath(firmware),
+        real=None if real is None else Path(real),
+        board=board,
+    )
+    return carry_out(section, setup)
