@@ -75,7 +75,10 @@ def test_who_enters_is_where_the_emulator_is(board: EmulatedBoard) -> None:
 
 
 def test_what_is_within_needs_not_enter_and_has_the_commands_exit_code(board: EmulatedBoard) -> None:
-    code = "import sys; from xitl_cli.plugins.board.namespace import shares_network as shares; sys.exit(40 + shares(sys.argv[1]))"
+    code = (
+        "import sys; from xitl_cli.plugins.board.namespace import shares_network as shares; "
+        "sys.exit(40 + shares(sys.argv[1]))"
+    )
     pid = board.pid_file.read_text()
     assert inside(board, sys.executable, "-c", code, pid).returncode == 41
     assert subprocess.run([sys.executable, "-c", code, pid], check=False).returncode == 40

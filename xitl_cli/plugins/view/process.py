@@ -1,7 +1,7 @@
 """The process of a view beside a run: draws what the run sends down a pipe, and gives what is asked at the page back.
 
-`python -m xitl_cli.plugins.view.process LISTENER PIPE`: numbers of two sockets that it inherits. It asks for an instant when it
-has drawn the last and somebody looks, so that a slow browser has fewer pictures and the run never waits.
+`python -m xitl_cli.plugins.view.process LISTENER PIPE`: numbers of two sockets that it inherits. It asks for an instant
+when it has drawn the last and somebody looks, so that a slow browser has fewer pictures and the run never waits.
 
 Up go JSON objects: {"ask": true}, {"browsers": 2, "joined": 5}, {"action": {...}}.
 """
