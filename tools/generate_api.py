@@ -13,12 +13,12 @@ from textwrap import dedent
 from typing import Any
 
 import xitl
+from xitl_cli.experiment.report import ExperimentReport
 from xitl_cli.graph.wdri import Wdri
 from xitl_cli.logs.compare.comparison import Comparison
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.report.model import Report
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, EXAMPLE = ROOT / "docs" / "api.md", "examples/plot_a_run.py"

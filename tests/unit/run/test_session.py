@@ -13,7 +13,6 @@ from agent.wire import dialect
 from tests.free_ports import free_port
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
-from xitl_cli.plugins.ros.live_ros import LiveRosNode
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
@@ -62,10 +61,10 @@ def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(
     assert [clock["node"] for clock in told["clocks"]] == ["LC", "PS1"]
 
 
-def test_a_folder_that_is_taken_is_refused_before_ros_is_entered(
+def test_a_folder_that_is_taken_is_refused_before_a_live_output_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(LiveRosNode, "prepare", lambda node: pytest.fail("ROS was entered"))
+    monkeypatch.setattr(session, "live_outputs", lambda profiles: pytest.fail("ROS was entered"))
     (tmp_path / "run.mcap").touch()
     profile = load_profile("sitl", ["ros.enabled=true"])
     with pytest.raises(UserError, match=r"already holds a run \(run.mcap\)"):

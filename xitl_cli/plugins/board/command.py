@@ -137,10 +137,10 @@ def compare(
     Exit code: 0 when all completed the mission, 1 when not.
     """
     from xitl_cli.commands.terminal import show_rows, terminal
+    from xitl_cli.experiment.setup import ExperimentSetup
     from xitl_cli.extras import REPORT
     from xitl_cli.logs.report.html import refuse_other
     from xitl_cli.plugins.board.four_ways import PAGE, sail, table, ways, write_page
-    from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
 
     REPORT.require("the page needs")
     refuse_other(out / PAGE)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from xitl_cli.experiment.report import Told, told_text
+from xitl_cli.experiment.setup import ExperimentSetup
+from xitl_cli.experiment.time_series import Floats, true_path_ne_m
 from xitl_cli.logs import open_log
 from xitl_cli.logs.compare.comparison import compare
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.sections import Grid, Plot, Section, Trace
 from xitl_cli.plugins.board.emulator import the_reached_board
-from xitl_cli.plugins.studies.experiments.report import Told, told_text
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
-from xitl_cli.plugins.studies.experiments.time_series import Floats, true_path_ne_m
 
 PAGE = "four-ways.html"
 EMULATED = "An emulated board is no hardware: its nodes weigh as virtual ones, and its timing is its emulator's."

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
-    from xitl_cli.plugins.studies.experiments.report import ExperimentReport
+    from xitl_cli.experiment.report import ExperimentReport
 
 PathText = str | PathLike[str]
 
@@ -34,8 +34,8 @@ def paper(
     `report.rows` have `quantity`, `paper`, `ours`, `unit` and `difference`. Raises UserError where it cannot be done
     here.
     """
+    from xitl_cli.experiment.setup import ExperimentSetup, default_directory
     from xitl_cli.plugins.studies.experiments.catalogue import EXPERIMENTS, carry_out
-    from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup, default_directory
 
     if section not in EXPERIMENTS:
         raise UserError(f"{section!r} is no section of the paper; use {', '.join(EXPERIMENTS)}")

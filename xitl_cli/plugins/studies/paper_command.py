@@ -18,8 +18,8 @@ from xitl_cli.errors import UserError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from xitl_cli.plugins.studies.experiments.report import ExperimentReport
-    from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
+    from xitl_cli.experiment.report import ExperimentReport
+    from xitl_cli.experiment.setup import ExperimentSetup
 
 COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 TABLE = "table.json"
@@ -155,16 +155,16 @@ def all_sections(
 def _setup(
     out: Path | None, section: str, seed: int, duration_s: float | None, overwrite: bool, **more: Any
 ) -> ExperimentSetup:
-    from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup, default_directory
+    from xitl_cli.experiment.setup import ExperimentSetup, default_directory
 
     return ExperimentSetup(out or default_directory(section), seed, duration_s, overwrite, **more)
 
 
 def _carry_out(sections: Sequence[str], setup: ExperimentSetup, page: bool, as_json: bool) -> None:
     """One after the other, each shown and written when it is done."""
+    from xitl_cli.experiment.setup import InterruptedRunError
     from xitl_cli.plugins.studies.experiments.catalogue import carry_out
     from xitl_cli.plugins.studies.experiments.figures import check_figures_installed
-    from xitl_cli.plugins.studies.experiments.setup import InterruptedRunError
 
     console = terminal(stderr=as_json, soft_wrap=True)
     if page:
@@ -216,9 +216,9 @@ def _page(done: Sequence[ExperimentReport], directory: Path) -> Path:
 
 def _keep(console: Console, found: ExperimentReport, directory: Path, as_json: bool) -> None:
     """Its table, its files and where they are."""
+    from xitl_cli.experiment.setup import write_file
     from xitl_cli.extras import FIGURES
     from xitl_cli.plugins.studies.experiments.figures import write_figures
-    from xitl_cli.plugins.studies.experiments.setup import write_file
 
     write_file(directory / TABLE, json.dumps(found.as_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     if not as_json:
@@ -235,7 +235,7 @@ def _keep(console: Console, found: ExperimentReport, directory: Path, as_json: b
 
 
 def _show(console: Console, found: ExperimentReport) -> None:
-    from xitl_cli.plugins.studies.experiments.report import told_text
+    from xitl_cli.experiment.report import told_text
 
     console.print()
     say(console, f"{found.section}: {found.title}", "bold")

@@ -104,7 +104,7 @@ verdicts: [{TRACK} < 99]
 
 def test_a_one_at_a_time_plan_tells_elasticities_about_its_base(tmp_path: Path) -> None:
     """wind² / current about 5 m/s and 0.5 m/s: 2 and -1; a controller has none, and that is said."""
-    (tmp_path / "examples").symlink_to(Path(__file__).parents[3] / "examples")
+    (tmp_path / "examples").symlink_to(Path(__file__).parents[4] / "examples")
 
     def power_law(values: dict[str, float], seed: int) -> dict[str, float]:
         return {TRACK: seed * values.get(WIND, 5.0) ** 2 / values.get(CURRENT, 0.5)}

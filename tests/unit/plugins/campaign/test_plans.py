@@ -19,7 +19,7 @@ from xitl_cli.plugins.campaign.engine import check_figures
 from xitl_cli.plugins.campaign.plan import CampaignPlan, PlanError, base_heads, find_plan, read_plan, seeds_of
 from xitl_cli.profile.load import load_with_origins
 
-CAMPAIGNS = Path(__file__).parents[3] / "campaigns"
+CAMPAIGNS = Path(__file__).parents[4] / "campaigns"
 BASE = "base: mitl\n"
 
 

@@ -36,7 +36,7 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotionEstimate
 from xitl_cli.run.world.world import local_frame
 
-DATA = Path(__file__).parents[2] / "data"
+DATA = Path(__file__).parents[3] / "data"
 FORMATS = ("rosbag2-mcap", "rosbag2-sqlite3", "rosbag1")
 IMU_COUNT, CLOUD_POINTS = 40, 25
 POINT = b"\0\1\0\0" + struct.pack("<3d", 1.0, 2.0, 3.0)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import cast
 
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
+from xitl_cli.experiment.report import ExperimentReport
+from xitl_cli.experiment.setup import ExperimentSetup
 
 EXPERIMENTS: Mapping[str, str] = {
     "4.1": "xitl_cli.plugins.studies.experiments.section_4_1_recorded_outputs:recorded_outputs_report",

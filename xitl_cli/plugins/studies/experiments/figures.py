@@ -9,9 +9,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xitl_cli.experiment.report import ExperimentReport, PaperFigure, told_text
+from xitl_cli.experiment.setup import write_file
 from xitl_cli.extras import FIGURES
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport, PaperFigure, told_text
-from xitl_cli.plugins.studies.experiments.setup import write_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

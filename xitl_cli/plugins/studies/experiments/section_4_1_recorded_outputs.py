@@ -17,14 +17,14 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.errors import UserError
+from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
+from xitl_cli.experiment.setup import ExperimentSetup
+from xitl_cli.experiment.time_series import Floats, TimeSeries, time_series
 from xitl_cli.logs import open_log
 from xitl_cli.logs.compare.comparison import compare
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Value
 from xitl_cli.plugins.studies.experiments.figures import OTHER, OURS, PAPER, THIRD, name_lines
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport, PaperFigure, PaperRow
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
-from xitl_cli.plugins.studies.experiments.time_series import Floats, TimeSeries, time_series
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.agents import ReplaySpec
 from xitl_cli.replay.motor_schedule import replayed_span_s

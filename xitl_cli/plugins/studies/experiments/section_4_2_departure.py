@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xitl_cli.errors import UserError
+from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
+from xitl_cli.experiment.setup import ExperimentSetup, InterruptedRunError
+from xitl_cli.experiment.time_series import TimeSeries, first_s, time_series
 from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.logs import open_log
 from xitl_cli.plugins.studies.experiments.figures import GREY, OTHER, PAPER, THIRD, mark_paper, name_lines
 from xitl_cli.plugins.studies.experiments.figures import OURS as BLUE
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport, PaperFigure, PaperRow
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup, InterruptedRunError
-from xitl_cli.plugins.studies.experiments.time_series import TimeSeries, first_s, time_series
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:

@@ -16,6 +16,9 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.errors import UserError
+from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
+from xitl_cli.experiment.setup import ExperimentSetup
+from xitl_cli.experiment.time_series import Floats, TimeSeries, time_series, true_path_ne_m
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.logs import open_log
@@ -23,9 +26,6 @@ from xitl_cli.logs.compare.comparison import Comparison, compare
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.signals.series import column_series
 from xitl_cli.plugins.studies.experiments.figures import OTHER, OURS, mark_paper, name_lines
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport, PaperFigure, PaperRow
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
-from xitl_cli.plugins.studies.experiments.time_series import Floats, TimeSeries, time_series, true_path_ne_m
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:

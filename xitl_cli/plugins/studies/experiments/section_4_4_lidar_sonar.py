@@ -18,13 +18,13 @@ from sim_core.frames import quat_to_matrix
 from sim_core.world.debris import BodyKind, make_body
 from sim_core.world.geometry import WOOD, cylinder
 from xitl_cli.errors import UserError
+from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
+from xitl_cli.experiment.setup import ExperimentSetup, write_file
+from xitl_cli.experiment.time_series import Floats
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.logs import open_log
 from xitl_cli.logs.model.log import Log
 from xitl_cli.plugins.studies.experiments.figures import OTHER, OURS, PAPER, THIRD
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport, PaperFigure, PaperRow
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup, write_file
-from xitl_cli.plugins.studies.experiments.time_series import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

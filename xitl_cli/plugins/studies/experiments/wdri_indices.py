@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
+from xitl_cli.experiment.setup import ExperimentSetup
 from xitl_cli.graph.graph import Graph, Vertex
 from xitl_cli.graph.wdri import Wdri, graph_from_profile, profile_wdri
 from xitl_cli.plugins.studies.experiments.figures import GREY, OTHER, OURS, THIRD
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport, PaperFigure, PaperRow
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.graph import COMPLETE, node_meaning
 

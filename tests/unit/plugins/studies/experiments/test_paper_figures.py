@@ -11,11 +11,11 @@ import pytest
 from typer.testing import CliRunner
 
 from xitl_cli.errors import UserError
+from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow, told_text
+from xitl_cli.experiment.setup import ExperimentSetup
 from xitl_cli.extras import Extra
 from xitl_cli.plugins.studies.experiments import figures
 from xitl_cli.plugins.studies.experiments.figures import check_figures_installed, drawn, write_page
-from xitl_cli.plugins.studies.experiments.report import ExperimentReport, PaperFigure, PaperRow, told_text
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
 from xitl_cli.plugins.studies.experiments.wdri_indices import PRINTED, compute_indices, wdri_report
 
 if TYPE_CHECKING:

@@ -9,6 +9,8 @@ import pytest
 
 from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.errors import UserError
+from xitl_cli.experiment.setup import ExperimentSetup
+from xitl_cli.experiment.time_series import TimeSeries
 from xitl_cli.logs import open_log
 from xitl_cli.logs.compare.pairing import time_integral
 from xitl_cli.plugins.studies.experiments import section_4_1_recorded_outputs
@@ -22,8 +24,6 @@ from xitl_cli.plugins.studies.experiments.section_4_1_recorded_outputs import (
     stand_in_profile,
     start_pose,
 )
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
-from xitl_cli.plugins.studies.experiments.time_series import TimeSeries
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.agents import ReplaySpec
 from xitl_cli.replay.motor_schedule import replayed_span_s

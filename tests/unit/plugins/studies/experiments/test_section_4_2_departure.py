@@ -10,7 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.studies.experiments import figures, section_4_2_departure, setup
+from xitl_cli.experiment.setup import ExperimentSetup, InterruptedRunError
+from xitl_cli.experiment.time_series import TimeSeries
+from xitl_cli.plugins.studies.experiments import figures, section_4_2_departure
 from xitl_cli.plugins.studies.experiments.section_4_2_departure import (
     ENVIRONMENTS,
     EVENTS,
@@ -19,8 +21,6 @@ from xitl_cli.plugins.studies.experiments.section_4_2_departure import (
     departure_report,
     dominant_period_s,
 )
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup, InterruptedRunError
-from xitl_cli.plugins.studies.experiments.time_series import TimeSeries
 from xitl_cli.run.session import Result
 
 TIMES = dict(zip(EVENTS, (12.0, 20.0, 20.5, 21.25), strict=True))
@@ -53,7 +53,7 @@ def make_runs(
         summary = {"error": None, "autopilot": {"firmware": "4.7.0", **times}, **more}
         return Result(summary, out, code(len(seen)))
 
-    monkeypatch.setattr(setup, "run", run)
+    monkeypatch.setattr("xitl_cli.experiment.setup.run", run)
 
 
 def test_six_runs_that_differ_in_environment_and_sensors_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

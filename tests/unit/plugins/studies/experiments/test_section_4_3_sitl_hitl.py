@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from xitl_cli.errors import UserError
+from xitl_cli.experiment.setup import ExperimentSetup
 from xitl_cli.plugins.studies.experiments.section_4_3_sitl_hitl import (
     HITL,
     SITL,
@@ -15,7 +16,6 @@ from xitl_cli.plugins.studies.experiments.section_4_3_sitl_hitl import (
     find_hardware,
     loop_profile,
 )
-from xitl_cli.plugins.studies.experiments.setup import ExperimentSetup
 from xitl_cli.profile import load_profile
 
 
