@@ -15,7 +15,7 @@ PACKAGES = ("agent", "sim_core", "xitl", "xitl_cli", "profiles", "campaigns", "f
 PLUGINS = sorted(folder.name for folder in (ROOT / "xitl_cli/plugins").iterdir() if (folder / "__init__.py").is_file())
 COMMAND_OF = {"mapping": "map", "studies": "paper"}
 """A command of each plug-in whose command has another name."""
-CORE_TESTS = ("graph", "profile", "record", "run/core", "run/links", "run/nodes")
+CORE_TESTS = ("graph", "record/test_recorder.py", "run/core", "run/links", "run/nodes")
 pytestmark = pytest.mark.slow
 
 
