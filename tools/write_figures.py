@@ -1,6 +1,6 @@
 """The figures of a campaign as a table in a page, between two marks: `make figures`, `make figures-of-vehicles`.
 
-    python tools/write_figures.py runs/figures README.md
+    python tools/write_figures.py runs/figures docs/figures.md
 
 The marks are lines of the page: `<!-- figures -->` and `<!-- end of figures -->`.
 """
