@@ -42,10 +42,10 @@ Overrides = Mapping[str, Any] | Iterable[str]
 def load_profile(name: PathText, overrides: Overrides = ()) -> Profile:
     """The checked profile `name`: a shipped one (`"sitl"`) or the path of a YAML file.
 
-    overrides: values by dotted key, `{"environment.wind.mean_mps": 8}`, or texts as of `--set`,
+    overrides: values by dotted key, `{"environment.wind.mean_mps": 8}`, or texts as for `--set`,
     `["environment.wind.mean_mps=8"]`.
 
-    Raises UserError for an unknown name, and with file, line, key and fix for everything that is wrong in it.
+    Raises UserError for an unknown name, and for every error in the profile, with file, line, key and fix.
     """
     return _load_profile(fspath(name), _texts(overrides))
 
@@ -61,14 +61,14 @@ def simulate(
 ) -> Result:
     """Run a profile, as `xitl sim` does, and keep the run in a directory.
 
-    profile: a name, a path, or what `load_profile` returned. seed: of everything random. duration_s: simulated time
-    from the start at which the run ends, in place of the profile's limit. overrides: as of `load_profile`; they and the
-    two before are for a name or a path. out: the run directory, `runs/<profile>-<time>` in the working directory by
-    default. overwrite: replace an earlier run there.
+    profile: a name, a path, or a Profile from `load_profile`. seed: seed of all random values. duration_s: simulated
+    time from the start at which the run ends; it replaces the profile's limit. overrides: as for `load_profile`. Give
+    seed, duration_s and overrides only with a name or a path. out: the run directory, by default
+    `runs/<profile>-<time>` in the working directory. overwrite: replace an earlier run there.
 
-    A run whose mission was not completed is a result (`completed` is False), and so is one in real time that was none
-    (`verdict`). Raises UserError when the profile cannot
-    run, and when the run failed; what was recorded until then is kept.
+    A run with an incomplete mission is a result (`completed` is False). So is a real-time run that did not keep real
+    time (`verdict`). Raises UserError when the profile cannot run, and when the run failed. The data recorded until
+    then is kept.
     """
     from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
@@ -98,15 +98,15 @@ def campaign(
     workers: int | None = None,
     resume: bool = False,
 ) -> ResultTable:
-    """Carry out a plan of many runs, as `xitl campaign` does, and keep the campaign in a folder.
+    """Run the plan of a campaign, as `xitl campaign` does, and keep the campaign in a folder.
 
-    plan: a YAML file, or the name of a shipped one. out: the folder, `runs/<plan>-<time>` in the working directory by
-    default. on: the address of a Dask scheduler, this machine by default; for `tls://`, Dask's configuration names the
-    files (`distributed.comm.tls`). workers: runs at once on this machine, as many as it has cores by default. resume:
-    go on with what an earlier one in `out` lacks.
+    plan: a YAML file, or the name of a shipped plan. out: the folder, by default `runs/<plan>-<time>` in the working
+    directory. on: the address of a Dask scheduler, by default this machine; for `tls://`, Dask's configuration names
+    the certificate files (`distributed.comm.tls`). workers: parallel runs on this machine, by default one per core.
+    resume: continue an earlier campaign in `out` with its missing runs.
 
-    `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) say what came out. Raises UserError for
-    what is wrong in the plan, and when it cannot go on; what ended until then is kept.
+    `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) give the results. Raises UserError for
+    errors in the plan, and when the campaign cannot continue. Finished runs are kept.
     """
     from xitl_cli.campaign.cluster import check_installed
     from xitl_cli.campaign.plan import find_plan, read_plan
@@ -129,14 +129,14 @@ def paper(
     firmware: PathText | None = None,
     overwrite: bool = False,
 ) -> ExperimentReport:
-    """Carry out one of the paper's experiments, as `xitl paper` does: its values beside ours, and the figures.
+    """Repeat one of the paper's experiments, as `xitl paper` does: a table of both results, and the figures.
 
-    out: the directory of its runs, `runs/paper-<section>-<time>` in the working directory by default. duration_s: of
-    each run at most. real: a log of a real boat (4.1). board: the URL of an agent on a board (4.3). firmware: an
-    ardurover to start (4.2, 4.3), the one that is found by default.
+    out: the directory of its runs, by default `runs/paper-<section>-<time>` in the working directory. duration_s:
+    largest duration of each run. real: a log of a real boat (4.1). board: the URL of an agent on a board (4.3).
+    firmware: an ardurover to start (4.2, 4.3), by default the one that is installed.
 
-    `report.rows` have `quantity`, `paper`, `ours`, `unit` and `difference`. Raises UserError where it cannot be done
-    here.
+    `report.rows` have `quantity`, `paper`, `ours`, `unit` and `difference`. Raises UserError if this machine lacks
+    something that the experiment needs.
     """
     from xitl_cli.experiments.catalogue import EXPERIMENTS, carry_out
     from xitl_cli.experiments.setup import ExperimentSetup, default_directory
@@ -163,11 +163,11 @@ def wdri(
     vertices: VertexCount | None = None,
     vessel: str | None = None,
 ) -> Wdri | FleetWdri:
-    """The weighted degree realism index of a profile, from 0 to 1, with the graph behind it.
+    """The weighted degree realism index of a profile, from 0 to 1, with its graph.
 
-    reference: a profile, or `"complete"` for the graph with every node real and linked to every node; the profile's own
-    by default. vertices: `"architecture"`, `"present"` or a number; what averages the degrees. vessel: one of a fleet;
-    without, a fleet has that of each of its `vessels`, and their mean.
+    reference: a profile, or `"complete"` for the graph in which every node is real and linked to every node; by default
+    the profile's own. vertices: number of vertices for the mean degree: `"architecture"`, `"present"` or a number.
+    vessel: one vessel of a fleet. Without it, a fleet returns the index of each of its `vessels`, and their mean.
     """
     from xitl_cli.graph.wdri import fleet_wdri, profile_wdri
 
@@ -179,12 +179,13 @@ def wdri(
 
 
 def open_log(path: PathText, vessel: str | None = None) -> Log:
-    """A log opened for reading: DataFlash `.bin`, MAVLink `.tlog` or MCAP.
+    """A log opened for reading: DataFlash `.bin`, ULog `.ulg`, MAVLink `.tlog`, MCAP or a ROS bag.
 
-    vessel: of a fleet's recording the one whose topics are to be as of a vessel alone; all are there without it.
+    vessel: one vessel of a fleet's recording; its topics then have no prefix. Without it, all topics have their full
+    names.
 
     `log["ATT"]` is a table, `log["ATT"]["Roll"]` its column as a numpy array, `log["ATT"].to_pandas()` a data frame
-    (needs pandas). Close it, or use it in a `with`. Raises LogError for a file that cannot be read.
+    (needs pandas). Close the log, or use it in a `with`. Raises LogError for a file that cannot be read.
     """
     from xitl_cli.logs import open_log as open_path
 
@@ -194,8 +195,10 @@ def open_log(path: PathText, vessel: str | None = None) -> Log:
 def analyze(*logs: PathText, sections: str | Iterable[str] = (), vessel: str = "") -> Report:
     """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
 
-    sections: names of analyses (`"scheduler"`), all by default. vessel: of a fleet's recording, its first without a
-    name. A log that cannot be read is one of the report's `refusals`. Raises LogError for a section that there is not.
+    sections: names of analyses (`"scheduler"`), by default all. vessel: one vessel of a fleet's recording, by default
+    the first.
+
+    A log that cannot be read is in the report's `refusals`. Raises LogError for an unknown section.
     """
     from xitl_cli.logs.report.build import build_report, sections_named
 
@@ -217,9 +220,9 @@ def compare(
 ) -> Comparison:
     """Log `b` against log `a`, as `xitl logs compare`: trajectories, motion, channels, events.
 
-    align: how b's path is moved onto a's before errors are taken. start: how b is laid on a's time. of_a, of_b: the
-    autopilot's estimate or the simulator's truth. armed: only while both were armed. vessel: of a fleet's recording,
-    else its first; vessel_b: another one of `b`.
+    align: method that aligns b's path with a's before errors are computed. start: method that aligns b with a's time.
+    of_a, of_b: the autopilot's estimate or the simulator's truth. armed: use only the time in which both were armed.
+    vessel: one vessel of a fleet's recording, by default the first. vessel_b: another vessel for `b`.
     """
     from xitl_cli.logs.compare.comparison import compare as compare_logs
 
@@ -230,10 +233,12 @@ def compare(
 def replay_html(
     *logs: PathText, vessel: str | None = None, from_s: float | None = None, to_s: float | None = None
 ) -> str:
-    """A page that plays logs in 3D, as `xitl view --html` writes it: opens from the disk, asks for nothing outside.
+    """A page that replays logs in 3D, as `xitl view --html` writes it: opens from the disk and needs no network.
 
-    vessel: of a fleet's recording this one alone. from_s, to_s: a part of it. Raises UserError without the extra `view`
-    and for an empty span, LogError for a file that is no log, or without positions or attitudes.
+    vessel: one vessel of a fleet's recording. from_s, to_s: start and end of the part to replay, in seconds.
+
+    Raises UserError without the extra `view` and for an empty span. Raises LogError for a file that is not a log, or
+    has no positions or attitudes.
     """
     from xitl_cli.view.recording import open_scene
     from xitl_cli.view.replay_page import replay_html as page_of
@@ -243,10 +248,12 @@ def replay_html(
 
 
 def picture(*logs: PathText, at_s: float, size: tuple[int, int] = (1280, 720), vessel: str | None = None) -> bytes:
-    """An instant of logs in 3D as PNG, as `xitl view --png` writes it; size: width and height.
+    """One instant of logs in 3D as PNG, as `xitl view --png` writes it.
 
-    vessel: what is looked at. Raises UserError without the extra `view`, without Chromium, Chrome or Edge, and for an
-    instant outside of the recording; LogError as `replay_html`.
+    at_s: the instant, in seconds. size: width and height in pixels. vessel: the vessel to look at.
+
+    Raises UserError without the extra `view`, without Chromium, Chrome or Edge, and for an instant outside of the
+    recording. Raises LogError as `replay_html` does.
     """
     from xitl_cli.view.pictures import picture as picture_of
 
