@@ -188,7 +188,7 @@ class ActuatorAge:
 
     exchanges: Uint32
     stale: Annotated[Uint32, "exchanges without a new command"]
-    longest_stale: Annotated[Uint32, "longest series of them"]
+    longest_stale: Annotated[Uint32, "the most of them in a row"]
     age_p50_s: Float64 | None = None
     age_p99_s: Float64 | None = None
     age_max_s: Float64 | None = None

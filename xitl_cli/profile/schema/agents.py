@@ -243,10 +243,10 @@ class BridgeSpec(Specification):
     """
 
     mavlink: Annotated[str, "URL of its MAVLink"] = "tcp://127.0.0.1:5760"
-    world: Annotated[str | None, "URL that serves its JSON simulator interface, in lockstep"] = None
+    world: Annotated[str | None, "where its JSON simulator interface is served, in lockstep"] = None
     sensors: Annotated[
         Literal["vectornav", "microstrain7", "hil", "px4"] | None,
-        "interface for xitl's sensor samples; null: the autopilot simulates its sensors from the true motion",
+        "how ours get in; null leaves them to its own simulation of the true motion",
     ] = None
     sensor_link: Annotated[str | None, "URL of a separate line for the sensors"] = None
     outputs: Annotated[Channels, "its channels in the order of propellers, gears and rudders"] = (1, 3)
