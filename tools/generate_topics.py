@@ -17,10 +17,10 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 def topic_table() -> Iterator[str]:
     """Lines of the table of topics."""
-    yield "| topic | schema | rate | in a fleet | what |"
+    yield "| topic | schema | rate | in a fleet | meaning |"
     yield "|---|---|---|---|---|"
     for topic in TOPICS.values():
-        fleet = "one a vessel" if topic.per_vessel else "one"
+        fleet = "one per vessel" if topic.per_vessel else "one"
         yield f"| `{topic.name}` | `{topic.schema}` | {topic.rate} | {fleet} | {topic.meaning} |"
 
 
@@ -42,7 +42,7 @@ def described(field: TopicField) -> str:
 
 def ros_table() -> Iterator[str]:
     """Lines of the table of topics of ROS."""
-    yield "| topic | type | rate | frame | what |"
+    yield "| topic | type | rate | frame | meaning |"
     yield "|---|---|---|---|---|"
     for topic in OUTPUTS.values():
         frame = f"`{topic.frame}`" if topic.frame else ""
@@ -52,7 +52,7 @@ def ros_table() -> Iterator[str]:
 
 def ros_inputs_table() -> Iterator[str]:
     """Lines of the table of what nodes of ROS may ask."""
-    yield "| name | type | of | what |"
+    yield "| name | type | of | meaning |"
     yield "|---|---|---|---|"
     for one in INPUTS.values():
         kind = one.type.replace("/msg/", "/").replace("/srv/", "/")

@@ -7,7 +7,7 @@
     with result.open_log() as log:
         state = log["/truth/state"]
 
-Everything is loaded when it is first used.
+`import xitl` is fast: each part is loaded at its first use.
 """
 
 from __future__ import annotations

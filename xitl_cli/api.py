@@ -36,10 +36,10 @@ Overrides = Mapping[str, Any] | Iterable[str]
 def load_profile(name: PathText, overrides: Overrides = ()) -> Profile:
     """The checked profile `name`: a shipped one (`"sitl"`) or the path of a YAML file.
 
-    overrides: values by dotted key, `{"environment.wind.mean_mps": 8}`, or texts as of `--set`,
+    overrides: values by dotted key, `{"environment.wind.mean_mps": 8}`, or texts as for `--set`,
     `["environment.wind.mean_mps=8"]`.
 
-    Raises UserError for an unknown name, and with file, line, key and fix for everything that is wrong in it.
+    Raises UserError for an unknown name, and for every error in the profile, with file, line, key and fix.
     """
     return _load_profile(fspath(name), _texts(overrides))
 
@@ -55,14 +55,14 @@ def simulate(
 ) -> Result:
     """Run a profile, as `xitl sim` does, and keep the run in a directory.
 
-    profile: a name, a path, or what `load_profile` returned. seed: of everything random. duration_s: simulated time
-    from the start at which the run ends, in place of the profile's limit. overrides: as of `load_profile`; they and the
-    two before are for a name or a path. out: the run directory, `runs/<profile>-<time>` in the working directory by
-    default. overwrite: replace an earlier run there.
+    profile: a name, a path, or a Profile from `load_profile`. seed: seed of all random values. duration_s: simulated
+    time from the start at which the run ends; it replaces the profile's limit. overrides: as for `load_profile`. Give
+    seed, duration_s and overrides only with a name or a path. out: the run directory, by default
+    `runs/<profile>-<time>` in the working directory. overwrite: replace an earlier run there.
 
-    A run whose mission was not completed is a result (`completed` is False), and so is one in real time that was none
-    (`verdict`). Raises UserError when the profile cannot
-    run, and when the run failed; what was recorded until then is kept.
+    A run with an incomplete mission is a result (`completed` is False). So is a real-time run that did not keep real
+    time (`verdict`). Raises UserError when the profile cannot run, and when the run failed. The data recorded until
+    then is kept.
     """
     from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
@@ -92,11 +92,11 @@ def wdri(
     vertices: VertexCount | None = None,
     vessel: str | None = None,
 ) -> Wdri | FleetWdri:
-    """The weighted degree realism index of a profile, from 0 to 1, with the graph behind it.
+    """The weighted degree realism index of a profile, from 0 to 1, with its graph.
 
-    reference: a profile, or `"complete"` for the graph with every node real and linked to every node; the profile's own
-    by default. vertices: `"architecture"`, `"present"` or a number; what averages the degrees. vessel: one of a fleet;
-    without, a fleet has that of each of its `vessels`, and their mean.
+    reference: a profile, or `"complete"` for the graph in which every node is real and linked to every node; by default
+    the profile's own. vertices: number of vertices for the mean degree: `"architecture"`, `"present"` or a number.
+    vessel: one vessel of a fleet. Without it, a fleet returns the index of each of its `vessels`, and their mean.
     """
     from xitl_cli.graph.wdri import fleet_wdri, profile_wdri
 
@@ -108,12 +108,13 @@ def wdri(
 
 
 def open_log(path: PathText, vessel: str | None = None) -> Log:
-    """A log opened for reading: DataFlash `.bin`, MAVLink `.tlog` or MCAP.
+    """A log opened for reading: DataFlash `.bin`, ULog `.ulg`, MAVLink `.tlog`, MCAP or a ROS bag.
 
-    vessel: of a fleet's recording the one whose topics are to be as of a vessel alone; all are there without it.
+    vessel: one vessel of a fleet's recording; its topics then have no prefix. Without it, all topics have their full
+    names.
 
     `log["ATT"]` is a table, `log["ATT"]["Roll"]` its column as a numpy array, `log["ATT"].to_pandas()` a data frame
-    (needs pandas). Close it, or use it in a `with`. Raises LogError for a file that cannot be read.
+    (needs pandas). Close the log, or use it in a `with`. Raises LogError for a file that cannot be read.
     """
     from xitl_cli.logs import open_log as open_path
 
@@ -123,8 +124,10 @@ def open_log(path: PathText, vessel: str | None = None) -> Log:
 def analyze(*logs: PathText, sections: str | Iterable[str] = (), vessel: str = "") -> Report:
     """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
 
-    sections: names of analyses (`"scheduler"`), all by default. vessel: of a fleet's recording, its first without a
-    name. A log that cannot be read is one of the report's `refusals`. Raises LogError for a section that there is not.
+    sections: names of analyses (`"scheduler"`), by default all. vessel: one vessel of a fleet's recording, by default
+    the first.
+
+    A log that cannot be read is in the report's `refusals`. Raises LogError for an unknown section.
     """
     from xitl_cli.logs.report.build import build_report, sections_named
 
@@ -146,9 +149,9 @@ def compare(
 ) -> Comparison:
     """Log `b` against log `a`, as `xitl logs compare`: trajectories, motion, channels, events.
 
-    align: how b's path is moved onto a's before errors are taken. start: how b is laid on a's time. of_a, of_b: the
-    autopilot's estimate or the simulator's truth. armed: only while both were armed. vessel: of a fleet's recording,
-    else its first; vessel_b: another one of `b`.
+    align: method that aligns b's path with a's before errors are computed. start: method that aligns b with a's time.
+    of_a, of_b: the autopilot's estimate or the simulator's truth. armed: use only the time in which both were armed.
+    vessel: one vessel of a fleet's recording, by default the first. vessel_b: another vessel for `b`.
     """
     from xitl_cli.logs.compare.comparison import compare as compare_logs
 

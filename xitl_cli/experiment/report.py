@@ -36,9 +36,10 @@ class PaperFigure:
 
 @dataclass(frozen=True, slots=True)
 class ExperimentReport:
-    """section: as the paper numbers it. notes: sentences on what stands for what. runs: their directories.
+    """The results of one experiment of the paper.
 
-    completed: whether every run did what it was there for. details: what programs get beside the table.
+    section: number in the paper. notes: sentences that name the replacements for parts of the paper's setup. runs:
+    directories of the runs. completed: whether every run completed its task. details: additional values for programs.
     """
 
     section: str

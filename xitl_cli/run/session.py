@@ -57,9 +57,9 @@ COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """A run that is over.
+    """A finished run.
 
-    summary: the content of summary.json (docs/recording.md). directory: where the run is kept. exit_code: as of
+    summary: the content of summary.json (docs/recording.md). directory: the directory of the run. exit_code: as for
     `xitl sim`.
     """
 
@@ -69,13 +69,13 @@ class Result:
 
     @property
     def completed(self) -> bool:
-        """Whether the driver did all it was there for: mission, script or replay."""
+        """Whether the driver completed its task: mission, script or replay."""
         done: bool = self.summary["driver"]["completed"]
         return done and self.exit_code == COMPLETED
 
     @property
     def verdict(self) -> dict[str, Any]:
-        """Whether it was completed and, in real time, kept real time, with the reasons: `verdict` of summary.json."""
+        """`verdict` of summary.json: whether the run was completed and, in real time, kept real time, with reasons."""
         found: dict[str, Any] = self.summary["verdict"]
         return found
 
@@ -85,7 +85,7 @@ class Result:
         return self.directory / directory.RECORDING
 
     def open_log(self, vessel: str | None = None) -> Log:
-        """The recording, opened for reading; `vessel`: of a fleet. Close it, or use it in a `with`."""
+        """The recording, opened for reading. vessel: one vessel of a fleet. Close it, or use it in a `with`."""
         from xitl_cli.logs import open_log
 
         return open_log(self.recording, vessel)

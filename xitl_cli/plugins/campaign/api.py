@@ -20,15 +20,15 @@ def campaign(
     workers: int | None = None,
     resume: bool = False,
 ) -> ResultTable:
-    """Carry out a plan of many runs, as `xitl campaign` does, and keep the campaign in a folder.
+    """Run the plan of a campaign, as `xitl campaign` does, and keep the campaign in a folder.
 
-    plan: a YAML file, or the name of a shipped one. out: the folder, `runs/<plan>-<time>` in the working directory by
-    default. on: the address of a Dask scheduler, this machine by default; for `tls://`, Dask's configuration names the
-    files (`distributed.comm.tls`). workers: runs at once on this machine, as many as it has cores by default. resume:
-    go on with what an earlier one in `out` lacks.
+    plan: a YAML file, or the name of a shipped plan. out: the folder, by default `runs/<plan>-<time>` in the working
+    directory. on: the address of a Dask scheduler, by default this machine; for `tls://`, Dask's configuration names
+    the certificate files (`distributed.comm.tls`). workers: parallel runs on this machine, by default one per core.
+    resume: continue an earlier campaign in `out` with its missing runs.
 
-    `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) say what came out. Raises UserError for
-    what is wrong in the plan, and when it cannot go on; what ended until then is kept.
+    `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) give the results. Raises UserError for
+    errors in the plan, and when the campaign cannot continue. Finished runs are kept.
     """
     from xitl_cli.plugins.campaign.cluster import check_installed
     from xitl_cli.plugins.campaign.plan import find_plan, read_plan

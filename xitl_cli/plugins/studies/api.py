@@ -25,14 +25,14 @@ def paper(
     firmware: PathText | None = None,
     overwrite: bool = False,
 ) -> ExperimentReport:
-    """Carry out one of the paper's experiments, as `xitl paper` does: its values beside ours, and the figures.
+    """Repeat one of the paper's experiments, as `xitl paper` does: a table of both results, and the figures.
 
-    out: the directory of its runs, `runs/paper-<section>-<time>` in the working directory by default. duration_s: of
-    each run at most. real: a log of a real boat (4.1). board: the URL of an agent on a board (4.3). firmware: an
-    ardurover to start (4.2, 4.3), the one that is found by default.
+    out: the directory of its runs, by default `runs/paper-<section>-<time>` in the working directory. duration_s:
+    largest duration of each run. real: a log of a real boat (4.1). board: the URL of an agent on a board (4.3).
+    firmware: an ardurover to start (4.2, 4.3), by default the one that is installed.
 
-    `report.rows` have `quantity`, `paper`, `ours`, `unit` and `difference`. Raises UserError where it cannot be done
-    here.
+    `report.rows` have `quantity`, `paper`, `ours`, `unit` and `difference`. Raises UserError if this machine lacks
+    something that the experiment needs.
     """
     from xitl_cli.experiment.setup import ExperimentSetup, default_directory
     from xitl_cli.plugins.studies.experiments.catalogue import EXPERIMENTS, carry_out

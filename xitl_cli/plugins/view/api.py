@@ -11,10 +11,12 @@ PathText = str | PathLike[str]
 def replay_html(
     *logs: PathText, vessel: str | None = None, from_s: float | None = None, to_s: float | None = None
 ) -> str:
-    """A page that plays logs in 3D, as `xitl view --html` writes it: opens from the disk, asks for nothing outside.
+    """A page that replays logs in 3D, as `xitl view --html` writes it: opens from the disk and needs no network.
 
-    vessel: of a fleet's recording this one alone. from_s, to_s: a part of it. Raises UserError without the extra `view`
-    and for an empty span, LogError for a file that is no log, or without positions or attitudes.
+    vessel: one vessel of a fleet's recording. from_s, to_s: start and end of the part to replay, in seconds.
+
+    Raises UserError without the extra `view` and for an empty span. Raises LogError for a file that is not a log, or
+    has no positions or attitudes.
     """
     from xitl_cli.plugins.view.recording import open_scene
     from xitl_cli.plugins.view.replay_page import replay_html as page_of
@@ -24,10 +26,12 @@ def replay_html(
 
 
 def picture(*logs: PathText, at_s: float, size: tuple[int, int] = (1280, 720), vessel: str | None = None) -> bytes:
-    """An instant of logs in 3D as PNG, as `xitl view --png` writes it; size: width and height.
+    """One instant of logs in 3D as PNG, as `xitl view --png` writes it.
 
-    vessel: what is looked at. Raises UserError without the extra `view`, without Chromium, Chrome or Edge, and for an
-    instant outside of the recording; LogError as `replay_html`.
+    at_s: the instant, in seconds. size: width and height in pixels. vessel: the vessel to look at.
+
+    Raises UserError without the extra `view`, without Chromium, Chrome or Edge, and for an instant outside of the
+    recording. Raises LogError as `replay_html` does.
     """
     from xitl_cli.plugins.view.pictures import picture as picture_of
 

@@ -309,20 +309,20 @@ def _rows(found: ReplayComparison) -> Iterator[PaperRow]:
 def _iae_said(iae_ms: float, printed_ms: float, covered_s: float) -> str:
     ratio = iae_ms / printed_ms
     way = "Alike" if abs(ratio - 1.0) <= _ALIKE else f"{ratio:{'.0f' if ratio >= 10.0 else '.2g'}} times the paper's"
-    return f"{way}: {iae_ms / covered_s:.2f} m in the mean over {covered_s:.0f} s, another boat and another course."
+    return f"{way}: {iae_ms / covered_s:.2f} m mean over {covered_s:.0f} s, another boat and another course."
 
 
 def _farthest_said(farthest_m: float) -> str:
     if farthest_m <= FARTHEST_M:
         return "Within the paper's bound."
-    return "Beyond the paper's bound: outputs alone steer, so that an error of heading grows into one of place."
+    return "Beyond the paper's bound: only the outputs steer, so an error of heading becomes an error of position."
 
 
 def _speed_said(found: ReplayComparison) -> str:
     if found.speed_rms_mps is None or found.real_speed is None:
-        return "The recording tells no speed."
+        return "The recording has no speed."
     fastest = float(found.real_speed.values.max())
-    return f"{100.0 * found.speed_rms_mps / max(fastest, 1e-9):.0f} % of the {fastest:.2f} m/s that it reached."
+    return f"{100.0 * found.speed_rms_mps / max(fastest, 1e-9):.0f} % of its top speed of {fastest:.2f} m/s."
 
 
 def _rounded(value: float | None) -> float | None:

@@ -305,7 +305,7 @@ def _rows(departures: Sequence[DepartureRun], traces: Sequence[DepartureTraces])
 
 def _late(late_s: float | None, printed: float | None) -> str:
     if late_s is None:
-        return "A run has not come to move."
+        return "A run did not start to move."
     if abs(late_s) < _ALIKE_S:
         said = "Currents, waves and gusts do not delay it"
         return f"{said}: this estimator sets its origin in any of the three." if printed else f"{said}."
@@ -315,11 +315,11 @@ def _late(late_s: float | None, printed: float | None) -> str:
 
 def _sooner(sooner_s: float | None) -> str:
     if sooner_s is None:
-        return "A run has not come to move."
+        return "A run did not start to move."
     if sooner_s <= 0.0:
         return "Injected sensors start no sooner here."
     return (
-        "Sooner, as in the paper, by less: its own sensors do not hold this ArduPilot up as they did the paper's."
+        "Sooner, as in the paper, but by less: its own sensors delay this ArduPilot less than the paper's."
         if sooner_s < SOONER_S
         else "Sooner, by as much as in the paper or more."
     )
@@ -330,8 +330,8 @@ def _fast(fastest_mps: float | None) -> str:
         return "Not logged."
     off = fastest_mps - SPEED_MPS
     if abs(off) < 0.1 * SPEED_MPS:
-        return "The speed that is asked for, within a tenth."
-    return f"{abs(off):.1f} m/s {'over' if off > 0 else 'under'} the speed that is asked for."
+        return "The requested speed, within a tenth."
+    return f"{abs(off):.1f} m/s {'over' if off > 0 else 'under'} the requested speed."
 
 
 def _wave_row(altitude: TimeSeries, way: str) -> PaperRow:
@@ -339,15 +339,15 @@ def _wave_row(altitude: TimeSeries, way: str) -> PaperRow:
     said = (
         "The altitude does not move."
         if period_s is None
-        else f"The peak of the altitude's spectrum, {np.std(altitude.values):.3f} m RMS: many components about one "
-        "peak, a sinusoid that swells and fades; the paper prints no figures."
+        else f"Peak of the altitude's spectrum, {np.std(altitude.values):.3f} m RMS. Many components near one "
+        "peak give a sinusoid of varying amplitude. The paper prints no figures."
     )
     ours = None if period_s is None else round(period_s, 2)
     return PaperRow(f"wave period, {WAYS[way]}", "sinusoid", ours, "s", said)
 
 
 def _loop(ideal_us: float | None, gusts_us: float | None) -> str:
-    simulated = "a simulator's MaxT counts simulated time, no load of a processor"
+    simulated = "a simulator's MaxT counts simulated time, not processor load"
     if ideal_us == gusts_us:
         return f"As in still water; {simulated}."
     return (

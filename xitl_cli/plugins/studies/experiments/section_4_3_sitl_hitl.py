@@ -382,7 +382,7 @@ def _rows(
     motion = {row[0]: row for one in (found.sections if found else ()) for grid in one.grids for row in grid.rows}
     for name, words, unit in (("speed over ground", "speeds apart, RMS", "m/s"), ("yaw", "yaws apart, RMS", "deg")):
         rms = motion.get(name, (None,) * 4)[3]
-        yield PaperRow(words, "alike", _number(rms), unit, "From where each began its mission, waves and noise in it.")
+        yield PaperRow(words, "alike", _number(rms), unit, "From the start of each mission; includes waves and noise.")
     software, hardware_side = sides
     late_s = None
     if software.mission_s is not None and hardware_side.mission_s is not None:
@@ -396,7 +396,7 @@ def _rows(
         "some",
         hardware_side.missed,
         "",
-        "All tasks and loops of the run, not of arming alone.",
+        "All tasks and loops of the run, not only while arming.",
     )
     for side in sides:
         kind = "simulated" if side.name == SITL else "real"
@@ -410,7 +410,7 @@ def _rows(
         online = (one.report["online"] or {}).get("mapping", {})
         yield PaperRow(
             f"boom's points off it, {one.name.upper()}", None, _number(online.get("boom_rms_m")), "m",
-            "Of the map made during the run, RMS; the paper shows its maps.",
+            "RMS of the map made during the run; the paper shows its maps.",
         )  # fmt: skip
         apart = (one.report["difference"] or {}).get("map_rms_m")
         yield PaperRow(
@@ -427,14 +427,14 @@ def _late_said(late_s: float | None) -> str:
         return "One of them did not begin its mission."
     if late_s > 0.5:
         return "Later, as in the paper, by the autopilot's own clock."
-    return "Not later: this autopilot is ready as soon in real time as in lockstep."
+    return "Not later: this autopilot needs the same time in real time and in lockstep."
 
 
 def _loop_said(side: LoopSide, longest: float | None, hardware: HardwareSide) -> str:
     if longest is None:
         return "Not logged."
     if side.name == SITL:
-        return "Simulated time: no evidence of a processor's load."
+        return "Simulated time: no evidence of processor load."
     beside = f"{longest / MAX_LOOP_US:.2g} times the paper's" if longest else "None"
     linux = f"; ArduPilot's Linux build on a PC took {LINUX_LOOP_US / 1e3:.0f} ms while arming"
     return f"{beside}{'' if 'Linux' in hardware.said else linux}."
@@ -446,8 +446,8 @@ def _map_said(name: str, apart_m: float | None) -> str:
     if apart_m < 1e-3:
         return "The same map: a lockstep recording holds all that the companion heard."
     if name == SITL:
-        return "Clouds and the autopilot's words reach the recording at other instants than the companion."
-    return "In real time clouds reach companion and recording at different instants."
+        return "Clouds and the autopilot's messages reach recording and companion at different times."
+    return "In real time, clouds reach companion and recording at different times."
 
 
 def _number(value: Any) -> float | None:

@@ -264,9 +264,9 @@ def _rows(cloud: FusedCloud) -> Iterator[PaperRow]:
         "seen",
         cloud.lidar_in(BRANCH),
         "returns",
-        f"{branch.height_m:.2f} m of it are out of the water, {branch.draught_m:.2f} m below.",
+        f"{branch.height_m:.2f} m of it are above the water, {branch.draught_m:.2f} m below.",
     )
-    yield PaperRow("branch in the sonar", "seen", cloud.sonar_in(BRANCH), "echoes", "Of what is under water.")
+    yield PaperRow("branch in the sonar", "seen", cloud.sonar_in(BRANCH), "echoes", "Echoes from the part under water.")
     trunk_lidar = cloud.lidar_in(TRUNK)
     deep = f"Its top is {TRUNK_DOWN_M - TRUNK_RADIUS_M:.2f} m under water."
     yield PaperRow(
@@ -276,17 +276,17 @@ def _rows(cloud: FusedCloud) -> Iterator[PaperRow]:
         "returns",
         "The paper's lidar does not see it." if trunk_lidar else deep,
     )
-    yield PaperRow("sunken trunk in the sonar", "seen", cloud.sonar_in(TRUNK), "echoes", "By the sonar alone.")
+    yield PaperRow("sunken trunk in the sonar", "seen", cloud.sonar_in(TRUNK), "echoes", "Only the sonar sees it.")
     sent = sum(cloud.proximity.values())
     kinds = ", ".join(f"{count} {name}" for name, count in cloud.proximity.items()) or "none"
     yield PaperRow("proximity messages", "sent", sent, "", f"To the autopilot: {kinds}.")
     told_m, true_m = cloud.told_toward(BRANCH_NE_M), float(np.hypot(*BRANCH_NE_M))
-    yield PaperRow("range told to the branch", None, told_m, "m", _told_said(told_m, true_m))
+    yield PaperRow("reported range of the branch", None, told_m, "m", _told_said(told_m, true_m))
 
 
 def _told_said(told_m: float | None, true_m: float) -> str:
     if told_m is None:
-        return "Nothing was told in its direction."
+        return "No range was reported in its direction."
     if abs(told_m - true_m) <= BRANCH_LENGTH_M:
         return f"The branch, {true_m:.1f} m away."
     return f"Not the branch, {true_m:.1f} m away: something else that the companion takes for an obstacle."

@@ -45,11 +45,11 @@ def test_the_integral_of_a_growing_and_of_a_turning_error() -> None:
     )  # fmt: skip
     rows = {row.quantity: row for row in _rows(found)}
     assert (rows["IAE x"].paper, rows["IAE x"].ours) == (3.87, 20.0)
-    assert rows["IAE x"].difference.startswith("5.2 times the paper's: 1.00 m in the mean over 20 s")
+    assert rows["IAE x"].difference.startswith("5.2 times the paper's: 1.00 m mean over 20 s")
     assert rows["largest error in y"].ours == FARTHEST_M
     assert rows["largest error in y"].difference == "Within the paper's bound."
     assert rows["largest error in x"].difference.startswith("Beyond the paper's bound")
-    assert rows["speeds differ by, RMS"].difference == "5 % of the 2.00 m/s that it reached."
+    assert rows["speeds differ by, RMS"].difference == "5 % of its top speed of 2.00 m/s."
 
 
 def test_the_stand_in_differs_by_what_is_drawn(tmp_path: Path) -> None:
