@@ -296,14 +296,12 @@ def result_document(table: ResultTable, complete: bool, page: Path | None) -> di
     """What `--json` prints."""
     from collections import Counter
 
-    from xitl_cli.campaign.report import summary_sections
-    from xitl_cli.campaign.statistics import wilson_interval
+    from xitl_cli.campaign.report import pass_rate, summary_sections
     from xitl_cli.commands.sections import sections_document
 
     verdicts = []
     for text in (*table.verdicts, "passed"):
-        held = sum(value is True for value in table.column(text))
-        share = wilson_interval(held, len(table))
+        held, share = pass_rate(table.rows, text)
         verdicts.append({"verdict": text, "held": held, "runs": len(table), "low": share.low, "high": share.high})
     return {
         "campaign": table.about["name"],
@@ -324,7 +322,7 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
     from collections import Counter
 
     from xitl_cli.campaign.execution import RAN
-    from xitl_cli.campaign.statistics import wilson_interval
+    from xitl_cli.campaign.report import pass_rate, summary_sections
 
     count = len(table)
     statuses = Counter(table.column("status"))
@@ -335,8 +333,7 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
     rows = []
     for text in (*table.verdicts, *(["all of them"] if len(table.verdicts) > 1 else [])):
         column = "passed" if text == "all of them" else text
-        held = sum(value is True for value in table.column(column))
-        interval = wilson_interval(held, count)
+        held, interval = pass_rate(table.rows, column)
         rows.append(
             [
                 text,
@@ -347,7 +344,6 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
         )
     console.print()
     show_rows(console, ("verdict", "held", "share", "95 % interval"), rows)
-    from xitl_cli.campaign.report import summary_sections
     from xitl_cli.commands.sections import show_sections
 
     show_sections(console, summary_sections(table))
