@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from xitl_cli.campaign.engine import try_first_run
-from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE, TEMPORARY, Row
+from xitl_cli.campaign.execution import COMPLETED, INCOMPLETE, Row
 from xitl_cli.campaign.plan import CampaignPlan
 from xitl_cli.campaign.results import ResultTable, is_number
+from xitl_cli.campaign.warden import TEMPORARY
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.agents import MissionSpec
 

@@ -30,19 +30,19 @@ _MATTERS = {
 _PUBLISHED = "results are no longer those of the published vessel"
 
 _CHANGE = {
-    ARCHIMEDES: "check vehicle.mass_kg and vehicle.centre_of_gravity_frd_m, and raise `strips` of the hulls: the closed "
-    "form has whole hulls",
+    ARCHIMEDES: "check vehicle.mass_kg and vehicle.centre_of_gravity_frd_m, and raise `strips` of the hulls: the "
+    "closed form has whole hulls",
     SURGE_ALONE: "look at the trim at top speed in `xitl vehicle check`. Lower the lever between thrust "
     "(vehicle.propellers.N.position_frd_m) and drag, as the closed form is level",
     HORIZONTAL: "look at the heel in the turn in `xitl vehicle check`. Lower vehicle.centre_of_gravity_frd_m or raise "
     "vehicle.damping_linear.roll, as the closed form neither heels nor trims",
-    MIRRORED: "give propellers and rudders of both sides the same thrust and angle and opposite second coordinates, and "
-    "the centre of gravity 0 there; leave it if the boat is like that",
+    MIRRORED: "give propellers and rudders of both sides the same thrust and angle and opposite second coordinates, "
+    "and the centre of gravity 0 there; leave it if the boat is like that",
     LINEAR: "lower the quadratic damping of this motion (vehicle.damping_quadratic), or give hulls that change less "
     "about the waterline, as the closed form has small motions; a decay test of the boat tells which is right",
     STRIPS: "raise the damping of this motion (vehicle.damping_linear) if its damping ratio is under 0.1, or `strips` "
     "of the hulls for short waves",
-    LONG_WAVES: "check vehicle.inertia_kgm2 and vehicle.added_mass against the mass, as both count little in long waves",
+    LONG_WAVES: "check vehicle.inertia_kgm2 and vehicle.added_mass: both count little in long waves",
     LOITER: "raise max_thrust_n against wind and current, or LOIT_RADIUS in autopilot.parameters",
 }
 _RESTORE = "compare the file with docs/vehicles.md, or give your vessel a name of its own (vehicle.name)"

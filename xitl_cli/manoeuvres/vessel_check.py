@@ -402,9 +402,11 @@ def _place_findings(rest: AtRest) -> Iterator[VesselFinding]:
     bow_m = max(hull.keel_frd_m[0] + 0.5 * hull.length_m for hull in model.demi_hulls)
     stern_m, half_m = bow_m - model.length_m, 0.5 * model.width_m
     ahead_m, behind_m = bow_m + AHEAD_OF_BOW * model.length_m, stern_m - BEHIND_STERN * model.length_m
-    for kind, parts in (("propeller", model.propellers), ("rudder", model.rudders)):
-        for number, part in enumerate(parts):
-            x_m, y_m, _ = part.position_frd_m
+    for kind, places in (
+        ("propeller", [propeller.position_frd_m for propeller in model.propellers]),
+        ("rudder", [rudder.position_frd_m for rudder in model.rudders]),
+    ):
+        for number, (x_m, y_m, _) in enumerate(places):
             key = f"vehicle.{kind}s.{number}.position_frd_m"
             if x_m > ahead_m or x_m < behind_m:
                 where = (
