@@ -38,6 +38,7 @@ from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import Steering, VesselOrders
+from xitl_cli.run.sensors.compass import compass_warnings
 from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 from xitl_cli.run.traffic.departure import departs_after
@@ -119,7 +120,7 @@ def run(
     directory.check_free(out, overwrite, vessels)  # before anything is started or joined
     seeds = Seeds(lead.clock.seed)
     scenery = Scenery(lead)
-    for text in warnings:
+    for text in (*warnings, *compass_warnings(profiles)):
         scenery.warn(text)
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()

@@ -78,14 +78,18 @@ def open_folder(plan: CampaignPlan, out: Path | None, resume: bool) -> CampaignF
     """Where a campaign writes: a new folder, or the one that it goes on in. Raises UserError."""
     if not resume:
         return CampaignFolder.create(out or _default_path(plan), plan)
-    if out is None:
-        found = Path(RUNS_FOLDER).glob(f"{plan.name}-*/{CAMPAIGN}")
-        before = sorted(found, key=lambda path: path.stat().st_mtime)
-        if not before:
-            where = f"{RUNS_FOLDER}/{plan.name}-…"
-            raise UserError(f"{where}: there is no campaign of this plan; name it with --out")
-        out = before[-1].parent
-    return CampaignFolder.resume(out, plan)
+    before = folders_of(plan, out)
+    if not before and out is None:
+        where = f"{RUNS_FOLDER}/{plan.name}-…"
+        raise UserError(f"{where}: there is no campaign of this plan; name it with --out")
+    return CampaignFolder.resume(out or before[-1], plan)
+
+
+def folders_of(plan: CampaignPlan, out: Path | None) -> list[Path]:
+    """Folders of earlier campaigns with the plan's name, the latest one last: `out` alone, or those in `runs/`."""
+    found = [out / CAMPAIGN] if out is not None else Path(RUNS_FOLDER).glob(f"{plan.name}-*/{CAMPAIGN}")
+    existing = [path for path in found if path.is_file()]
+    return [path.parent for path in sorted(existing, key=lambda path: path.stat().st_mtime)]
 
 
 def _default_path(plan: CampaignPlan) -> Path:

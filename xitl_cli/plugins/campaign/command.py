@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 
     from xitl_cli.plugins.campaign.cluster import TlsFiles
     from xitl_cli.plugins.campaign.engine import CampaignProgress
+    from xitl_cli.plugins.campaign.estimate import RunCost
     from xitl_cli.plugins.campaign.plan import CampaignPlan
     from xitl_cli.plugins.campaign.results import ResultTable
 
@@ -84,7 +87,10 @@ def run(
             "--out", metavar="DIR", help="Folder (default: runs/<plan>-<time>; with --resume the latest of the plan)."
         ),
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would run, and run nothing.")] = False,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="List what would run, with its time and disk; run no more than seconds of it."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Run a plan: many runs of a profile on all cores, or on a Dask cluster.
@@ -102,7 +108,7 @@ def run(
         if found.search is not None or found.spec.sensitivity is not None:
             check_installed()
         with quiet_pipe():
-            _show_points(found, as_json)
+            _show_points(found, as_json, on, workers, out)
         return
     tls = _tls_files(on, tls_ca_file, tls_cert, tls_key)
     table, complete = _carried_out(found, on, tls, workers, resume, yes, out)
@@ -182,11 +188,14 @@ def _count(plan: CampaignPlan, yes: bool) -> int:
     most = plan.most_runs()
     if most > MANY and not yes:
         _ask(plan, most)
-    total = sum(1 for _ in plan.points())
-    if total == 0:
+    _refuse_no_runs(plan)
+    return sum(1 for _ in plan.points())
+
+
+def _refuse_no_runs(plan: CampaignPlan) -> None:
+    if next(plan.points(), None) is None:
         why = "no combination fulfils the constraints" if plan.constraints else "an axis has no values"
         raise plan.problem("constraints" if plan.constraints else "axes", f"axes: the plan has no runs: {why}")
-    return total
 
 
 def _ask(plan: CampaignPlan, most: int) -> None:
@@ -259,10 +268,14 @@ def _report(table: ResultTable) -> Path:
     return write_report(table)
 
 
-def _show_points(plan: CampaignPlan, as_json: bool) -> None:
-    """`--dry-run`."""
+def _show_points(plan: CampaignPlan, as_json: bool, on: str | None, workers: int | None, out: Path | None) -> None:
+    """`--dry-run`. Raises UserError for a plan without runs, or with a figure that its runs do not have."""
     from xitl_cli.plugins.campaign.axes import value_text
+    from xitl_cli.plugins.campaign.carry_out import folders_of
+    from xitl_cli.plugins.campaign.estimate import run_cost
 
+    _refuse_no_runs(plan)
+    cost = run_cost(plan, folders_of(plan, out))
     keys = (*plan.axis_keys, "seed")
     points = plan.points()
     if as_json:
@@ -287,9 +300,40 @@ def _show_points(plan: CampaignPlan, as_json: bool) -> None:
         )
     verdicts = ", ".join(verdict.text for verdict in plan.verdicts)
     say(console, f"{rest}{total} runs in all. A run passes when: {verdicts}")
-    first = next(plan.points(), None)
-    if first is not None:
-        console.print(f"the first: {plan.base.command(first)}", soft_wrap=True)
+    console.print(f"the first: {plan.base.command(next(plan.points()))}", soft_wrap=True)
+    say(console, cost_text(cost, total if plan.search is None else plan.most_runs(), plan.spec.recordings, on, workers))
+
+
+def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers: int | None) -> str:
+    """Wall time and disk of a campaign in a sentence each, and the basis of both."""
+    from xitl_cli.plugins.campaign.estimate import ROW_BYTES
+
+    about = "at most about" if cost.at_most else "about"
+    if cost.wall_s is None:
+        time_text = "wall time: unknown"
+    elif on is not None:
+        time_text = f"wall time: {about} {duration_text(runs * cost.wall_s)} over the workers of {on}"
+    else:
+        at_once = min(workers or os.cpu_count() or 1, runs)
+        whole_s = math.ceil(runs / at_once) * cost.wall_s
+        time_text = f"wall time: {about} {duration_text(whole_s)} with {at_once} at once"
+    rows_bytes = runs * ROW_BYTES
+    if recordings == "none":
+        disk_text = f"disk: about {size_text(rows_bytes)}, as no run is kept"
+    elif cost.folder_bytes is None:
+        disk_text = "disk: unknown"
+    else:
+        if_all = " if every run fails" if recordings == "failures" else ""
+        disk_text = f"disk: {about} {size_text(rows_bytes + runs * cost.folder_bytes)}{if_all}"
+    return f"{time_text}; {disk_text}. Basis: {cost.basis}"
+
+
+def size_text(size_bytes: float) -> str:
+    """`1.2 GB`, `350 MB`, `20 kB`: powers of ten, two digits or whole units."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6)):
+        if size_bytes >= factor:
+            return f"{size_bytes / factor:.{1 if size_bytes < 10 * factor else 0}f} {unit}"
+    return f"{max(1, round(size_bytes / 1e3))} kB"
 
 
 def result_document(table: ResultTable, complete: bool, page: Path | None) -> dict[str, Any]:
@@ -297,13 +341,11 @@ def result_document(table: ResultTable, complete: bool, page: Path | None) -> di
     from collections import Counter
 
     from xitl_cli.commands.sections import sections_document
-    from xitl_cli.plugins.campaign.report import summary_sections
-    from xitl_cli.plugins.campaign.statistics import wilson_interval
+    from xitl_cli.plugins.campaign.report import pass_rate, summary_sections
 
     verdicts = []
     for text in (*table.verdicts, "passed"):
-        held = sum(value is True for value in table.column(text))
-        share = wilson_interval(held, len(table))
+        held, share = pass_rate(table.rows, text)
         verdicts.append({"verdict": text, "held": held, "runs": len(table), "low": share.low, "high": share.high})
     return {
         "campaign": table.about["name"],
@@ -324,7 +366,7 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
     from collections import Counter
 
     from xitl_cli.plugins.campaign.execution import RAN
-    from xitl_cli.plugins.campaign.statistics import wilson_interval
+    from xitl_cli.plugins.campaign.report import pass_rate, summary_sections
 
     count = len(table)
     statuses = Counter(table.column("status"))
@@ -335,8 +377,7 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
     rows = []
     for text in (*table.verdicts, *(["all of them"] if len(table.verdicts) > 1 else [])):
         column = "passed" if text == "all of them" else text
-        held = sum(value is True for value in table.column(column))
-        interval = wilson_interval(held, count)
+        held, interval = pass_rate(table.rows, column)
         rows.append(
             [
                 text,
@@ -348,7 +389,6 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
     console.print()
     show_rows(console, ("verdict", "held", "share", "95 % interval"), rows)
     from xitl_cli.commands.sections import show_sections
-    from xitl_cli.plugins.campaign.report import summary_sections
 
     show_sections(console, summary_sections(table))
     worst = table.worst()

@@ -37,17 +37,22 @@ class FigureComparison:
 
 @dataclass(frozen=True, slots=True)
 class VerdictComparison:
-    """verdict: its text, or "passed" for all of them together."""
+    """verdict: its text, or "passed" for all of them together.
+
+    alike: other verdicts, and "passed", that the same runs fulfil. They are the same test and are counted once.
+    """
 
     verdict: str
     rates: PairedRates
     adjusted: float
+    alike: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignComparison:
     """pairs: runs with the same seed and axes on both sides. unpaired: runs of each side that have no partner.
 
+    seeds: of the pairs. Pairs of one seed are a cluster: they share gusts and noise, so they depend on each other.
     incomplete: pairs whose figures are not compared, as a run did not complete or broke.
     """
 
@@ -55,6 +60,7 @@ class CampaignComparison:
     b: str
     paired_by: tuple[str, ...]
     pairs: int
+    seeds: int
     unpaired: tuple[int, int]
     incomplete: int
     confidence: float
@@ -114,23 +120,55 @@ def compare_sides(
     compared = []
     for figure in figures:
         values = [(one.get(figure), other.get(figure)) for one, other in whole]
-        numbers = [pair for pair in values if all(is_number(value) for value in pair)]
-        if numbers:
-            at_a, at_b = np.array(numbers, dtype=np.float64).T
-            compared.append(FigureComparison(figure, paired_difference(at_a, at_b, confidence), None))
-    judged = []
-    for verdict in (PASSED, *verdicts) if len(verdicts) != 1 else verdicts:
-        both_ran = [(one.get(verdict), other.get(verdict)) for one, other in pairs if _ran(one) and _ran(other)]
-        known = [pair for pair in both_ran if None not in pair]
-        if known:
-            passed_a, passed_b = ([bool(pair[side]) for pair in known] for side in (0, 1))
-            judged.append(VerdictComparison(verdict, paired_rates(passed_a, passed_b, confidence), 1.0))
+        known = [all(is_number(value) for value in pair) for pair in values]
+        if any(known):
+            at_a, at_b = np.array(
+                [pair for pair, is_known in zip(values, known, strict=True) if is_known], np.float64
+            ).T
+            of_seeds = [seed_of(one) for (one, _), is_known in zip(whole, known, strict=True) if is_known]
+            compared.append(FigureComparison(figure, paired_difference(at_a, at_b, confidence, of_seeds), None))
+    judged = _judged(pairs, verdicts, confidence)
     alone = (len(ours) - len(both), len(theirs) - len(both))
     incomplete = len(pairs) - len(whole)
+    seeds = len({seed_of(one) for one, _ in pairs})
     told = CampaignComparison(
-        a.name, b.name, tuple(paired_by), len(pairs), alone, incomplete, confidence, tuple(compared), tuple(judged)
+        a.name, b.name, tuple(paired_by), len(pairs), seeds, alone, incomplete, confidence, tuple(compared), judged
     )
     return _adjusted([told])[0]
+
+
+def _judged(
+    pairs: Sequence[tuple[Row, Row]], verdicts: Sequence[str], confidence: float
+) -> tuple[VerdictComparison, ...]:
+    """Pass rates of each verdict and of all together. Verdicts with the same outcome in all pairs are one test."""
+    alike: dict[tuple[tuple[Any, Any], ...], list[str]] = {}
+    for verdict in (*verdicts, PASSED) if len(verdicts) != 1 else verdicts:
+        ran = _ran_and_known(pairs, verdict)
+        if any(outcome != (None, None) for outcome in ran):
+            alike.setdefault(ran, []).append(verdict)
+    found = []
+    for outcomes, (verdict, *others) in alike.items():
+        known = [number for number, outcome in enumerate(outcomes) if outcome != (None, None)]
+        passed_a, passed_b = ([outcomes[number][side] for number in known] for side in (0, 1))
+        of_seeds = [seed_of(pairs[number][0]) for number in known]
+        rates = paired_rates(passed_a, passed_b, confidence, of_seeds)
+        found.append(VerdictComparison(verdict, rates, 1.0, tuple(others)))
+    return tuple(found)
+
+
+def _ran_and_known(pairs: Sequence[tuple[Row, Row]], verdict: str) -> tuple[tuple[bool | None, bool | None], ...]:
+    """Outcomes of each pair; None for both where a run did not end by itself or a verdict is unknown."""
+    found: list[tuple[bool | None, bool | None]] = []
+    for one, other in pairs:
+        outcome = (one.get(verdict), other.get(verdict))
+        counts = _ran(one) and _ran(other) and None not in outcome
+        found.append((bool(outcome[0]), bool(outcome[1])) if counts else (None, None))
+    return tuple(found)
+
+
+def seed_of(row: Row) -> str:
+    """The cluster of a run: its seed, the same text for the same number."""
+    return _text(row.get("seed"))
 
 
 def _adjusted(found: list[CampaignComparison]) -> list[CampaignComparison]:

@@ -30,7 +30,8 @@ def compare(
 ) -> None:
     """Compare two controllers, firmwares or vessels: run by run on the same seeds.
 
-    Differences with intervals and a paired t test; pass rates by McNemar's test; p-values for all of them together.
+    Differences with intervals and a paired t test, pass rates by an exact test. Both count the pairs of one seed as a
+    cluster. P-values are adjusted for all figures and verdicts together.
     """
     CAMPAIGN.require("a comparison needs")
     if (b is None) == (by is None):

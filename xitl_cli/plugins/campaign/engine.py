@@ -268,19 +268,20 @@ def check_figures(plan: CampaignPlan, summary: Mapping[str, Any]) -> None:
             )
 
 
-def try_first_run(plan: CampaignPlan) -> None:
+def try_first_run(plan: CampaignPlan, duration_s: float = _PROBE_S, folder: Path | None = None) -> Row | None:
     """The beginning of the first run, here, before anything else: that it runs, and has the figures asked for.
 
-    Only where it is a matter of a second: in lockstep, all in one process. Raises UserError.
+    Only where it is a matter of a second: in lockstep, all in one process; None otherwise. duration_s: simulated time.
+    folder: where the run's files stay, nowhere if left out. Raises UserError.
     """
     point = next(plan.points())
     loaded = plan.base.check(point, {axis.key: axis.origin for axis in plan.axes})
     for vessel in loaded.profile.run_profiles():
         inside = vessel.autopilot.kind == "none" or vessel.autopilot.runs == "in-process"
         if not inside or vessel.clock.mode != "lockstep" or vessel.companion is not None:
-            return
+            return None
     made = plan.base.overrides(point)
-    arguments = (*made.arguments, "--duration", str(_PROBE_S))
+    arguments = (*made.arguments, "--duration", f"{duration_s:g}")
     text = plan.base.text(made.parts)
     row = run_point(
         RunTask(
@@ -291,7 +292,7 @@ def try_first_run(plan: CampaignPlan) -> None:
             (),
             min(60.0, plan.spec.limits.time_s),
             None,
-            None,
+            None if folder is None else str(folder),
             uuid.uuid4().hex,
             whole=True,
         )
@@ -300,6 +301,7 @@ def try_first_run(plan: CampaignPlan) -> None:
         raise plan.problem("base", f"base: {plan.base.name} does not run: {row['error']}")
     if row["summary"] is not None and row["status"] in RAN:
         check_figures(plan, row["summary"])
+    return row
 
 
 def _plain(value: Any) -> Any:

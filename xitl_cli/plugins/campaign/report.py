@@ -18,14 +18,21 @@ from xitl_cli.logs.model.text import plural
 from xitl_cli.plugins.campaign import pictures
 from xitl_cli.plugins.campaign.axes import short, value_text
 from xitl_cli.plugins.campaign.bisection import BoundaryFinding, Outcome
-from xitl_cli.plugins.campaign.compare import CampaignComparison, counted_statuses
+from xitl_cli.plugins.campaign.compare import CampaignComparison, counted_statuses, seed_of
 from xitl_cli.plugins.campaign.execution import RAN
 from xitl_cli.plugins.campaign.exploration import ExplorationFinding
 from xitl_cli.plugins.campaign.results import ResultTable, is_number
 from xitl_cli.plugins.campaign.search import SearchFinding, told_again, verdict
 from xitl_cli.plugins.campaign.search_spec import Search, SensitivitySpec
 from xitl_cli.plugins.campaign.sensitivity import Elasticity, Sensitivity, elasticities, sensitivities
-from xitl_cli.plugins.campaign.statistics import Interval, LogisticSurface, monotone_rates, spread, wilson_interval
+from xitl_cli.plugins.campaign.statistics import (
+    Interval,
+    LogisticSurface,
+    clustered_rate_interval,
+    monotone_rates,
+    spread,
+    wilson_interval,
+)
 
 Row = Mapping[str, Any]
 REPORT = "report.html"
@@ -96,13 +103,14 @@ def runs_section(table: ResultTable) -> Section:
     statuses = Counter(str(row.get("status")) for row in rows)
     facts += [Fact(f"status.{name}", name, count) for name, count in statuses.most_common()]
     judged = [row for row in rows if verdict(row) is not None]
-    passed = sum(bool(row["passed"]) for row in judged)
     if judged:
-        facts.append(Fact("passed", "passed", rate_text(passed, len(judged))))
+        facts.append(Fact("passed", "passed", rate_text(judged, "passed")))
     grids = []
     if len(table.verdicts) > 1:
-        told = [(text, [row[text] for row in rows if row.get(text) is not None]) for text in table.verdicts]
-        counted = tuple((text, len(known), sum(known), rate_text(sum(known), len(known))) for text, known in told)
+        told = [(text, [row for row in rows if row.get(text) is not None]) for text in table.verdicts]
+        counted = tuple(
+            (text, len(known), sum(bool(row[text]) for row in known), rate_text(known, text)) for text, known in told
+        )
         grids.append(Grid("verdicts", "Verdicts", ("verdict", "runs", "passed", "rate"), counted))
     findings = []
     broken = {name: count for name, count in statuses.items() if name not in RAN}
@@ -446,6 +454,7 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
         Fact("a", "A", told.a),
         Fact("b", "B", told.b),
         Fact("pairs", "pairs", told.pairs),
+        Fact("seeds", "seeds; pairs of one seed depend on each other", told.seeds),
         Fact("paired_by", "paired by", ", ".join((*told.paired_by, "seed"))),
         Fact("unpaired_a", "of A without a partner, not counted", told.unpaired[0]),
         Fact("unpaired_b", "of B without a partner, not counted", told.unpaired[1]),
@@ -457,9 +466,9 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
         of = one.difference
         interval = "" if of.interval is None else _interval_text(of.interval, "")
         effect = None if of.effect is None else round(of.effect, 2)
-        means = (short(of.mean_a), short(of.mean_b), short(of.mean))
+        means, counts = (short(of.mean_a), short(of.mean_b), short(of.mean)), (of.pairs, of.clusters)
         figures.append(
-            (one.figure, *means, interval, _p_text(one.adjusted), effect, _p_text(of.wilcoxon_p_value), of.pairs)
+            (one.figure, *means, interval, _p_text(one.adjusted), effect, _p_text(of.wilcoxon_p_value), *counts)
         )
         if one.adjusted is not None and one.adjusted < 1 - told.confidence and of.interval is not None:
             way = "lower" if of.mean < 0 else "higher"
@@ -469,7 +478,8 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
                 Finding.notice(
                     f"compare.{one.figure}",
                     f"{one.figure} is {way} in B by {short(abs(of.mean))}{unit} in the mean ({sure} interval "
-                    f"{_interval_text(size, unit)}), p {_p_text(one.adjusted)} over {plural(of.pairs, 'pair')}",
+                    f"{_interval_text(size, unit)}), p {_p_text(one.adjusted)} over "
+                    f"{_over_text(of.pairs, of.clusters)}",
                     (),
                     _LOOK_AT_A_PAIR,
                 )
@@ -479,7 +489,7 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
         rates = judged.rates
         verdicts.append(
             (
-                judged.verdict,
+                " = ".join((judged.verdict, *judged.alike)),
                 f"{rates.passed_a} of {rates.pairs}",
                 f"{rates.passed_b} of {rates.pairs}",
                 rates.only_a,
@@ -494,7 +504,7 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
                 Finding.notice(
                     f"compare.{judged.verdict}",
                     f"B passes {judged.verdict!r} {way} often: {rates.passed_b} of {rates.pairs} against "
-                    f"{rates.passed_a}, p {_p_text(judged.adjusted)}",
+                    f"{rates.passed_a}, p {_p_text(judged.adjusted)} over {_over_text(rates.pairs, rates.clusters)}",
                     (),
                     _LOOK_AT_A_PAIR,
                 )
@@ -504,7 +514,16 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
             Finding.ok(
                 "compare.none",
                 f"No difference between A and B can be told from chance at {sure} confidence over "
-                f"{plural(told.pairs, 'pair')}",
+                f"{_over_text(told.pairs, told.seeds)}",
+            )
+        )
+    if told.seeds == 1 < told.pairs:
+        findings.append(
+            Finding.notice(
+                "compare.one_seed",
+                f"All {told.pairs} pairs have one seed, so nothing tells a difference from this seed's chance",
+                (),
+                "Run both with more seeds: `seeds: 1-10` in the plan.",
             )
         )
     if any(told.unpaired):
@@ -524,13 +543,13 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
         (
             Grid(
                 "figures",
-                "Figures: paired t test, p for all comparisons together (Holm)",
-                ("figure", "A", "B", "B - A", f"{sure} interval", "p", "d_z", "Wilcoxon p", "pairs"),
+                "Figures: paired t test over seeds, p for all comparisons together (Holm)",
+                ("figure", "A", "B", "B - A", f"{sure} interval", "p", "d_z", "Wilcoxon p", "pairs", "seeds"),
                 tuple(figures),
             ),
             Grid(
                 "verdicts",
-                "Pass rates: McNemar's exact test, p for all comparisons together (Holm)",
+                "Pass rates: exact test over seeds, p for all comparisons together (Holm)",
                 ("verdict", "A passed", "B passed", "only A", "only B", f"{sure} interval of B - A", "p"),
                 tuple(verdicts),
             ),
@@ -539,12 +558,29 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
     )
 
 
-def rate_text(passed: int, runs: int) -> str:
-    """`18 of 20, 90 % (70 to 97 %)`."""
-    if not runs:
+def _over_text(pairs: int, seeds: int) -> str:
+    """`20 pairs`, `40 pairs of 10 seeds`."""
+    return plural(pairs, "pair") + ("" if pairs == seeds else f" of {plural(seeds, 'seed')}")
+
+
+def rate_text(rows: Sequence[Row], verdict: str) -> str:
+    """`18 of 20, 90 % (70 to 97 %)`; the interval counts the runs of one seed as a cluster."""
+    if not rows:
         return "of no run"
-    interval = wilson_interval(passed, runs)
+    passed, interval = pass_rate(rows, verdict)
+    runs = len(rows)
     return f"{passed} of {runs}, {100 * passed / runs:.3g} % ({100 * interval.low:.0f} to {100 * interval.high:.0f} %)"
+
+
+def pass_rate(rows: Sequence[Row], verdict: str) -> tuple[int, Interval]:
+    """How many runs fulfil a verdict, and the interval of the rate; a run without the verdict does not fulfil it.
+
+    The runs of one seed are a cluster. Where all have the same seed, the interval is that of this seed alone.
+    """
+    held, seeds = [row.get(verdict) is True for row in rows], [seed_of(row) for row in rows]
+    if len(set(seeds)) == 1:
+        return sum(held), wilson_interval(sum(held), len(held))
+    return sum(held), clustered_rate_interval(held, seeds)
 
 
 def _groups(table: ResultTable) -> dict[str, list[Row]]:

@@ -45,7 +45,7 @@ def validate(
     """Sail the standard manoeuvres with vessels and hold each figure against its reference.
 
     Turning circles, zig-zags, spiral, acceleration, crash stop, decays, responses to waves. A figure that nothing is
-    published of says so and counts for nothing.
+    published of says so and counts for nothing. Each difference comes with whether it matters and which key to change.
 
     Exit code: 0 all with a reference agree; 1 some differ; 2 something to put right.
     """
@@ -121,6 +121,8 @@ def _document(validation: VesselValidation) -> dict[str, Any]:
 
 
 def _figure(figure: ValidatedFigure) -> dict[str, Any]:
+    from xitl_cli.plugins.studies.manoeuvres.advice import advice
+
     reference = figure.reference
     return {
         "manoeuvre": figure.manoeuvre,
@@ -132,6 +134,7 @@ def _figure(figure: ValidatedFigure) -> dict[str, Any]:
         "allowed": None if reference is None else reference.allowed,
         "error": figure.error,
         "agrees": figure.agrees,
+        "advice": advice(figure) or None,
         "source": None if reference is None else reference.source,
         "disputed": (reference.disputed or None) if reference is not None else None,
     }
@@ -139,6 +142,7 @@ def _figure(figure: ValidatedFigure) -> dict[str, Any]:
 
 def _show(validations: Sequence[VesselValidation], page: Path | None) -> None:
     from xitl_cli.commands.terminal import say, show_facts, terminal
+    from xitl_cli.plugins.studies.manoeuvres.advice import advice
     from xitl_cli.plugins.studies.manoeuvres.validation_page import NO_REFERENCE, counts
 
     console = terminal()
@@ -153,6 +157,8 @@ def _show(validations: Sequence[VesselValidation], page: Path | None) -> None:
         agree, differ, unknown = counts(validation)
         verdict = f"{agree} agree with their reference, {differ} differ, {unknown} have {NO_REFERENCE}"
         say(console, verdict, "red" if differ else "green")
+        if validation.differing:
+            show_facts(console, [(f"  {one.label}", advice(one), "yellow") for one in validation.differing])
         console.print()
     say(console, "References", "bold")
     show_facts(console, [(f"  {number}", source) for number, source in enumerate(sources, 1)])

@@ -11,6 +11,7 @@ from xitl_cli.plugins.campaign.statistics import (  # noqa: E402
     Interval,
     LogisticSurface,
     PassCounts,
+    clustered_rate_interval,
     holm,
     mean_interval,
     monotone_boundary,
@@ -88,6 +89,78 @@ def test_the_interval_of_rates_is_walds_with_half_a_pair_more_in_each_cell() -> 
     difference = shares[2] - shares[1]
     half = 1.959964 * np.sqrt((shares[1] + shares[2] - difference**2) / 12)
     assert (told.interval.low, told.interval.high) == pytest.approx((difference - half, difference + half))
+
+
+def test_clusters_of_one_size_are_tested_by_their_means() -> None:
+    rng = np.random.default_rng(3)
+    seeds = np.repeat(np.arange(8), 5)
+    differences = rng.normal(0.5, 1.0, 8)[seeds] + rng.normal(0.0, 0.3, 40)
+    theirs = scipy.stats.ttest_1samp(differences.reshape(8, 5).mean(axis=1), 0.0)
+    told = paired_difference(np.zeros(40), differences, clusters=seeds.tolist())
+    bounds = theirs.confidence_interval(0.95)
+    assert told.interval is not None
+    assert (told.pairs, told.clusters, told.p_value) == (40, 8, pytest.approx(theirs.pvalue))
+    assert (told.interval.low, told.interval.high) == pytest.approx((bounds.low, bounds.high))
+    assert told.effect == pytest.approx(differences.mean() / differences.std(ddof=1))
+
+
+def test_clusters_of_several_sizes_by_hand() -> None:
+    told = paired_difference(np.zeros(3), np.array([1.0, 3.0, 5.0]), clusters=["a", "a", "b"])
+    # Residuals -2, 0 | 2 about the mean 3: cluster sums -2 and 2; variance 2 / 1 * 8 / 9.
+    half = scipy.stats.t.ppf(0.975, 1) * 4 / 3
+    assert told.interval is not None
+    assert (told.interval.low, told.interval.high) == pytest.approx((3 - half, 3 + half))
+    with pytest.raises(ValueError, match="clusters has 2 labels for 3 values"):
+        paired_difference(np.zeros(3), np.ones(3), clusters=["a", "b"])
+
+
+def test_clusters_of_one_value_change_nothing() -> None:
+    first, second = [True] * 4 + [False] * 6, [True] * 3 + [False] + [True] * 5 + [False]
+    assert paired_rates(first, second, clusters=range(10)) == paired_rates(first, second)
+    assert paired_difference(*map(np.array, SLEEP), clusters=range(10)) == paired_difference(*map(np.array, SLEEP))
+    assert clustered_rate_interval(first, range(10)) == wilson_interval(4, 10)
+
+
+def test_runs_that_copy_each_other_within_a_cluster_count_once() -> None:
+    values, copies = [True] * 7 + [False] * 5, 6
+    clusters = list(range(12)) * copies
+    for passed in (values, [True] * 12):
+        copied = clustered_rate_interval(passed * copies, clusters)
+        assert copied.width > wilson_interval(sum(passed), 12).width  # by the t quantile of 11 degrees of freedom
+        assert copied.width < 1.2 * wilson_interval(sum(passed), 12).width
+    p_values = [
+        paired_rates(values, [True] * 12).p_value,
+        paired_rates(values * copies, [True] * 12 * copies, clusters=clusters).p_value,
+    ]
+    assert p_values == pytest.approx([2 / 2**5] * 2)
+
+
+@pytest.mark.slow
+def test_campaigns_with_correlated_pairs_are_covered_as_often_as_stated() -> None:
+    """1000 campaigns of 10 seeds at 6 values of an axis, with an effect of the seed on all its runs."""
+    rng = np.random.default_rng(2024)
+    seeds, at, campaigns = 10, 6, 1000
+    clusters = np.repeat(np.arange(seeds), at).tolist()
+    covered = np.zeros((3, 2))  # difference of a figure, difference of pass rates, pass rate; clustered, independent
+    easy, hard = 1.2, 0.6
+    rate_a = scipy.stats.norm.cdf(easy / np.sqrt(2.0))
+    rate_b = scipy.stats.norm.cdf(hard / np.sqrt(3.0))
+    for _ in range(campaigns):
+        common, of_b = rng.normal(size=(2, seeds, 1))
+        difference = (0.3 + of_b + rng.normal(0.0, 0.5, (seeds, at))).ravel()
+        runs_a = (easy + common + rng.normal(size=(seeds, at)) > 0.0).ravel().tolist()
+        runs_b = (hard + common + of_b + rng.normal(size=(seeds, at)) > 0.0).ravel().tolist()
+        for way, labels in enumerate((clusters, None)):
+            figure = paired_difference(np.zeros(seeds * at), difference, clusters=labels)
+            rates = paired_rates(runs_a, runs_b, clusters=labels)
+            rate = clustered_rate_interval(runs_a, labels or range(seeds * at))
+            assert figure.interval is not None
+            covered[:, way] += (0.3 in figure.interval, rate_b - rate_a in rates.interval, rate_a in rate)
+    shares = covered / campaigns
+    assert (shares[:, 0] > 0.93).all()  # three deviations of 1000 draws below 95 %
+    assert (shares[:, 0] < 0.985).all()
+    assert shares[0, 1] < 0.65
+    assert (shares[1:, 1] < 0.88).all()
 
 
 def test_holm_as_r_does() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Finding, Grid, Section
 from xitl_cli.logs.report.page import FileCard, Page, PagePart
+from xitl_cli.plugins.studies.manoeuvres.advice import advice
 from xitl_cli.plugins.studies.manoeuvres.validation import FigureReference, ValidatedFigure, VesselValidation
 
 NO_REFERENCE = "no published reference"
@@ -80,5 +81,5 @@ def _finding(figure: ValidatedFigure) -> Finding:
         f"{figure.label}: {'not reached' if figure.value is None else f'{figure.value:.4g} {figure.unit}'.rstrip()}, "
         f"where {figure.reference.source} says {figure.reference.value:.4g}; {figure.error_text or 'no value'}",
         (),
-        "look at the plot, and at what the source assumes",
+        advice(figure),
     )

@@ -251,6 +251,7 @@ def rest_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
     """What can be seen without a run."""
     yield from _afloat_findings(rest)
     yield from _body_findings(rest)
+    yield from _place_findings(rest)
     yield from _small_findings(rest, demands)
 
 
@@ -388,6 +389,94 @@ LITTLE_DAMPING, MUCH_DAMPING = 0.05, 2.0
 1981; Faltinsen 2005, ch. 7)."""
 
 
+AHEAD_OF_BOW, BEHIND_STERN, OUTSIDE = 0.02, 0.25, 1.05
+"""Shares of the hulls' length, and of half their width, that propellers and rudders reach beyond the hulls' extents.
+
+Outboards hang on brackets behind the stern; nothing hangs ahead of the bow.
+"""
+
+
+def _place_findings(rest: AtRest) -> Iterator[VesselFinding]:
+    """Propellers and rudders beyond the hulls' extents."""
+    model = rest.model
+    bow_m = max(hull.keel_frd_m[0] + 0.5 * hull.length_m for hull in model.demi_hulls)
+    stern_m, half_m = bow_m - model.length_m, 0.5 * model.width_m
+    ahead_m, behind_m = bow_m + AHEAD_OF_BOW * model.length_m, stern_m - BEHIND_STERN * model.length_m
+    for kind, places in (
+        ("propeller", [propeller.position_frd_m for propeller in model.propellers]),
+        ("rudder", [rudder.position_frd_m for rudder in model.rudders]),
+    ):
+        for number, (x_m, y_m, _) in enumerate(places):
+            key = f"vehicle.{kind}s.{number}.position_frd_m"
+            if x_m > ahead_m or x_m < behind_m:
+                where = (
+                    f"{x_m - bow_m:.2f} m ahead of the bow"
+                    if x_m > ahead_m
+                    else f"{stern_m - x_m:.2f} m behind the stern"
+                )
+                yield _wrong(
+                    f"{kind}.place",
+                    f"{key}.0",
+                    f"the {kind} {number} is {where}; the hulls reach from x = {stern_m:.2f} to {bow_m:.2f} m",
+                    f"give its first coordinate a value from {behind_m:.2f} to {ahead_m:.2f}; forward is positive",
+                )
+            if abs(y_m) > OUTSIDE * half_m:
+                yield _wrong(
+                    f"{kind}.place",
+                    f"{key}.1",
+                    f"the {kind} {number} is {abs(y_m) - half_m:.2f} m outside the hulls of {half_m:.2f} m half width",
+                    f"give its second coordinate a value from {-OUTSIDE * half_m:.2f} to {OUTSIDE * half_m:.2f}",
+                )
+
+
+YAW_OF_CLARKE = (0.1, 10.0)
+"""Yaw damping as a share of Clarke's regression. The shipped vessels have 0.4 to 2.3. Multihulls and small craft are
+outside the ships that the regression is of, hence the wide range."""
+_TURN = 0.5
+"""Lengths over radius of the turn at top speed whose rate is looked at: that of a turn of two lengths."""
+
+
+def clarke_yaw_damping_nmps(rest: AtRest, speed_mps: float) -> float:
+    """-N_r of the hulls in N m s about amidships, at a speed through the water.
+
+    Clarke, Gedling and Hine 1983, The application of manoeuvring criteria in hull design using linear theory:
+    -N_r' = pi (T / L)^2 (1 / 4 + 0.039 B / T - 0.56 B / L), made dimensional by rho L^4 U / 2. The bracket is at least
+    0.1, as it is negative for hulls far wider than ships.
+    """
+    motion = rest.state.motion
+    rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
+    total = 0.0
+    for hull in rest.model.demi_hulls:
+        draft_m, length_m = float(np.dot(hull.keel_frd_m, rotation[2])) + depth_m, hull.length_m
+        if draft_m > 0.0:
+            bracket = 0.25 + 0.039 * hull.width_m / draft_m - 0.56 * hull.width_m / length_m
+            total += math.pi * (draft_m / length_m) ** 2 * max(bracket, 0.1) * length_m**4
+    return 0.5 * rest.water.density_kgpm3 * speed_mps * total
+
+
+def _yaw_findings(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
+    """The damping of a turn on the spot against Clarke's regression at top speed: a turn ends without way too."""
+    if not top_mps > 0.0:
+        return
+    rate = _TURN * top_mps / rest.model.length_m
+    turning = np.zeros((2, 6))
+    turning[:, 5] = rate, -rate
+    moment = rest.drag_n(turning)[:, 5]
+    has, usual = 0.5 * float(moment[0] - moment[1]) / rate, clarke_yaw_damping_nmps(rest, top_mps)
+    least, most = (share * usual for share in YAW_OF_CLARKE)
+    if has <= 0.0 or least <= has <= most:  # without any, `damping.yaw` says so
+        return
+    yield _wrong(
+        f"damping.yaw.{'little' if has < least else 'much'}",
+        _damping_key(rest.model, "yaw"),
+        f"at {math.degrees(rate):.0f} deg/s the water brakes a turn on the spot with {has:.3g} N m s per rad, which is "
+        f"{has / usual:.2g} of the {usual:.3g} that the regression of Clarke (1983) has for these hulls at "
+        f"{top_mps:.2f} m/s; {least:.2g} to {most:.3g} are plausible",
+        "check the unit of linear and quadratic yaw damping, N m s and N m s2, and the power of ten; turning on the "
+        "spot measures both",
+    )
+
+
 def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
     waves = demands.environment.waves if demands.environment else None
     for name, mode in rest.modes.items():
@@ -457,6 +546,7 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
             "full ahead drives it astern, or nowhere",
             "check angle_deg of the propellers and the sign of the dampings",
         )
+    yield from _yaw_findings(rest, top)
     if froude > FROUDE_OF_HUMP:
         yield _odd(
             "froude.high",

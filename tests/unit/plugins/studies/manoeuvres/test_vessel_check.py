@@ -12,8 +12,17 @@ from scipy.optimize import brentq
 
 from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water, WaveSpec
 from sim_core.vessel.spec import AddedMass, Rudder, VesselSpec
-from xitl_cli.plugins.studies.manoeuvres.vessel_check import AtRest, Demands, VesselCheck, check_vessel, rest_findings
+from xitl_cli.plugins.studies.manoeuvres.vessel_check import (
+    AtRest,
+    Demands,
+    VesselCheck,
+    VesselFinding,
+    check_vessel,
+    clarke_yaw_damping_nmps,
+    rest_findings,
+)
 from xitl_cli.profile import load_profile
+from xitl_cli.profile.files.catalogue import shipped_profiles
 
 WATER = Water()
 
@@ -155,6 +164,68 @@ def test_what_looks_wrong(model: VesselSpec) -> None:
     assert "steps.long" in rules(sound, Demands(physics_rate_hz=10.0))
     waves = WaveSpec(spectrum="regular", significant_height_m=0.02, peak_period_s=0.5)
     assert "resonance.roll" in rules(sound, Demands(environment=EnvironmentSpec(waves=waves)))
+
+
+def shifted(vessel: VesselSpec, x_m: float, y_m: float | None = None) -> VesselSpec:
+    """With its first propeller there."""
+    first, *others = vessel.propellers
+    y_m = first.position_frd_m[1] if y_m is None else y_m
+    return replace(vessel, propellers=(replace(first, position_frd_m=(x_m, y_m, first.position_frd_m[2])), *others))
+
+
+def places(vessel: VesselSpec) -> list[VesselFinding]:
+    return [finding for finding in rest_findings(AtRest(vessel, WATER), Demands()) if finding.rule.endswith(".place")]
+
+
+def test_propellers_and_rudders_beyond_the_hulls_are_named_with_the_range(model: VesselSpec) -> None:
+    bow_m, half_m = 0.5 * model.length_m, 0.5 * model.width_m
+    for x_m in (bow_m, -bow_m, -1.4 * bow_m):
+        assert places(shifted(model, x_m)) == []
+    (ahead,) = places(shifted(model, bow_m + 0.1))
+    assert (ahead.rule, ahead.key) == ("propeller.place", "vehicle.propellers.0.position_frd_m.0")
+    assert f"is 0.10 m ahead of the bow; the hulls reach from x = {-bow_m:.2f} to {bow_m:.2f} m" in ahead.sentence
+    assert f"from {-1.5 * bow_m:.2f} to {1.04 * bow_m:.2f}" in ahead.next_step
+    (behind,) = places(shifted(model, -bow_m - 0.5))
+    assert "is 0.50 m behind the stern" in behind.sentence
+    (aside,) = places(shifted(model, 0.0, 1.3 * half_m))
+    assert aside.key == "vehicle.propellers.0.position_frd_m.1"
+    rudder = Rudder(position_frd_m=(bow_m + 0.1, 0.0, 0.08), area_m2=0.002, aspect_ratio=1.5)
+    assert [finding.rule for finding in places(replace(model, rudders=(rudder,)))] == ["rudder.place"]
+
+
+def test_yaw_damping_of_clarke_by_hand(model: VesselSpec, rest: AtRest) -> None:
+    hull = model.hull
+    assert hull is not None
+    draft = float(rest.state.motion.pos_ned_m[0, 2]) + WATER.level_m + hull.keel_below_cg_m
+    length, beam = hull.length_m, 2 * hull.radius_m
+    share = math.pi * (draft / length) ** 2 * (0.25 + 0.039 * beam / draft - 0.56 * beam / length)
+    both = 2 * share * 0.5 * WATER.density_kgpm3 * length**4 * 2.0
+    assert clarke_yaw_damping_nmps(rest, 2.0) == pytest.approx(both)
+
+
+@pytest.mark.parametrize(("factor", "rule"), [(1e-3, "damping.yaw.little"), (1.0, None), (1e2, "damping.yaw.much")])
+def test_yaw_damping_off_by_a_power_of_ten(model: VesselSpec, factor: float, rule: str | None) -> None:
+    linear, quadratic = model.damping_linear, model.damping_quadratic
+    vessel = replace(
+        model,
+        damping_linear=replace(linear, yaw=factor * linear.yaw),
+        damping_quadratic=replace(quadratic, yaw=factor * quadratic.yaw),
+    )
+    found = [finding for finding in check_vessel(vessel).findings if finding.rule.startswith("damping.yaw.")]
+    assert [finding.rule for finding in found] == ([] if rule is None else [rule])
+    for finding in found:
+        assert finding.key == "vehicle.damping_linear.yaw"
+        assert "regression of Clarke (1983)" in finding.sentence
+        assert "are plausible" in finding.sentence
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in shipped_profiles() if name.startswith("vehicles/")])
+def test_shipped_vessels_have_their_propellers_and_yaw_damping_in_range(name: str) -> None:
+    vehicle = load_profile(name).vehicle
+    assert vehicle is not None
+    named = {finding.rule for finding in check_vessel(vehicle).findings}
+    assert not {rule for rule in named if rule.endswith(".place") or rule.startswith("damping.yaw")}
 
 
 def test_a_mission_faster_than_the_vessel(checked: VesselCheck) -> None:
