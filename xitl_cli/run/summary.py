@@ -12,7 +12,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import Ending, task_section
 from xitl_cli.run.run_graph import graph_section
-from xitl_cli.run.verdict import Verdict, judge, measured_figures, why_text, worst_figures
+from xitl_cli.run.verdict import Verdict, judge, measured_figures, stop_text, why_text, worst_figures
 
 FORMAT = 1
 Sections = dict[str, Any]
@@ -70,6 +70,7 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
         "actuators": None,
         "autopilot": None,
         "takeovers": [],
+        "autopilot_events": [],
         "faults": [],
         "model_range": None,
         "collisions": None,
@@ -178,7 +179,9 @@ def _verdict(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, se
     frozen = 0.0 < outcome.duration_s <= vessel.held_s
     ending = Ending.FINISHED if profile.vessel and vessel.completed else outcome.ending
     error = None if ending is Ending.FINISHED else outcome.error
-    why = why_text(ending, error, profile.driver.kind, vessel.completed, sections["mission"], frozen)
+    driver = profile.driver.kind
+    stop = "" if vessel.completed else stop_text(sections["autopilot_events"], driver)
+    why = why_text(ending, error, driver, vessel.completed, sections["mission"], frozen, stop)
     failures = sum(node.controller_failures for node in sections["nodes"])
     if failures:
         why += f"; {profile.autopilot.controller} failed at {failures} of its steps, and the outputs were neutral there"
