@@ -31,7 +31,8 @@ class ClockSpec(Specification):
 
     mode: Annotated[
         Literal["lockstep", "realtime"],
-        "lockstep: as fast as it goes, a seed repeats every message; realtime: by the wall clock",
+        "lockstep: as fast as it goes, with the embedded autopilot a seed repeats every message; realtime: by the wall "
+        "clock",
     ] = "lockstep"
     physics_rate_hz: Annotated[RateHz, "every other rate divides it"] = 400.0
     exchange_rate_hz: Annotated[RateHz, "of commands from the autopilot"] = 50.0
