@@ -8,9 +8,9 @@ docs/recording.md (`make pages`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,6 +254,23 @@ class FaultEvent:
 
     fault: String
     active: Annotated[Bool, "1 begins, 0 ends"]
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotEvent:
+    """The autopilot changed its mode, armed or disarmed, or one of its failsafes acted."""
+
+    at_s: Annotated[Float64, "simulation time at which the autopilot reported it"]
+    event: Annotated[
+        String, "`mode`, `armed`, `disarmed`, `failsafe`, `failsafe over`, `fence limits speed` or `fence limit over`"
+    ]
+    mode: Annotated[String, "mode after the event"]
+    mode_before: String
+    reason: Annotated[String, "sentence of the autopilot that names the failsafe; empty: none came with the event"] = ""
+
+    def section(self) -> dict[str, Any]:
+        """A row of `autopilot_events` of summary.json."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -521,6 +538,8 @@ _TABLE = (
           BridgeCounts),
     Topic("/takeovers", "xitl_msgs/msg/Takeover", "each",
           "a standby agent takes over from a silent one", TakeoverEvent),
+    Topic("/autopilot/events", "xitl_msgs/msg/AutopilotEvent", "each",
+          "the autopilot changes its mode, arms or disarms, or one of its failsafes acts", AutopilotEvent),
     Topic("/faults", "xitl_msgs/msg/Fault", "each",
           "an injected fault begins (`active` 1) or ends (0); [faults.md](faults.md)", FaultEvent),
     Topic("/operator/action", "xitl_msgs/msg/OperatorAction", "each",

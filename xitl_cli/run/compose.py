@@ -23,6 +23,7 @@ from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.nodes.ais import AisLine, AisNode, AisRecorder, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.nodes.autopilot_events import AutopilotEventNode
 from xitl_cli.run.nodes.bridge import BridgeNode
 from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
@@ -110,7 +111,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         return node
 
     # Who moves the vessel.
-    bridge = autopilot = companion = line = ais = None
+    bridge = autopilot = companion = line = ais = events = None
     if profile.autopilot.kind == "none":
         by_nodes = profile.driver.kind == "ros"
         silent_s = profile.ros.silent_s
@@ -127,6 +128,8 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
             if bridge.station_url is not None:
                 setup.stations.call(bridge.station_url)
         control = autopilot = made(_autopilot(setup, bridge))
+        events = AutopilotEventNode(autopilot.view)
+        autopilot.heard.subscribe(events.handle)
         if profile.companion is not None and profile.companion.is_ours:
             companion = made(CompanionNode(profile, autopilot.send, setup.interrupted))
             autopilot.heard.subscribe(companion.forward)
@@ -203,6 +206,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         None if companion is None else companion.intake,
         None if autopilot is None else autopilot.ticking,
         control,
+        events,
         bridge,
         companion,
         estimate_rate,

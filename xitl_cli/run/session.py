@@ -147,7 +147,7 @@ def run(
     directory.write_json(out / directory.SUMMARY, summary)
     if outcome.crash is not None:
         raise outcome.crash
-    return Result(summary, out, _exit_code(outcome))
+    return Result(summary, out, _exit_code(outcome, summary["verdict"]))
 
 
 def _pace(profile: RunProfile, plant: Plant, operation: Operation, interrupted: Callable[[], bool]) -> Pace:
@@ -368,13 +368,12 @@ def _write_head(
         recorder.scene(scene())
 
 
-def _exit_code(outcome: RunOutcome) -> int:
+def _exit_code(outcome: RunOutcome, verdict: Mapping[str, Any]) -> int:
     if outcome.error is not None:
         return USER_ERROR
     if outcome.ending is Ending.INTERRUPTED:
         return INTERRUPTED
-    wanted = outcome.completed or (outcome.timed and outcome.ending is Ending.DURATION)
-    return COMPLETED if wanted else INCOMPLETE
+    return COMPLETED if verdict["completed"] or verdict["duration_asked"] else INCOMPLETE
 
 
 class Interruption:

@@ -31,7 +31,8 @@ class ClockSpec(Specification):
 
     mode: Annotated[
         Literal["lockstep", "realtime"],
-        "lockstep: as fast as possible, and a seed repeats every message; realtime: by the wall clock",
+        "lockstep: as fast as possible; with the embedded autopilot a seed repeats every message; "
+        "realtime: by the wall clock",
     ] = "lockstep"
     physics_rate_hz: Annotated[RateHz, "every other rate must divide it"] = 400.0
     exchange_rate_hz: Annotated[RateHz, "rate of commands from the autopilot"] = 50.0
