@@ -177,6 +177,8 @@ def suppose(directory: Path) -> None:
     for name in SUPPOSED:
         (directory / name).parent.mkdir(parents=True, exist_ok=True)
         (directory / name).write_text("a-long-passphrase" if name == "boat.key" else "")
+        if name.endswith(".key"):
+            (directory / name).chmod(0o600)
 
 
 def is_python(text: str) -> bool:
