@@ -50,6 +50,7 @@ LAUNCH = "`xitl world launch`, `world.debris.control`"
 VEHICLE = "`xitl params`, `xitl vehicle` at `udp://` of this machine"
 TOPICS, SERVICES, SENDING = (f"`xitl sim --ros`, {part}" for part in ("topics", "services", "sending"))
 ROS1 = "`xitl sim --ros ros1://…`, slave API and TCPROS"
+BRIDGE = ["agent", "--role", "bridge", "--link", "udp://127.0.0.1:0"]
 DOMAIN = 93
 """Of ROS 2, for the run of these tests."""
 
@@ -112,12 +113,12 @@ def commands() -> dict[str, tuple[list[str], set[str]]]:
         ),
         "launches": (sim("sitl-perception", f"world.debris.control=udp://{here}"), {TCP_AGENT, LAUNCH}),
         "ardupilot": (
-            [*sim("sitl-ardupilot", f"autopilot.bridge.world=udp://{here}"), "--firmware", "external"],
-            {ARDUPILOT_WORLD},
+            [*BRIDGE, "--autopilot", "tcp://127.0.0.1:9", "--world", f"udp://{here}"],
+            {UDP_LINK, ARDUPILOT_WORLD},
         ),
         "px4": (
-            [*sim("sitl-px4", f"autopilot.bridge.sensor_link=tcp://{here}"), "--firmware", "external"],
-            {PX4_WORLD},
+            [*BRIDGE, "--autopilot", "udp://127.0.0.1:9", "--sensors", "px4", "--sensor-link", f"tcp://{here}"],
+            {UDP_LINK, PX4_WORLD},
         ),
         "agent at udp": (["agent", "--link", f"udp://{here}"], {UDP_LINK}),
         "agent at tcp": (

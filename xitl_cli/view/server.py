@@ -179,9 +179,7 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
                 await asyncio.sleep(_MADE_S)
             await handler(connection)
 
-        return serve(
-            handle, sock=listener, process_request=checked, create_connection=BoundedConnection, **options
-        )
+        return serve(handle, sock=listener, process_request=checked, create_connection=BoundedConnection, **options)
 
     with _SERVE_LOCK:
         _have_threads_wake_safely()

@@ -80,9 +80,7 @@ class StoredLogs:
         if self._directory is None or not self._directory.is_dir():
             return []
         numbered = [
-            (int(match[1]), entry)
-            for entry in self._directory.iterdir()
-            if (match := LOG_NAME.fullmatch(entry.name))
+            (int(match[1]), entry) for entry in self._directory.iterdir() if (match := LOG_NAME.fullmatch(entry.name))
         ]
         return [(entry.name.upper(), entry) for _, entry in sorted(numbered)]
 
