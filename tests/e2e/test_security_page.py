@@ -270,7 +270,8 @@ def test_a_run_listens_as_the_page_says(tmp_path: Path) -> None:
         sailing.join()
     links = {text.partition(":")[0]: urlsplit(text.split()[1]) for text in told}
     known = {
-        ("TCP", address_of(surface), links[name].port) for name, surface in (("view", VIEW), ("foxglove", FOXGLOVE))
+        ("TCP", address_of(surface), links[name].port or 0)
+        for name, surface in (("view", VIEW), ("foxglove", FOXGLOVE))
     }
     assert known <= opened
     (inner,) = opened - known
