@@ -15,6 +15,7 @@ import platform
 import queue
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import warnings
@@ -36,6 +37,7 @@ WORKERS_S = 30.0
 """For those of somebody else's scheduler; OWN_WORKERS_S for those that this process starts."""
 OWN_WORKERS_S = 180.0
 _CAPACITY_EVERY_S = 2.0
+_SCRATCH = "temporary-directory"
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,  # attempts are counted here
     "distributed.scheduler.worker-saturation": 1.0,  # none waits at a worker that may be killed
@@ -207,7 +209,8 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
     """A scheduler in this process and worker processes of one thread on this machine, a core each unless counted.
 
     A worker that is killed is replaced. All of them end with this process, whatever ends it. They listen on loopback
-    and speak TLS with a certificate of this campaign alone.
+    and speak TLS with a certificate of this campaign alone. Their scratch files are in a directory that only this user
+    may enter: Dask's default is a shared name in /tmp, which another user may make first.
     """
     check_installed()
     import dask
@@ -216,7 +219,11 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
     security = Security.temporary()
     count = count or len(os.sched_getaffinity(0))
     _silence_logs()
-    with dask.config.set(_SETTINGS), warnings.catch_warnings():
+    with (
+        tempfile.TemporaryDirectory(prefix="xitl-campaign-", ignore_cleanup_errors=True) as scratch,
+        dask.config.set({**_SETTINGS, _SCRATCH: scratch}),
+        warnings.catch_warnings(),
+    ):
         warnings.simplefilter("ignore")  # such as of a port of the dashboard that is taken
         with (
             LocalCluster(
@@ -229,7 +236,7 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
                 silence_logs=logging.CRITICAL,
             ) as cluster,
             Client(cluster, set_as_default=False) as client,
-            _WorkerProcesses(cluster.scheduler_address, count, security),
+            _WorkerProcesses(cluster.scheduler_address, count, security, scratch),
         ):
             if not _workers_come(client, count, OWN_WORKERS_S):
                 raise UserError(
@@ -244,13 +251,13 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
 
 
 class _WorkerProcesses:
-    """So many of `python -m xitl_cli.plugins.campaign.cluster ADDRESS`, kept at that number.
+    """So many of `python -m xitl_cli.plugins.campaign.cluster ADDRESS SCRATCH`, kept at that number.
 
     Each reads the campaign's certificate and key from its standard input: other users see neither.
     """
 
-    def __init__(self, address: str, count: int, security: Any) -> None:
-        self._command = [sys.executable, "-m", "xitl_cli.plugins.campaign.cluster", address]
+    def __init__(self, address: str, count: int, security: Any, scratch: str) -> None:
+        self._command = [sys.executable, "-m", "xitl_cli.plugins.campaign.cluster", address, scratch]
         self._credentials = f"{json.dumps([security.tls_worker_cert, security.tls_worker_key])}\n".encode()
         self._closing = threading.Event()
         self._processes = [self._started() for _ in range(count)]
@@ -391,8 +398,11 @@ def _check_folder(client: Any, address: str, folder: Path | None) -> None:
             )
 
 
-async def _work(address: str, certificate: str, key: str) -> None:
-    """A worker of one thread on loopback, until its scheduler is gone. certificate, key: of the campaign, PEM."""
+async def _work(address: str, scratch: str, certificate: str, key: str) -> None:
+    """A worker of one thread on loopback, until its scheduler is gone. certificate, key: of the campaign, PEM.
+
+    scratch: directory for Dask's own files.
+    """
     import dask
     from distributed import Security, Worker
 
@@ -405,7 +415,7 @@ async def _work(address: str, certificate: str, key: str) -> None:
         tls_worker_key=key,
     )
     own: dict[str, Any] = {"host": LOOPBACK, "dashboard_address": f"{LOOPBACK}:0", "security": security}
-    with dask.config.set(_SETTINGS):
+    with dask.config.set({**_SETTINGS, _SCRATCH: scratch}):
         async with Worker(address, nthreads=1, memory_limit=0, dashboard=False, **own) as worker:
             await worker.finished()
 
@@ -418,11 +428,11 @@ def _end_with_parent() -> None:
     os._exit(0)
 
 
-def _main(address: str) -> None:
+def _main(address: str, scratch: str) -> None:
     certificate, key = json.loads(os.fdopen(0, "rb", buffering=0, closefd=False).readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    asyncio.run(_work(address, certificate, key))
+    asyncio.run(_work(address, scratch, certificate, key))
 
 
 if __name__ == "__main__":
-    _main(sys.argv[1])
+    _main(*sys.argv[1:3])

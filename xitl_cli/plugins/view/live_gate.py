@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hmac
+import re
 import secrets
 import socket
 import threading
@@ -19,8 +20,14 @@ from xitl_cli.plugins.view.server import ViewAddress, is_loopback, stranger
 
 HEAD_BYTES = 16_384
 HEAD_S = 10.0
+MOST_WAITING = 64
+"""Connections without a whole request at once: the one that has waited for longest is closed. A connection costs a file
+descriptor of the run."""
 CHUNK_BYTES = 1 << 16
 _TRUSTED = "foxglove.dev"
+_REQUEST = re.compile(r"GET /[!-~]* HTTP/1\.1")
+_HEADER = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+:[^\r\n\0]*")
+"""RFC 9112, 5: a name without spaces, and no continued lines. Whatever the server behind would read otherwise."""
 
 
 def hidden_host() -> str:
@@ -45,8 +52,10 @@ def is_foxglove(origin: str) -> bool:
 def refusal(address: ViewAddress, head: bytes) -> str:
     """Why a request is refused, empty if it is not. head: of its HTTP, to the empty line."""
     first, *lines = head.decode("latin-1").split("\r\n")
+    if not _REQUEST.fullmatch(first) or not all(map(_HEADER.fullmatch, lines)):
+        return "it is no proper request of HTTP/1.1"
     headers: dict[str, str] = {}
-    for line in filter(None, lines):
+    for line in lines:
         name, _, value = line.partition(":")
         if name.lower() in headers and name.lower() in ("host", "origin"):
             return f"it has two headers {name}"
@@ -71,6 +80,7 @@ class Gate:
         self._address = address
         self._inner = inner
         self._listener = listener
+        self._waiting: dict[asyncio.StreamWriter, None] = {}  # oldest first
         self._up = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), name="foxglove gate", daemon=True)
         self._thread.start()
@@ -95,10 +105,22 @@ class Gate:
         finally:
             writer.close()
 
-    async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _head(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
+        """A request to its empty line."""
+        if len(self._waiting) >= MOST_WAITING:
+            oldest = next(iter(self._waiting))
+            del self._waiting[oldest]
+            oldest.transport.abort()
+        self._waiting[writer] = None
         try:
             async with asyncio.timeout(HEAD_S):
-                head = await reader.readuntil(b"\r\n\r\n")
+                return await reader.readuntil(b"\r\n\r\n")
+        finally:
+            self._waiting.pop(writer, None)
+
+    async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            head = await self._head(reader, writer)
         except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError):
             self.refused += 1
             return

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from ipaddress import ip_address
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import urlsplit
 
 from xitl_cli.errors import UserError
@@ -30,7 +30,7 @@ USUAL_PORT = 8470
 TRIED = 50
 TOKEN_BYTES = 18
 CLIENTS_KEPT = 64
-"""Browsers that may be waiting to be let in."""
+"""Browsers that may be waiting to be let in. A connection costs a file descriptor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +149,28 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
     serve = asyncio_server.serve
     made = threading.Event()
 
+    class BoundedConnection(asyncio_server.ServerConnection):
+        """A connection; those without a whole request are closed, oldest first, when they are too many."""
+
+        waiting: ClassVar[dict[Any, None]] = {}
+
+        def connection_made(self, transport: Any) -> None:
+            waiting = type(self).waiting
+            if len(waiting) >= CLIENTS_KEPT:
+                oldest = next(iter(waiting))
+                del waiting[oldest]
+                oldest.abort()
+            waiting[transport] = None
+            super().connection_made(transport)
+
+        def process_event(self, event: Any) -> None:
+            type(self).waiting.pop(self.transport, None)
+            super().process_event(event)
+
+        def connection_lost(self, error: Exception | None) -> None:
+            type(self).waiting.pop(self.transport, None)
+            super().connection_lost(error)
+
     def guarded_serve(handler: Any, host: str, port: int, *, process_request: Any, **options: Any) -> Any:
         checked = Doorkeeper(address, process_request, title)
 
@@ -157,7 +179,7 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
                 await asyncio.sleep(_MADE_S)
             await handler(connection)
 
-        return serve(handle, sock=listener, process_request=checked, **options)
+        return serve(handle, sock=listener, process_request=checked, create_connection=BoundedConnection, **options)
 
     with _SERVE_LOCK:
         _have_threads_wake_safely()
@@ -253,11 +275,14 @@ class Doorkeeper:
 
     def _refusal(self, request: Any) -> str:
         """Why it is not answered, empty if it is."""
+        for name in ("Host", "Origin"):
+            if len(request.headers.get_all(name)) > 1:
+                return f"it has two headers {name}"
         if refusal := stranger(self._host, request.headers.get("Host", ""), request.headers.get("Origin")):
             return refusal
         if self._token:
             first = request.path.partition("?")[0].lstrip("/").partition("/")[0]
-            if not hmac.compare_digest(first.encode(), self._token.encode()):
+            if not hmac.compare_digest(first.encode(errors="replace"), self._token.encode()):
                 return "the address of this view has a token in it, which is missing here or wrong"
         return ""
 
@@ -297,7 +322,12 @@ def _complete(answer: Any, title: str) -> None:
     text = _HEAD.format(title=html.escape(title)).encode()
     body = head + found + text + rest.replace(b"<title>Viser</title>", b"", 1)
     answer.body = gzip.compress(body, 1) if packed else body
-    for name, value in (("Content-Length", str(len(answer.body))), ("Cache-Control", "no-store")):
+    headers = {
+        "Content-Length": str(len(answer.body)),
+        "Cache-Control": "no-store",
+        "Referrer-Policy": "no-referrer",  # the address has the token in it
+    }
+    for name, value in headers.items():
         if name in answer.headers:
             del answer.headers[name]
         answer.headers[name] = value

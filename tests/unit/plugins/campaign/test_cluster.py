@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
+import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -136,3 +138,24 @@ def test_files_that_do_not_fit_the_address_are_refused(address: str, files: clus
 )
 def test_an_address_on_a_network_without_tls_is_open(address: str, is_open: bool) -> None:
     assert cluster.is_open(address) is is_open
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no shared directory for temporary files")
+def test_own_workers_use_no_scratch_directory_that_another_user_may_have_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dask writes lock files into /tmp/dask-scratch-space; a link there would have it overwrite any file."""
+    precious = tmp_path / "precious"
+    precious.write_text("kept")
+    shared = tmp_path / "dask-scratch-space"
+    shared.mkdir()
+    for name in ("global.lock", "purge.lock"):
+        (shared / name).symlink_to(precious)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)  # read anew
+    with cluster.local_workers(1, "scratch"):
+        (own,) = tmp_path.glob("xitl-campaign-*")
+        assert own.stat().st_mode & 0o777 == 0o700
+        assert {path.name for path in shared.iterdir()} == {"global.lock", "purge.lock"}
+    assert precious.read_text() == "kept"
+    assert not own.exists()

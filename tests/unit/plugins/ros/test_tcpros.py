@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
+from urllib.parse import urlsplit
 from xmlrpc.client import ServerProxy
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
@@ -22,6 +23,7 @@ from xitl_cli.plugins.ros.definitions import deserialize, ros1_definition, ros2_
 from xitl_cli.plugins.ros.middleware import LATCHED, RELIABLE, QosProfile
 from xitl_cli.plugins.ros.tcpros import master as master_module
 from xitl_cli.plugins.ros.tcpros import publishing as publishing_module
+from xitl_cli.plugins.ros.tcpros import slave as slave_module
 from xitl_cli.plugins.ros.tcpros import subscribing as subscribing_module
 from xitl_cli.plugins.ros.tcpros.wire import (
     TcprosError,
@@ -585,3 +587,20 @@ def test_a_node_that_is_not_listed_may_not_command(master: FakeMaster) -> None:
     finally:
         for node in (commanded, helm, stranger):
             node.close()
+
+
+def test_idle_connections_to_the_slave_api_lock_nobody_out_and_are_few(
+    nodes: Callable[[str], TcprosMiddleware], master: FakeMaster
+) -> None:
+    node = nodes("xitl")
+    node.advertise("/pose", "std_msgs/msg/String", QosProfile())
+    wait(lambda: master.nodes)
+    (uri,) = master.nodes.values()
+    place = urlsplit(uri)
+    idle = [socket.create_connection((place.hostname, place.port), PATIENCE_S) for _ in range(300)]
+    assert ServerProxy(uri).getPid("/helm")[0] == 1
+    for end in idle[: 300 - slave_module.MOST_CONNECTIONS]:
+        end.settimeout(PATIENCE_S / 2)
+        assert end.recv(1) == b""  # closed
+    for end in idle:
+        end.close()

@@ -204,3 +204,36 @@ def test_an_address_that_this_machine_has_not(host: str) -> None:
 def test_what_only_this_machine_reaches() -> None:
     assert all(map(is_loopback, ("127.0.0.1", "localhost", "::1", "127.8.8.8")))
     assert not any(map(is_loopback, ("0.0.0.0", "::", "192.168.1.4", "boat.local", "")))
+
+
+def test_a_request_with_two_origins_or_a_strange_token_is_refused(own: ViewAddress) -> None:
+    page = f"http://127.0.0.1:{own.port}"
+    host = f"Host: 127.0.0.1:{own.port}\r\n"
+    for sent in (
+        f"GET /{own.token}/ HTTP/1.1\r\n{host}Origin: {page}\r\nOrigin: https://evil.example\r\n\r\n",
+        f"GET /{own.token}/ HTTP/1.1\r\n{host}Host: evil.example\r\n\r\n",
+        f"GET /\xe9\xff/ HTTP/1.1\r\n{host}\r\n",
+    ):
+        with socket.create_connection(("127.0.0.1", own.port), PATIENCE_S) as client:
+            client.sendall(sent.encode("latin-1"))
+            assert client.recv(1 << 12).startswith(b"HTTP/1.1 403")
+
+
+def test_the_page_keeps_its_address_from_other_sites(own: ViewAddress) -> None:
+    client = http.client.HTTPConnection("127.0.0.1", own.port, timeout=PATIENCE_S)
+    client.request("GET", f"/{own.token}/")
+    assert client.getresponse().headers["Referrer-Policy"] == "no-referrer"
+    client.close()
+
+
+def test_silent_connections_are_closed_when_they_are_too_many(own: ViewAddress) -> None:
+    idle = [socket.create_connection(("127.0.0.1", own.port), PATIENCE_S) for _ in range(200)]
+    assert get(own, f"/{own.token}/")[0] == 200
+    for end in idle[: 200 - view_server.CLIENTS_KEPT]:
+        end.settimeout(PATIENCE_S)
+        try:
+            assert not end.recv(1)
+        except ConnectionResetError:
+            continue
+    for end in idle:
+        end.close()

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import socket
 import threading
 from collections.abc import Callable, Sequence
 from socketserver import ThreadingMixIn
 from typing import Any, Protocol
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
+from xitl_cli.plugins.ros.tcpros.wire import shut
+
 MOST_REQUEST = 1 << 20
+MOST_CONNECTIONS = 64
+"""At once, each with a thread. At the limit the oldest is closed."""
 TCPROS = "TCPROS"
 
 
@@ -42,6 +47,8 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
     allow_reuse_address = True
 
     def __init__(self, host: str, bound: str, node: SlaveNode, master: str) -> None:
+        self._open: dict[socket.socket, None] = {}  # oldest first
+        self._open_lock = threading.Lock()
         super().__init__((bound, 0), _Handler, logRequests=False, allow_none=True)
         self.uri = f"http://{host}:{self.server_address[1]}/"
         self.register_instance(_SlaveApi(node, master))
@@ -51,6 +58,22 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
     def stop(self) -> None:
         self.shutdown()
         self.server_close()
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a new thread; make room for it."""
+        with self._open_lock:
+            if len(self._open) >= MOST_CONNECTIONS:
+                oldest = next(iter(self._open))
+                del self._open[oldest]
+                shut(oldest)
+            self._open[request] = None
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """The end of a connection."""
+        with self._open_lock:
+            self._open.pop(request, None)
+        super().shutdown_request(request)
 
     def handle_error(self, request: object, client_address: object) -> None:
         """A peer that went away is none of the terminal's concern."""
