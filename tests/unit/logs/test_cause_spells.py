@@ -12,7 +12,8 @@ from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
 from xitl_cli.logs.report.build import build_report
 from xitl_cli.logs.report.causes import CAUSES, WHOLE_LOG, group_findings
-from xitl_cli.logs.report.model import FileFinding, FileReport, Report
+from xitl_cli.logs.report.file_report import FileFinding, FileReport
+from xitl_cli.logs.report.model import Report
 from xitl_cli.logs.signals.spans import spells
 
 S = 1_000_000_000

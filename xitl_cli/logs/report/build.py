@@ -22,7 +22,8 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Mark, Plot, Section, Trace
 from xitl_cli.logs.model.table import Floats, Stamps, whole_ns
 from xitl_cli.logs.model.text import resolve_name
-from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
+from xitl_cli.logs.report.file_report import FileReport, RefusedFile
+from xitl_cli.logs.report.model import MapTrack, MapWaypoint, Overview, Report
 from xitl_cli.logs.report.plots import thin
 from xitl_cli.logs.report.signal_data import MOST_BYTES, HeldLog, held_log
 from xitl_cli.logs.report.wording import vehicle_line

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from xitl_cli.logs.model.sections import Severity
-from xitl_cli.logs.report.model import FileFinding, Report
+from xitl_cli.logs.report.file_report import FileFinding, ReportedFiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ class _Placed:
         return begin_s + max(reach_s, _STATE_REACH_S if seen else 0.0)
 
 
-def group_findings(report: Report) -> list[FindingGroup]:
+def group_findings(report: ReportedFiles) -> list[FindingGroup]:
     """Each finding once: the worst groups first, otherwise the earliest; what is fine stands by itself, last."""
     order = {id(file): place for place, file in enumerate(report.files)}
     placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]

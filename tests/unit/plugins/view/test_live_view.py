@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from side_process_double import SideProcessDouble
 
+from tests.doubles.side_process import SideProcessDouble
 from xitl_cli.plugins.view import live_view
 from xitl_cli.plugins.view.live_view import LiveViewNode, VesselWatch, cloud_points
 from xitl_cli.plugins.view.messages import ViewRefusal, ViewStart
@@ -24,8 +24,8 @@ from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.status_display import RunStatus
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 STATUS = RunStatus(0.0, 60.0, "AUTO", True, 1, 6, 2.5, 90.0, -0.4, 0.2, 0.5, 4.0, (0.5, 0.4), lost=3, missed=2)
