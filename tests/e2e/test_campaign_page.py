@@ -21,11 +21,13 @@ FLAT = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-net
 UNREACHABLE = """() => {
   const found = [];
   for (const box of document.querySelectorAll(".scroll")) {
-    const row = [...box.querySelector("tbody tr").cells, ...(box.querySelector("thead").offsetHeight ? box.querySelectorAll("th") : [])];
+    const heads = box.querySelector("thead").offsetHeight ? box.querySelectorAll("th") : [];
+    const row = [...box.querySelector("tbody tr").cells, ...heads];
     for (const cell of row.filter((cell) => cell.textContent)) {
       cell.scrollIntoView({ block: "nearest", inline: "nearest" });
       const [at, frame] = [cell.getBoundingClientRect(), box.getBoundingClientRect()];
-      if (at.left < Math.max(frame.left, 0) - 1 || at.right > Math.min(frame.right, innerWidth) + 1) found.push(cell.textContent);
+      const [left, right] = [Math.max(frame.left, 0) - 1, Math.min(frame.right, innerWidth) + 1];
+      if (at.left < left || at.right > right) found.push(cell.textContent);
     }
     box.scrollLeft = 0;
   }
@@ -39,7 +41,8 @@ COMMANDS = """() => {
     const cell = [...row.cells].at(-1), range = document.createRange();
     range.selectNodeContents(cell);
     const text = range.getBoundingClientRect();
-    return [cell.textContent, text.left >= frame.left && text.right <= frame.right, getComputedStyle(cell, "::before").content];
+    const inSight = text.left >= frame.left && text.right <= frame.right;
+    return [cell.textContent, inSight, getComputedStyle(cell, "::before").content];
   });
 }"""
 

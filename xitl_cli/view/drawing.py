@@ -432,8 +432,9 @@ class _VesselDrawing:
             mark = shapes.merged([post, cone.placed((0.0, 0.0, 2.4 * size))]).mesh("guided target", GUIDED)
             self._guided = _add_mesh(self._api, path, mark)
             turn = np.linspace(0.0, 2.0 * math.pi, 49)
-            ring = 1.2 * size * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
-            _add_line(self._api, f"{path}/ring", ring + (0.0, 0.0, self._lift_m), GUIDED, 3.0)
+            radius_m, lift_m = 1.2 * size, np.full(len(turn), self._lift_m)
+            ring = np.stack([radius_m * np.cos(turn), radius_m * np.sin(turn), lift_m], axis=-1)
+            _add_line(self._api, f"{path}/ring", ring, GUIDED, 3.0)
         self._guided.visible = True
         self._guided.position = (float(place[0]), float(place[1]), self._level_m)
 

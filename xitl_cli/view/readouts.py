@@ -202,8 +202,9 @@ def legend_html(instant: ViewInstant, length_m: float) -> str:
         for entry in entries
     )
     return (
-        f"<div class='xitl-legend' style='padding:0 12px;font-size:12px;line-height:1.35'>{rows}<div style='opacity:.65'>"
-        f"Arrows point to where wind and current go. The vessel is {length_m:.2g} m long.</div></div>"
+        f"<div class='xitl-legend' style='padding:0 12px;font-size:12px;line-height:1.35'>{rows}"
+        "<div style='opacity:.65'>Arrows point to where wind and current go. "
+        f"The vessel is {length_m:.2g} m long.</div></div>"
     )
 
 

@@ -173,7 +173,8 @@ def grid_markup(shown: Grid) -> str:
     left_out = len(shown.rows) - _MOST_ROWS
     note = f" The first {_MOST_ROWS}; --json has all of them." if left_out > 0 else ""
     return (
-        f'<figure class="{"grid wide" if wide else "grid"}" data-find><figcaption><h3>{escape(wording.sentence_text(shown.title))}</h3>'
+        f'<figure class="{"grid wide" if wide else "grid"}" data-find><figcaption>'
+        f"<h3>{escape(wording.sentence_text(shown.title))}</h3>"
         f'<span class="note">{plural(len(shown.rows), "row")}.{note}</span></figcaption>'
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(shown.title)}">'
         f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></figure>"
