@@ -97,9 +97,9 @@ pictures: $(VENV)/.dev  ## make the pictures of README and docs/ anew, from runs
 bench: $(VENV)/.dev  ## measure; asserts nothing
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench
 
-figures: $(VENV)/.dev  ## the three environments with twenty seeds each, and their table in README.md
+figures: $(VENV)/.dev  ## the three environments with twenty seeds each, and their table in docs/figures.md
 	$(BIN)/xitl campaign environments --out runs/figures --report || test $$? = 1
-	$(BIN)/python tools/write_figures.py runs/figures README.md
+	$(BIN)/python tools/write_figures.py runs/figures docs/figures.md
 
 figures-of-vehicles: $(VENV)/.dev  ## every vessel in the three environments with twenty seeds each, an hour or more, and the table in docs/vehicles.md
 	$(BIN)/xitl campaign vehicles --out runs/figures-of-vehicles --report || test $$? = 1

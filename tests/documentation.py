@@ -33,7 +33,10 @@ NEEDS = (
     "a running simulation",
     "browser",
 )
-PROGRAMS = ("xitl", "make", "pip", "git", "cd", "echo", "ip", "python", "python3", "ardurover", "mavproxy.py", "px4")
+PROGRAMS = (
+    *("xitl", "make", "pip", "git", "cd", "echo", "chmod", "ip", "python", "python3"),
+    *("ardurover", "mavproxy.py", "px4"),
+)
 COMMANDS, CONSOLE, FILE, CODE, SIGNATURE, PATCH = "commands", "console", "file", "code", "signature", "patch"
 OUTPUT, SHAPE, TYPED, DRAWING = "output of", "shape of", "typed", "drawing"
 KINDS = (COMMANDS, CONSOLE, FILE, CODE, SIGNATURE, PATCH, OUTPUT, SHAPE, TYPED, DRAWING)
@@ -177,6 +180,8 @@ def suppose(directory: Path) -> None:
     for name in SUPPOSED:
         (directory / name).parent.mkdir(parents=True, exist_ok=True)
         (directory / name).write_text("a-long-passphrase" if name == "boat.key" else "")
+        if name.endswith(".key"):
+            (directory / name).chmod(0o600)
 
 
 def is_python(text: str) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 _CONTEXT = multiprocessing.get_context("forkserver")
-_CONTEXT.set_forkserver_preload(["xitl_cli.main", "xitl_cli.commands.sim_report", "xitl_cli.commands.logs"])
+_CONTEXT.set_forkserver_preload(["xitl_cli.main", "xitl_cli.commands.sim_report", "xitl_cli.plugins.logs.command"])
 
 
 def run_xitl(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import re
 import sys
 from collections.abc import Iterator
 from inspect import Parameter
@@ -13,7 +14,7 @@ from textwrap import dedent
 from typing import Any
 
 import xitl
-from xitl_cli.experiments.report import ExperimentReport
+from xitl_cli.experiment.report import ExperimentReport
 from xitl_cli.graph.wdri import Wdri
 from xitl_cli.logs.compare.comparison import Comparison
 from xitl_cli.logs.model.log import Log
@@ -29,6 +30,7 @@ FUNCTIONS = (
 RESULTS = (xitl.Result, Log, Table, Report, Comparison, Wdri, ExperimentReport)
 ERRORS = (xitl.UserError, xitl.LogError)
 _SPECIAL = ("__getitem__", "__len__", "__iter__")
+_PARAMETER = re.compile(r"[a-z_]+(?:, [a-z_]+)*: ")
 
 
 def page() -> Iterator[str]:
@@ -48,7 +50,7 @@ def page() -> Iterator[str]:
         yield from _paragraphs(result)
         members = list(_members(result))
         if members:
-            yield "\n".join(["| member | what |", "|---|---|", *members])
+            yield "\n".join(["| member | meaning |", "|---|---|", *members])
     yield "## Errors"
     for error in ERRORS:
         yield f"### xitl.{error.__name__}"
@@ -62,7 +64,17 @@ def _paragraphs(thing: Any) -> Iterator[str]:
             code = dedent("\n\n".join(texts))
             yield f"```python\n{code}\n```"
         else:
-            yield from (" ".join(text.split()) for text in texts)
+            yield from (_as_list(" ".join(text.split())) for text in texts)
+
+
+def _as_list(text: str) -> str:
+    """A paragraph that describes parameters or fields, `name: …`, as one list item each; any other text as it is."""
+    if not _PARAMETER.match(text):
+        return text
+    items = re.split(rf"(?<=\.) (?={_PARAMETER.pattern})", text)
+    return "\n".join(
+        _PARAMETER.sub(lambda name: f"- `{name[0][:-2].replace(', ', '`, `')}`: ", item, count=1) for item in items
+    )
 
 
 def _signature(function: Any) -> str:

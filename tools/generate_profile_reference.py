@@ -50,7 +50,7 @@ def _sections() -> Iterator[str]:
         yield " ".join((group.__doc__ or "").split()) + "\n"
         yield "| key | type | unit | default | range | meaning |\n|---|---|---|---|---|---|"
         if group is SeveralSpec:
-            yield f"| {', '.join(f'`{key}`' for key in SAILED)} | | | | | as at the top, which has what is not given |"
+            yield f"| {', '.join(f'`{key}`' for key in SAILED)} | | | | | as at the top, which gives the missing keys |"
             yield f"| `traffic` | group, or null | | null | | {_first_sentence(TrafficSpec)} |"
         for field in _keys(group):
             yield _row(field, key_annotations(group)[field.name])

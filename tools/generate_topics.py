@@ -7,20 +7,20 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from xitl_cli.plugins.ros.inputs import INPUTS
+from xitl_cli.plugins.ros.outputs import OUTPUTS
 from xitl_cli.record.cdr import TopicField
 from xitl_cli.record.topics import TOPICS, OdometryMessage
-from xitl_cli.ros.inputs import INPUTS
-from xitl_cli.ros.outputs import OUTPUTS
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 def topic_table() -> Iterator[str]:
     """Lines of the table of topics."""
-    yield "| topic | schema | rate | in a fleet | what |"
+    yield "| topic | schema | rate | in a fleet | meaning |"
     yield "|---|---|---|---|---|"
     for topic in TOPICS.values():
-        fleet = "one a vessel" if topic.per_vessel else "one"
+        fleet = "one per vessel" if topic.per_vessel else "one"
         yield f"| `{topic.name}` | `{topic.schema}` | {topic.rate} | {fleet} | {topic.meaning} |"
 
 
@@ -42,7 +42,7 @@ def described(field: TopicField) -> str:
 
 def ros_table() -> Iterator[str]:
     """Lines of the table of topics of ROS."""
-    yield "| topic | type | rate | frame | what |"
+    yield "| topic | type | rate | frame | meaning |"
     yield "|---|---|---|---|---|"
     for topic in OUTPUTS.values():
         frame = f"`{topic.frame}`" if topic.frame else ""
@@ -52,7 +52,7 @@ def ros_table() -> Iterator[str]:
 
 def ros_inputs_table() -> Iterator[str]:
     """Lines of the table of what nodes of ROS may ask."""
-    yield "| name | type | of | what |"
+    yield "| name | type | of | meaning |"
     yield "|---|---|---|---|"
     for one in INPUTS.values():
         kind = one.type.replace("/msg/", "/").replace("/srv/", "/")
@@ -61,7 +61,11 @@ def ros_inputs_table() -> Iterator[str]:
 
 
 Tables = dict[str, tuple[str, Callable[[], Iterator[str]]]]
-_RECORDED, _OF_ROS, _ASKED = "xitl_cli/record/topics.py", "xitl_cli/ros/outputs.py", "xitl_cli/ros/inputs.py"
+_RECORDED, _OF_ROS, _ASKED = (
+    "xitl_cli/record/topics.py",
+    "xitl_cli/plugins/ros/outputs.py",
+    "xitl_cli/plugins/ros/inputs.py",
+)
 PAGES: dict[str, Tables] = {
     "recording.md": {"topics": (_RECORDED, topic_table), "fields": (_RECORDED, field_table)},
     "ros.md": {"topics of ROS": (_OF_ROS, ros_table), "what nodes may ask": (_ASKED, ros_inputs_table)},

@@ -1,6 +1,6 @@
 """The figures of a campaign as a table in a page, between two marks: `make figures`, `make figures-of-vehicles`.
 
-    python tools/write_figures.py runs/figures README.md
+    python tools/write_figures.py runs/figures docs/figures.md
 
 The marks are lines of the page: `<!-- figures -->` and `<!-- end of figures -->`.
 """
@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.campaign.compare import counted_statuses
-from xitl_cli.campaign.results import ResultTable, Row
-from xitl_cli.campaign.statistics import spread
+from xitl_cli.plugins.campaign.compare import counted_statuses
+from xitl_cli.plugins.campaign.results import ResultTable, Row
+from xitl_cli.plugins.campaign.statistics import spread
 
 BEGIN, END = "<!-- figures -->", "<!-- end of figures -->"
 COLUMNS = {

@@ -15,8 +15,8 @@ from typing import Any
 
 from PIL import Image
 
-from xitl_cli.experiments.catalogue import EXPERIMENTS
-from xitl_cli.experiments.report import told_text
+from xitl_cli.experiment.report import told_text
+from xitl_cli.plugins.studies.experiments.catalogue import EXPERIMENTS
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, IMAGES = ROOT / "docs" / "paper.md", ROOT / "docs" / "img"

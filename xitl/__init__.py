@@ -7,7 +7,7 @@
     with result.open_log() as log:
         state = log["/truth/state"]
 
-Everything is loaded when it is first used.
+`import xitl` is fast: each part is loaded at its first use.
 """
 
 from __future__ import annotations
@@ -21,18 +21,17 @@ if TYPE_CHECKING:
     from xitl_cli.api import (
         Result,
         analyze,
-        campaign,
         compare,
         load_profile,
         open_log,
-        paper,
-        picture,
-        replay_html,
         simulate,
         wdri,
     )
     from xitl_cli.errors import UserError
     from xitl_cli.logs.model.errors import LogError
+    from xitl_cli.plugins.campaign.api import campaign
+    from xitl_cli.plugins.studies.api import paper
+    from xitl_cli.plugins.view.api import picture, replay_html
 
 __all__ = [
     "LogError",
@@ -52,13 +51,21 @@ __all__ = [
 ]
 
 
-_ERRORS = {"LogError": "xitl_cli.logs.model.errors", "UserError": "xitl_cli.errors"}
+_ELSEWHERE = {
+    "LogError": "xitl_cli.logs.model.errors",
+    "UserError": "xitl_cli.errors",
+    "campaign": "xitl_cli.plugins.campaign.api",
+    "paper": "xitl_cli.plugins.studies.api",
+    "picture": "xitl_cli.plugins.view.api",
+    "replay_html": "xitl_cli.plugins.view.api",
+}
+"""The module of each name that is not in `xitl_cli.api`."""
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'xitl' has no attribute {name!r}; it has {', '.join(sorted(__all__))}")
-    return getattr(import_module(_ERRORS.get(name, "xitl_cli.api")), name)
+    return getattr(import_module(_ELSEWHERE.get(name, "xitl_cli.api")), name)
 
 
 def __dir__() -> list[str]:

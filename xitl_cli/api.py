@@ -14,8 +14,6 @@ from xitl_cli.profile import load_profile as _load_profile
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
-    from xitl_cli.campaign.results import ResultTable
-    from xitl_cli.experiments.report import ExperimentReport
     from xitl_cli.graph.wdri import FleetWdri, VertexCount, Wdri
     from xitl_cli.logs.compare.comparison import Comparison
     from xitl_cli.logs.model.log import Log
@@ -24,13 +22,9 @@ if TYPE_CHECKING:
 __all__ = [
     "Result",
     "analyze",
-    "campaign",
     "compare",
     "load_profile",
     "open_log",
-    "paper",
-    "picture",
-    "replay_html",
     "simulate",
     "wdri",
 ]
@@ -42,10 +36,10 @@ Overrides = Mapping[str, Any] | Iterable[str]
 def load_profile(name: PathText, overrides: Overrides = ()) -> Profile:
     """The checked profile `name`: a shipped one (`"sitl"`) or the path of a YAML file.
 
-    overrides: values by dotted key, `{"environment.wind.mean_mps": 8}`, or texts as of `--set`,
+    overrides: values by dotted key, `{"environment.wind.mean_mps": 8}`, or texts as for `--set`,
     `["environment.wind.mean_mps=8"]`.
 
-    Raises UserError for an unknown name, and with file, line, key and fix for everything that is wrong in it.
+    Raises UserError for an unknown name, and for every error in the profile, with file, line, key and fix.
     """
     return _load_profile(fspath(name), _texts(overrides))
 
@@ -61,14 +55,14 @@ def simulate(
 ) -> Result:
     """Run a profile, as `xitl sim` does, and keep the run in a directory.
 
-    profile: a name, a path, or what `load_profile` returned. seed: of everything random. duration_s: simulated time
-    from the start at which the run ends, in place of the profile's limit. overrides: as of `load_profile`; they and the
-    two before are for a name or a path. out: the run directory, `runs/<profile>-<time>` in the working directory by
-    default. overwrite: replace an earlier run there.
+    profile: a name, a path, or a Profile from `load_profile`. seed: seed of all random values. duration_s: simulated
+    time from the start at which the run ends; it replaces the profile's limit. overrides: as for `load_profile`. Give
+    seed, duration_s and overrides only with a name or a path. out: the run directory, by default
+    `runs/<profile>-<time>` in the working directory. overwrite: replace an earlier run there.
 
-    A run whose mission was not completed is a result (`completed` is False), and so is one in real time that was none
-    (`verdict`). Raises UserError when the profile cannot
-    run, and when the run failed; what was recorded until then is kept.
+    A run with an incomplete mission is a result (`completed` is False). So is a real-time run that did not keep real
+    time (`verdict`). Raises UserError when the profile cannot run, and when the run failed. The data recorded until
+    then is kept.
     """
     from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
@@ -90,71 +84,6 @@ def simulate(
     return result
 
 
-def campaign(
-    plan: PathText,
-    *,
-    out: PathText | None = None,
-    on: str | None = None,
-    workers: int | None = None,
-    resume: bool = False,
-) -> ResultTable:
-    """Carry out a plan of many runs, as `xitl campaign` does, and keep the campaign in a folder.
-
-    plan: a YAML file, or the name of a shipped one. out: the folder, `runs/<plan>-<time>` in the working directory by
-    default. on: the address of a Dask scheduler, this machine by default; for `tls://`, Dask's configuration names the
-    files (`distributed.comm.tls`). workers: runs at once on this machine, as many as it has cores by default. resume:
-    go on with what an earlier one in `out` lacks.
-
-    `len(table)`, `table.column("seed")` and `table.to_pandas()` (needs pandas) say what came out. Raises UserError for
-    what is wrong in the plan, and when it cannot go on; what ended until then is kept.
-    """
-    from xitl_cli.campaign.cluster import check_installed
-    from xitl_cli.campaign.plan import find_plan, read_plan
-
-    check_installed()
-    from xitl_cli.campaign.carry_out import carry_out, open_folder
-
-    found = read_plan(find_plan(fspath(plan)))
-    return carry_out(found, open_folder(found, None if out is None else Path(out), resume), on, workers)
-
-
-def paper(
-    section: Literal["4.1", "4.2", "4.3", "4.4", "wdri"],
-    *,
-    out: PathText | None = None,
-    seed: int = 1,
-    duration_s: float | None = None,
-    real: PathText | None = None,
-    board: str | None = None,
-    firmware: PathText | None = None,
-    overwrite: bool = False,
-) -> ExperimentReport:
-    """Carry out one of the paper's experiments, as `xitl paper` does: its values beside ours, and the figures.
-
-    out: the directory of its runs, `runs/paper-<section>-<time>` in the working directory by default. duration_s: of
-    each run at most. real: a log of a real boat (4.1). board: the URL of an agent on a board (4.3). firmware: an
-    ardurover to start (4.2, 4.3), the one that is found by default.
-
-    `report.rows` have `quantity`, `paper`, `ours`, `unit` and `difference`. Raises UserError where it cannot be done
-    here.
-    """
-    from xitl_cli.experiments.catalogue import EXPERIMENTS, carry_out
-    from xitl_cli.experiments.setup import ExperimentSetup, default_directory
-
-    if section not in EXPERIMENTS:
-        raise UserError(f"{section!r} is no section of the paper; use {', '.join(EXPERIMENTS)}")
-    setup = ExperimentSetup(
-        default_directory(section) if out is None else Path(out),
-        seed,
-        duration_s,
-        overwrite,
-        firmware=None if firmware is None else fspath(firmware),
-        real=None if real is None else Path(real),
-        board=board,
-    )
-    return carry_out(section, setup)
-
-
 def wdri(
     profile: PathText | Profile,
     *,
@@ -163,11 +92,11 @@ def wdri(
     vertices: VertexCount | None = None,
     vessel: str | None = None,
 ) -> Wdri | FleetWdri:
-    """The weighted degree realism index of a profile, from 0 to 1, with the graph behind it.
+    """The weighted degree realism index of a profile, from 0 to 1, with its graph.
 
-    reference: a profile, or `"complete"` for the graph with every node real and linked to every node; the profile's own
-    by default. vertices: `"architecture"`, `"present"` or a number; what averages the degrees. vessel: one of a fleet;
-    without, a fleet has that of each of its `vessels`, and their mean.
+    reference: a profile, or `"complete"` for the graph in which every node is real and linked to every node; by default
+    the profile's own. vertices: number of vertices for the mean degree: `"architecture"`, `"present"` or a number.
+    vessel: one vessel of a fleet. Without it, a fleet returns the index of each of its `vessels`, and their mean.
     """
     from xitl_cli.graph.wdri import fleet_wdri, profile_wdri
 
@@ -179,12 +108,13 @@ def wdri(
 
 
 def open_log(path: PathText, vessel: str | None = None) -> Log:
-    """A log opened for reading: DataFlash `.bin`, MAVLink `.tlog` or MCAP.
+    """A log opened for reading: DataFlash `.bin`, ULog `.ulg`, MAVLink `.tlog`, MCAP or a ROS bag.
 
-    vessel: of a fleet's recording the one whose topics are to be as of a vessel alone; all are there without it.
+    vessel: one vessel of a fleet's recording; its topics then have no prefix. Without it, all topics have their full
+    names.
 
     `log["ATT"]` is a table, `log["ATT"]["Roll"]` its column as a numpy array, `log["ATT"].to_pandas()` a data frame
-    (needs pandas). Close it, or use it in a `with`. Raises LogError for a file that cannot be read.
+    (needs pandas). Close the log, or use it in a `with`. Raises LogError for a file that cannot be read.
     """
     from xitl_cli.logs import open_log as open_path
 
@@ -194,8 +124,10 @@ def open_log(path: PathText, vessel: str | None = None) -> Log:
 def analyze(*logs: PathText, sections: str | Iterable[str] = (), vessel: str = "") -> Report:
     """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
 
-    sections: names of analyses (`"scheduler"`), all by default. vessel: of a fleet's recording, its first without a
-    name. A log that cannot be read is one of the report's `refusals`. Raises LogError for a section that there is not.
+    sections: names of analyses (`"scheduler"`), by default all. vessel: one vessel of a fleet's recording, by default
+    the first.
+
+    A log that cannot be read is in the report's `refusals`. Raises LogError for an unknown section.
     """
     from xitl_cli.logs.report.build import build_report, sections_named
 
@@ -217,40 +149,14 @@ def compare(
 ) -> Comparison:
     """Log `b` against log `a`, as `xitl logs compare`: trajectories, motion, channels, events.
 
-    align: how b's path is moved onto a's before errors are taken. start: how b is laid on a's time. of_a, of_b: the
-    autopilot's estimate or the simulator's truth. armed: only while both were armed. vessel: of a fleet's recording,
-    else its first; vessel_b: another one of `b`.
+    align: method that aligns b's path with a's before errors are computed. start: method that aligns b with a's time.
+    of_a, of_b: the autopilot's estimate or the simulator's truth. armed: use only the time in which both were armed.
+    vessel: one vessel of a fleet's recording, by default the first. vessel_b: another vessel for `b`.
     """
     from xitl_cli.logs.compare.comparison import compare as compare_logs
 
     with open_log(a, vessel) as log_a, open_log(b, vessel_b or vessel) as log_b:
         return compare_logs(log_a, log_b, align=align, start=start, of_a=of_a, of_b=of_b, armed=armed)
-
-
-def replay_html(
-    *logs: PathText, vessel: str | None = None, from_s: float | None = None, to_s: float | None = None
-) -> str:
-    """A page that plays logs in 3D, as `xitl view --html` writes it: opens from the disk, asks for nothing outside.
-
-    vessel: of a fleet's recording this one alone. from_s, to_s: a part of it. Raises UserError without the extra `view`
-    and for an empty span, LogError for a file that is no log, or without positions or attitudes.
-    """
-    from xitl_cli.view.recording import open_scene
-    from xitl_cli.view.replay_page import replay_html as page_of
-
-    with open_scene([Path(log) for log in logs], vessel) as recording:
-        return page_of(recording, from_s=from_s, to_s=to_s)
-
-
-def picture(*logs: PathText, at_s: float, size: tuple[int, int] = (1280, 720), vessel: str | None = None) -> bytes:
-    """An instant of logs in 3D as PNG, as `xitl view --png` writes it; size: width and height.
-
-    vessel: what is looked at. Raises UserError without the extra `view`, without Chromium, Chrome or Edge, and for an
-    instant outside of the recording; LogError as `replay_html`.
-    """
-    from xitl_cli.view.pictures import picture as picture_of
-
-    return picture_of([Path(log) for log in logs], at_s, size=size, vessel=vessel)
 
 
 def _texts(overrides: Overrides) -> list[str]:

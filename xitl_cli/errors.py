@@ -9,4 +9,4 @@ Libraries raise these with one sentence that says what, where and what to do; `x
 
 
 class UserError(Exception):
-    """One line for the user: what is wrong, where, and how to put it right. No traceback is shown."""
+    """One line for the user: the problem, its place, and the fix. No traceback is shown."""

@@ -8,11 +8,12 @@ import os
 import shutil
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
+from xitl_cli.plugin import Command, keep_group
 
 if TYPE_CHECKING:
     import typer
@@ -71,15 +72,12 @@ def fail(message: str) -> NoReturn:
 
 
 def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
-    """All commands. A group that is not named among these arguments stays empty: filling it takes its time."""
+    """All commands. With `arguments`, commands that are not among them are left empty: filling them takes time."""
     import typer
     import typer.core
 
-    from xitl_cli.commands import doctor, init, sim, validate, wdri
-    from xitl_cli.commands.campaign import CampaignGroup
-    from xitl_cli.commands.map import map_command
+    from xitl_cli import registry
     from xitl_cli.commands.options import usual_spelling
-    from xitl_cli.commands.view import view
 
     # The frames of rich cut the names of options off in a narrow terminal, plain help wraps what is beside them.
     markup: Literal["rich"] | None = "rich" if shutil.get_terminal_size().columns >= FRAMED_HELP_WIDTH else None
@@ -88,31 +86,45 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
         """Plain help that tells the whole first sentence of each command."""
 
         def format_commands(self, ctx: Any, formatter: Any) -> None:
-            rows = [(name, one.get_short_help_str(limit=1000)) for name, one in self.commands.items() if not one.hidden]
+            rows = [
+                (name, command.get_short_help_str(limit=1000))
+                for name, command in self.commands.items()
+                if not command.hidden
+            ]
             with formatter.section("Commands"):
                 formatter.write_dl(rows)
 
+    class TopGroup(WrappedGroup):
+        """Says which plug-in a command comes with that is not there."""
+
+        def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+            if args and args[0] not in self.commands and not args[0].startswith("-"):
+                _refuse_missing(args[0])
+            return super().resolve_command(ctx, args)
+
     app = typer.Typer(
         name="xitl",
-        cls=WrappedGroup,
+        cls=TopGroup,
         help="X-in-the-loop simulation for autonomous boats and other MAVLink vehicles.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         rich_markup_mode=markup,
         context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": usual_spelling},
     )
-    app.command("init")(init.init)
-    app.command("sim", cls=sim.SimCommand)(sim.sim)
-    app.command("doctor")(doctor.doctor)
-    app.command("wdri")(wdri.wdri)
-    app.command("map")(map_command)
-    app.command("view")(view)
-    app.command("validate")(validate.validate)
-    for name, (text, fill) in _GROUPS.items():
-        kind = CampaignGroup if name == "campaign" else WrappedGroup
-        group = typer.Typer(help=text, no_args_is_help=name != "agent", rich_markup_mode=markup, cls=kind)
-        if arguments is None or name in arguments:
-            fill(group)
+    for name, declared in {**CORE_COMMANDS, **dict(registry.load_all(registry.COMMANDS))}.items():
+        asked_for = arguments is None or name in arguments
+        if not declared.group:
+            if asked_for:
+                declared.add(app, name)
+            else:
+                app.command(name, help=declared.help)(_not_asked_for)
+            continue
+        kind = WrappedGroup if declared.group_class is None or not asked_for else declared.group_class()
+        group = typer.Typer(
+            help=declared.help, no_args_is_help=declared.help_without_command, rich_markup_mode=markup, cls=kind
+        )
+        if asked_for:
+            declared.add(group, name)
         app.add_typer(group, name=name)
     version = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
 
@@ -123,14 +135,62 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     return app
 
 
-def _agent(group: typer.Typer) -> None:
+def _not_asked_for() -> None:
+    """Stands for a command in `xitl --help`."""
+
+
+def _refuse_missing(name: str) -> None:
+    """Raise UserError where a plug-in registers the command and cannot be loaded, or where xitl's own is missing."""
+    from xitl_cli import registry
+
+    if name in registry.names(registry.COMMANDS):
+        registry.load(registry.COMMANDS, name)
+    elif name in OWN_PLUGIN_COMMANDS:
+        extra = OWN_PLUGIN_COMMANDS[name]
+        package = f"'xitl[{extra}]'" if extra else "xitl"
+        raise UserError(
+            f"xitl {name}: its plug-in is not in this installation; pip install --force-reinstall {package}"
+        )
+
+
+def _init(app: typer.Typer, name: str) -> None:
+    from xitl_cli.commands.init import init
+
+    app.command(name)(init)
+
+
+def _sim(app: typer.Typer, name: str) -> None:
+    from xitl_cli.commands import sim
+
+    app.command(name, cls=sim.SimCommand)(sim.sim)
+
+
+def _doctor(app: typer.Typer, name: str) -> None:
+    from xitl_cli.commands.doctor import doctor
+
+    app.command(name)(doctor)
+
+
+def _wdri(app: typer.Typer, name: str) -> None:
+    from xitl_cli.commands.wdri import wdri
+
+    app.command(name)(wdri)
+
+
+def _plugins(app: typer.Typer, name: str) -> None:
+    from xitl_cli.commands.plugins import plugins
+
+    app.command(name)(plugins)
+
+
+def _agent(group: typer.Typer, name: str) -> None:
     from xitl_cli.commands import agent
 
     group.command("package")(agent.package)
     group.command("deploy")(agent.deploy)
 
 
-def _profiles(group: typer.Typer) -> None:
+def _profiles(group: typer.Typer, name: str) -> None:
     from xitl_cli.commands import profiles
 
     group.command("list")(profiles.list_profiles)
@@ -138,106 +198,48 @@ def _profiles(group: typer.Typer) -> None:
     group.command("check")(profiles.check)
 
 
-def _vehicle(group: typer.Typer) -> None:
-    from xitl_cli.commands import vehicle
-
-    group.callback()(_several)
-    group.command("check")(vehicle.check)
-
-
-def _params(group: typer.Typer) -> None:
-    from xitl_cli.commands import params
-
-    group.command("show")(params.show)
-    group.command("diff")(params.diff)
-    group.command("set")(params.set_values)
-    group.command("push")(params.push)
-    group.command("pull")(params.pull)
-    group.command("check")(params.check)
-
-
-def _firmware(group: typer.Typer) -> None:
-    from xitl_cli.commands import firmware
-
-    group.command("get")(firmware.get)
-    group.command("list")(firmware.list_firmware)
-    group.command("path")(firmware.path)
-
-
-def _logs(group: typer.Typer) -> None:
-    from xitl_cli.commands import logs, logs_analyze, logs_compare
-
-    group.command("info")(logs.info)
-    group.command("dump")(logs.dump)
-    group.command("export")(logs.export)
-    group.command("analyze")(logs_analyze.analyze)
-    group.command("plot")(logs_analyze.plot)
-    group.command("compare")(logs_compare.compare)
-    group.command("repair")(logs.repair)
-    group.command("tasks")(logs.tasks)
-
-
-def _board(group: typer.Typer) -> None:
-    from xitl_cli.commands import board
-
-    group.command("create")(board.create)
-    group.command("start")(board.start)
-    group.command("stop")(board.stop)
-    group.command("list")(board.list_boards)
-    for command in (board.ssh, board.enter):  # what follows the name is the command's
-        group.command(command.__name__, context_settings={"allow_interspersed_args": False})(command)
-    group.command("console")(board.console)
-    group.command("put")(board.put)
-    group.command("compare")(board.compare)
-    group.command("pause")(board.pause)
-    group.command("unplug")(board.unplug)
-    group.command("remove")(board.remove)
-
-
-def _world(group: typer.Typer) -> None:
+def _world(group: typer.Typer, name: str) -> None:
     from xitl_cli.commands import world
 
-    group.callback()(_several)
+    keep_group(group)
     group.command("launch")(world.launch)
 
 
-def _campaign(group: typer.Typer) -> None:
-    from xitl_cli.commands import campaign, campaign_compare
-
-    group.command(campaign.DEFAULT_COMMAND)(campaign.run)
-    group.command("compare")(campaign_compare.compare)
-
-
-def _paper(group: typer.Typer) -> None:
-    from xitl_cli.commands import paper
-
-    group.command("4.1")(paper.section_4_1)
-    group.command("4.2")(paper.section_4_2)
-    group.command("4.3")(paper.section_4_3)
-    group.command("4.4")(paper.section_4_4)
-    group.command("wdri")(paper.wdri)
-    group.command("all")(paper.all_sections)
-
-
-_GROUPS: Mapping[str, tuple[str, Callable[[typer.Typer], None]]] = {
-    "agent": ("Run the agent for a simulation host (`xitl agent --help`), package it, deploy it to a board.", _agent),
-    "board": ("An ARMv7 board with a Debian of its own, emulated on this machine.", _board),
-    "profiles": ("List, show and check profiles.", _profiles),
-    "vehicle": ("Look into the model of a vessel.", _vehicle),
-    "params": ("Read, compare and set parameters of a vehicle.", _params),
-    "firmware": ("Download the firmware of other autopilots.", _firmware),
-    "logs": ("Look into the logs of vehicles and runs.", _logs),
-    "world": ("Put things into the world of a run.", _world),
-    "campaign": (
-        "Run a plan of many runs: `xitl campaign PLAN.yaml` (options: `xitl campaign run -h`); compare two.",
-        _campaign,
+CORE_COMMANDS: Mapping[str, Command] = {
+    "init": Command(
+        "Write profile, vessel and mission of a boat of your own: they run at once, and say what to edit.", _init
     ),
-    "paper": ("Repeat the experiments of the paper.", _paper),
+    "sim": Command("Run a simulation.", _sim),
+    "doctor": Command(
+        "Check this machine: extras, firmware, ports; it or a board: kernel, permissions, clocks, devices.", _doctor
+    ),
+    "wdri": Command(
+        "Print nodes, links and the WDRI of a profile: how near its graph comes to a reference, from 0 to 1.", _wdri
+    ),
+    "profiles": Command("List, show and check profiles.", _profiles, group=True),
+    "plugins": Command("List the installed plug-ins, the package of each, and why one cannot be loaded.", _plugins),
+    "agent": Command(
+        "Run the agent for a simulation host (`xitl agent --help`), package it, deploy it to a board.",
+        _agent,
+        group=True,
+        help_without_command=False,
+    ),
+    "world": Command("Put things into the world of a run.", _world, group=True),
 }
 
-
-def _several() -> None:
-    """Keeps the name of a group's only command."""
+OWN_PLUGIN_COMMANDS = {
+    "board": "",
+    "campaign": "campaign",
+    "firmware": "",
+    "logs": "report",
+    "map": "perception",
+    "paper": "figures",
+    "params": "",
+    "validate": "",
+    "vehicle": "",
+    "view": "view",
+}
+"""Commands of xitl's own plug-ins, each with its extra: to say where a command comes from when it is missing."""
 
 
 def _show_version(wanted: bool) -> None:

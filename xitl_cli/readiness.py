@@ -10,18 +10,27 @@ from urllib.parse import urlsplit
 
 from agent.board.doctor import OK, PROBLEM, WARNING, DoctorFinding
 from xitl_cli.errors import UserError
-from xitl_cli.extras import EXTRAS, ROS2
+from xitl_cli.extras import EXTRAS
 from xitl_cli.firmware.cache import PX4_VARIABLE, ROVER_VARIABLES, SITL, find_firmware, find_px4, named_by
 from xitl_cli.profile.schema.profile import USUAL
-from xitl_cli.profile.schema.ros import RosSpec
+from xitl_cli.registry import DOCTOR_CHECKS, load_all, plugins
 
 PACKAGES = ("numpy", "yaml", "mcap", "foxglove", "rich", "typer")
 """A run does without none of them."""
 
 
 def examine_simulating() -> list[DoctorFinding]:
-    """Of this machine."""
-    return [check_packages(), *check_extras(), *check_firmware(), *check_ports(), check_pseudo_terminals(), check_ros()]
+    """Findings on this machine, those of plug-ins last."""
+    of_plugins = [finding for _, check in load_all(DOCTOR_CHECKS) for finding in check()]
+    own = [check_packages(), *check_extras(), *check_firmware(), *check_ports(), check_pseudo_terminals()]
+    return [*own, *check_plugins(), *of_plugins]
+
+
+def check_plugins() -> Iterator[DoctorFinding]:
+    """A warning for each plug-in that cannot be loaded."""
+    for plugin in plugins():
+        if plugin.error:
+            yield DoctorFinding(f"plug-in {plugin.name}", WARNING, plugin.error, "`xitl plugins` lists all of them")
 
 
 def check_packages() -> DoctorFinding:
@@ -63,25 +72,6 @@ def _program(name: str, find: Callable[[], Path], variable: str | None, advice: 
             return DoctorFinding(name, OK, f"none found (only for profiles with {profiles})", advice)
         return DoctorFinding(name, WARNING, str(error), f"correct {variable}, or unset it")
     return DoctorFinding(name, OK, found if variable is None else f"{found} (named by {variable})")
-
-
-def check_ros() -> DoctorFinding:
-    """By which way `--ros` would go into ROS 2; ROS 1 needs nothing."""
-    from xitl_cli.ros.middleware import rclpy_problem, ros2_way
-
-    sourced = os.environ.get("ROS_DISTRO", "")
-    named = f" of ROS 2 {sourced}" if sourced else ""
-    try:
-        way = ros2_way(RosSpec())
-    except UserError:
-        return DoctorFinding("ROS 2", OK, "neither rclpy nor cyclonedds (only for `--ros`)", ROS2.pip_line)
-    if way == "cyclonedds":
-        return DoctorFinding("ROS 2", OK, "cyclonedds; no rclpy is sourced for this Python")
-    if (problem := rclpy_problem()) is None:
-        return DoctorFinding("ROS 2", OK, f"rclpy{named}")
-    instead = ROS2.pip_line if ROS2.missing else "cyclonedds is used instead; or run xitl in the Python of that ROS"
-    level = WARNING if ROS2.missing else OK
-    return DoctorFinding("ROS 2", level, f"rclpy{named} cannot be imported ({problem})", instead)
 
 
 def check_ports() -> Iterator[DoctorFinding]:

@@ -39,6 +39,7 @@ RATES_HZ = {
     mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 2.0,
     mav.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
     mav.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mav.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot sends it only while a fence is enabled
 }
 PX4_ATTITUDE_HZ = 50.0
 """Of PX4, whose streams do not come at the same instants as ArduPilot's do: an attitude is near every position."""
@@ -222,6 +223,7 @@ class VehicleLink:
             return
         if not self.heard and message.autopilot == mav.MAV_AUTOPILOT_PX4:
             self._streams.set_rate(mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, PX4_ATTITUDE_HZ)
+            self._streams.leave_out(mav.MAVLINK_MSG_ID_FENCE_STATUS)
         self.heard = True
         self._heard_ns = now_ns
         self.armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -342,6 +344,11 @@ class StreamRequests:
         """Ask for this kind at another rate from now on."""
         self._rates_hz[number] = (rate_hz,)
         self._wanted[number] = _RequestedStream((rate_hz,))
+
+    def leave_out(self, number: int) -> None:
+        """Ask no more for this kind, which the autopilot does not have."""
+        self._rates_hz.pop(number, None)
+        self._wanted.pop(number, None)
 
     def note_arrival(self, number: int, now_ns: int) -> None:
         """A message of this number has come."""

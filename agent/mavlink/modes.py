@@ -32,6 +32,8 @@ ROVER_MODES: Mapping[int, str] = {
 }
 """Names by ArduRover's custom_mode (Rover/mode.h)."""
 ROVER_MODE_NUMBERS: Mapping[str, int] = {name: number for number, name in ROVER_MODES.items()}
+MISSION_MODE = "AUTO"
+"""Name of the mode that sails the mission on board, of ArduRover and of PX4."""
 
 _MANUAL, _ALTITUDE, _POSITION, _AUTO, _ACRO, _OFFBOARD, _STABILIZED = range(1, 8)
 _LOITER, _MISSION, _RETURN = 3, 4, 5

@@ -14,7 +14,7 @@ from hmac import compare_digest
 from pathlib import Path
 from typing import Callable
 
-from agent.files import read_text
+from agent.files import as_text, read_with_status
 from agent.wire.framing import SIGNATURE_BYTES, SIGNED
 
 KEY_BYTES = 32
@@ -48,24 +48,56 @@ def read_key(text: str, source: str) -> bytes:
 def read_key_file(path: str, option: str) -> bytes:
     """The key in the file, see `read_key`. option: what named the file, for the sentence.
 
-    Raises SigningKeyError when there is none, and when group or others may write the file.
+    Raises SigningKeyError when there is none, and when another user may read, write or replace the file.
     """
     try:
-        text = read_text(Path(path))
-        mode = Path(path).stat().st_mode
+        data, status = read_with_status(Path(path))
+        text = as_text(data)
     except FileNotFoundError:
         raise SigningKeyError(
             f"{path}: the signing key is missing, there is no such file; make one for both ends with "
-            f"`openssl rand -hex 32 > {path}`, or leave {option} out"
+            f"`(umask 077; openssl rand -hex 32 > {path})`, or leave {option} out"
         ) from None
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else "not text"
         raise SigningKeyError(
             f"{path}: the signing key cannot be read ({why}); check path and permissions, or leave {option} out"
         ) from None
-    if os.name == "posix" and mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise SigningKeyError(f"{path}: others may write this signing key; run `chmod 600 {path}`")
+    if os.name == "posix":
+        _check_private(path, status)
     return read_key(text, path)
+
+
+def _trusted_users() -> tuple[int, ...]:
+    """Root, this user, and the user who became root by sudo."""
+    behind = os.environ.get("SUDO_UID", "")
+    return (0, os.geteuid(), *((int(behind),) if os.geteuid() == 0 and behind.isdecimal() else ()))
+
+
+def _check_private(path: str, status: os.stat_result) -> None:
+    """Raise SigningKeyError where another user than root may read, write or replace the key.
+
+    status: of the file that was read. Its group may read it: a service may have a group for that.
+    """
+    trusted = _trusted_users()
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise SigningKeyError(f"{path}: others may write this signing key; run `chmod 600 {path}`")
+    if status.st_mode & stat.S_IROTH:
+        raise SigningKeyError(f"{path}: others may read this signing key; run `chmod 600 {path}`")
+    if status.st_uid not in trusted:
+        raise SigningKeyError(f"{path}: this signing key belongs to another user; make a copy that is yours")
+    for named in (os.path.abspath(path), os.path.realpath(path)):  # noqa: PTH100
+        for folder in Path(named).parents:
+            try:
+                found = folder.stat()
+            except OSError as error:
+                raise SigningKeyError(f"{folder}: cannot be seen ({error.strerror}); move the signing key") from None
+            shared = bool(found.st_mode & stat.S_IWOTH) and not found.st_mode & stat.S_ISVTX
+            if shared or found.st_uid not in trusted:
+                raise SigningKeyError(
+                    f"{path}: others may replace this signing key, because they may write {folder}; "
+                    "move it to a directory of yours"
+                )
 
 
 def wall_clock_timestamp() -> int:

@@ -35,12 +35,12 @@ Angle = Annotated[float, Bounds(at_least=-180, at_most=180)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hull(Specification):
-    """Two round demi-hulls: horizontal cylinders, axes half the width less a radius off the middle."""
+    """Two round demi-hulls: horizontal cylinders with axes half the width less a radius from the middle."""
 
-    length_m: Annotated[Positive, "of each"]
-    width_m: Annotated[Positive, "overall; at least four radii"]
-    radius_m: Annotated[Positive, "of each"]
-    strips: Annotated[int, Bounds(at_least=2, at_most=1000), "of each, for buoyancy and waves"] = 6
+    length_m: Annotated[Positive, "length of each hull"]
+    width_m: Annotated[Positive, "overall width; at least four radii"]
+    radius_m: Annotated[Positive, "radius of each hull"]
+    strips: Annotated[int, Bounds(at_least=2, at_most=1000), "strips of each hull, for buoyancy and waves"] = 6
     keel_below_cg_m: Annotated[float, "height of the body's origin above the lowest line of the hulls"]
 
     def check(self) -> None:
@@ -61,15 +61,17 @@ class Hull(Specification):
 class HullMesh(Specification):
     """A closed mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB) as the shape of a hull.
 
-    Wherever the mesh has its own origin, the middle of its lowest line comes to the hull's keel.
+    The middle of the mesh's lowest line is placed at the hull's keel; the mesh's origin has no effect.
     """
 
-    file: Annotated[str, "relative to the profile"]
-    axes: Annotated[Literal["flu", "frd"], "of the mesh: x forward, y left, z up; or y right, z down"] = "flu"
-    scale: Annotated[Positive, "metres a unit of the mesh"] = 1.0
-    width_m: Annotated[Positive, "overall"]
-    depth_m: Annotated[Positive, "from its lowest point to the deck"]
-    corners: Annotated[int, Bounds(at_least=4, at_most=200), "of each cross-section cut from it, for buoyancy"] = 32
+    file: Annotated[str, "path relative to the profile"]
+    axes: Annotated[Literal["flu", "frd"], "axes of the mesh: x forward, y left, z up; or y right, z down"] = "flu"
+    scale: Annotated[Positive, "metres per unit of the mesh"] = 1.0
+    width_m: Annotated[Positive, "overall width"]
+    depth_m: Annotated[Positive, "height from its lowest point to the deck"]
+    corners: Annotated[
+        int, Bounds(at_least=4, at_most=200), "corners of each cross-section cut from it, for buoyancy"
+    ] = 32
 
 
 def _check_rising(path: tuple[str, ...], values: list[float], which: str) -> None:
@@ -80,11 +82,11 @@ def _check_rising(path: tuple[str, ...], values: list[float], which: str) -> Non
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HullSection(Specification):
-    """Cross-section of a hull: round, a box, or by its offsets, such as a V. Give one of the three."""
+    """Cross-section of a hull: a circle, a box, or offsets such as a V. Give one of the three."""
 
-    radius_m: Annotated[Positive | None, "of a round one"] = None
-    width_m: Annotated[Positive | None, "of a box"] = None
-    depth_m: Annotated[Positive | None, "of a box, from keel to deck"] = None
+    radius_m: Annotated[Positive | None, "radius of a circle"] = None
+    width_m: Annotated[Positive | None, "width of a box"] = None
+    depth_m: Annotated[Positive | None, "height of a box, from keel to deck"] = None
     offsets_m: Annotated[
         Annotated[tuple[Place, ...], Items(2, 50)] | None,
         "a list of [height above the keel, half width] from keel to deck; a V is [[0, 0], [0.3, 0.2]]",
@@ -126,18 +128,18 @@ _UNTAPERED = ((-0.5, 1.0), (0.5, 1.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DemiHull(Specification):
-    """One hull of any number: a section drawn along its length, or a mesh. Give `section` or `mesh`."""
+    """One of any number of hulls: a section extruded along its length, or a mesh. Give `section` or `mesh`."""
 
-    length_m: Annotated[Positive, "from end to end of its sections; of a mesh, of the waterline"]
-    keel_frd_m: Annotated[Vector, "halfway along its lowest line, from the body's origin"]
+    length_m: Annotated[Positive, "length from end to end of its sections; of a mesh, length of the waterline"]
+    keel_frd_m: Annotated[Vector, "position of its lowest line at half the length, from the body's origin"]
     section: HullSection | None = None
     mesh: HullMesh | None = None
     taper: Annotated[
         tuple[Place, ...],
         Items(2, 50),
-        "a list of [place from -0.5 at the stern to 0.5 at the bow, share of the section's width there]",
+        "a list of [position from -0.5 at the stern to 0.5 at the bow, share of the section's width there]",
     ] = _UNTAPERED
-    strips: Annotated[int, Bounds(at_least=2, at_most=1000), "for buoyancy and waves"] = 12
+    strips: Annotated[int, Bounds(at_least=2, at_most=1000), "strips for buoyancy and waves"] = 12
 
     def check(self) -> None:
         if (self.section is None) == (self.mesh is None):
@@ -202,14 +204,16 @@ class Damping(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrossFlowDrag(Specification):
-    """Drag of the flow across the hull, strip by strip along it (Fossen 2021, section 6.4; Faltinsen 1990, ch. 6)."""
+    """Drag of the flow across the hull, summed over strips (Fossen 2021, section 6.4; Faltinsen 1990, ch. 6)."""
 
-    length_m: Annotated[Positive, "of the waterline"]
-    draft_m: Annotated[Positive, "mean"]
-    width_m: Annotated[Positive | None, "of the waterline, for Hoerner's curve; needed without a coefficient"] = None
-    coefficient: Annotated[Positive | None, "two-dimensional; null: Hoerner's curve by width over twice the draft"] = (
-        None
-    )
+    length_m: Annotated[Positive, "length of the waterline"]
+    draft_m: Annotated[Positive, "mean draft"]
+    width_m: Annotated[
+        Positive | None, "width of the waterline, for Hoerner's curve; required without a coefficient"
+    ] = None
+    coefficient: Annotated[
+        Positive | None, "two-dimensional drag coefficient; null: Hoerner's curve by width over twice the draft"
+    ] = None
     strips: Annotated[int, Bounds(at_least=2, at_most=200)] = 20
 
     def check(self) -> None:
@@ -219,7 +223,10 @@ class CrossFlowDrag(Specification):
 
 @dataclass(frozen=True, slots=True)
 class SteeringGear(Specification):
-    """What turns a propeller about its mast, to either side up to an angle. Its command comes after all throttles."""
+    """A gear that turns a propeller about its mast, up to an angle to either side.
+
+    Its command comes after all throttles.
+    """
 
     max_angle_deg: Annotated[float, Bounds(above=0, at_most=180)]
     rate_degps: Positive
@@ -230,10 +237,10 @@ class OpenWater(Specification):
     """Open-water curve of a propeller: thrust = rho D⁴ K_T(J) n |n|, J = u_a / (n D)."""
 
     diameter_m: Positive
-    max_speed_rps: Annotated[Positive, "of the shaft at full command"]
-    advance_ratio: Annotated[Table, "J, rising from 0"]
-    thrust_coefficient: Annotated[Table, "K_T at each, falling; beyond the last its slope goes on"]
-    reverse_share: Annotated[Share, "of K_T when it turns astern"] = 1.0
+    max_speed_rps: Annotated[Positive, "speed of the shaft at full command"]
+    advance_ratio: Annotated[Table, "values of J, rising from 0"]
+    thrust_coefficient: Annotated[Table, "K_T at each J, falling; beyond the last value, its slope continues"]
+    reverse_share: Annotated[Share, "share of K_T when the propeller turns astern"] = 1.0
 
     def check(self) -> None:
         ratios, coefficients = self.advance_ratio, self.thrust_coefficient
@@ -259,33 +266,37 @@ class OpenWater(Specification):
 
 @dataclass(frozen=True, slots=True)
 class Propeller(Specification):
-    """A propeller in air or water that pushes at its place along its own line, or where its gear turns it.
+    """A propeller in air or water that pushes at its position along its line; a steering gear can turn this line.
 
     Its speed follows the command as a first-order lag. Give the thrust at rest, or `open_water`.
     """
 
-    position_frd_m: Annotated[Vector, "from the body's origin"]
-    max_thrust_n: Annotated[Positive | None, "at rest, at full speed ahead"] = None
-    max_reverse_thrust_n: Annotated[NonNegative | None, "at rest, at full speed astern"] = None
+    position_frd_m: Annotated[Vector, "position from the body's origin"]
+    max_thrust_n: Annotated[Positive | None, "thrust at rest, at full speed ahead"] = None
+    max_reverse_thrust_n: Annotated[NonNegative | None, "thrust at rest, at full speed astern"] = None
     spin_up_s: Annotated[Positive, Required, "time constant while it speeds up"] = 0.3
     spin_down_s: Annotated[Positive, Required, "time constant while it slows down"] = 0.3
     steering: SteeringGear | None = None
     medium: Literal["air", "water"] = "air"
-    angle_deg: Annotated[Angle, "where its thrust points: 0 ahead, 90 to starboard as of a bow thruster"] = 0.0
+    angle_deg: Annotated[Angle, "direction of its thrust: 0 ahead, 90 to starboard as for a bow thruster"] = 0.0
     diameter_m: Annotated[
         Positive | None,
-        "in air: thrust falls with the apparent wind by momentum theory; null: it does not; "
-        "in water: of the race that a rudder stands in",
+        "in air: thrust falls with the apparent wind by momentum theory; null: it does not. In water: diameter of "
+        "the race at a rudder",
     ] = None
     zero_thrust_speed_mps: Annotated[
-        Positive | None, "in water: speed of advance at which full speed ahead gives no thrust; null: as at rest"
+        Positive | None,
+        "in water: speed of advance at which full speed ahead gives no thrust; null: the thrust at rest at any speed",
     ] = None
     open_water: OpenWater | None = None
-    wake_fraction: Annotated[float, Bounds(at_least=0, below=1), "of the hull's speed, missing from the inflow"] = 0.0
+    wake_fraction: Annotated[float, Bounds(at_least=0, below=1), "share of the hull's speed that the inflow lacks"] = (
+        0.0
+    )
     thrust_deduction: Annotated[float, Bounds(at_least=0, below=1), "share of the thrust lost to the hull"] = 0.0
     tunnel_speed_mps: Annotated[
         Positive | None,
-        "in a tunnel through the hull: forward speed at which 1/e of the thrust is left, exp(-(u / this)²); null: none",
+        "in a tunnel through the hull: forward speed at which 1/e of the thrust remains, exp(-(u / this)²); null: "
+        "no tunnel",
     ] = None
 
     def check(self) -> None:
@@ -329,22 +340,23 @@ class Propeller(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rudder(Specification):
-    """A rudder behind or beside a propeller. Its command comes after all gears, positive for the bow to starboard."""
+    """A rudder behind or next to a propeller. Its command comes after all gears, positive for the bow to starboard."""
 
-    position_frd_m: Annotated[Vector, "of its stock at half its height, from the body's origin"]
+    position_frd_m: Annotated[Vector, "position of its stock at half its height, from the body's origin"]
     area_m2: Positive
     aspect_ratio: Annotated[Positive, "height over chord, which sets the slope of its normal force"]
     max_angle_deg: Annotated[float, Bounds(above=0, at_most=90)] = 35.0
     rate_degps: Positive = 30.0
     propeller: Annotated[
-        Annotated[int, Bounds(at_least=0, at_most=15)] | None, "number of the one in whose race it stands, from 0"
+        Annotated[int, Bounds(at_least=0, at_most=15)] | None,
+        "number of the propeller with the race that reaches it, from 0",
     ] = None
-    race_share: Annotated[Share, "of its area that stands in the race"] = 1.0
+    race_share: Annotated[Share, "share of its area in the race"] = 1.0
     wake_fraction: Annotated[
-        float, Bounds(at_least=0, below=1), "of the hull's speed, missing from the inflow outside the race"
+        float, Bounds(at_least=0, below=1), "share of the hull's speed that the inflow outside the race lacks"
     ] = 0.0
     stall_deg: Annotated[
-        float, Bounds(at_least=5, at_most=60), "angle of attack from which it stalls; less in a free stream"
+        float, Bounds(at_least=5, at_most=60), "angle of attack at which it stalls; smaller in a free stream"
     ] = 35.0
 
     @property
@@ -359,12 +371,12 @@ class Windage(Specification):
 
     frontal_area_m2: Annotated[NonNegative, Required] = 0.0
     lateral_area_m2: Annotated[NonNegative, Required] = 0.0
-    length_m: Annotated[NonNegative, Required, "overall; the lever of the yaw moment"] = 0.0
+    length_m: Annotated[NonNegative, Required, "overall length; the lever of the yaw moment"] = 0.0
     surge_coefficient: Annotated[NonNegative, Required] = 0.0
     sway_coefficient: Annotated[NonNegative, Required] = 0.0
     yaw_coefficient: Annotated[float, Required] = 0.0
     height_m: Annotated[
-        Positive | None, "of the areas' centre above the water at rest; null: half of lateral area over length"
+        Positive | None, "height of the areas' centre above the water at rest; null: half of lateral area over length"
     ] = None
 
     @property
@@ -379,14 +391,14 @@ class Windage(Specification):
 class BatterySpec(Specification):
     """The battery that feeds all propellers: [vessel.md](vessel.md#battery)."""
 
-    cells: Annotated[int, Bounds(at_least=1, at_most=1000), "in series"]
-    full_voltage_v: Annotated[Positive, "at the terminals, without current"]
-    empty_voltage_v: Annotated[Positive, "the same at no charge; in between it falls with the charge"]
+    cells: Annotated[int, Bounds(at_least=1, at_most=1000), "number of cells in series"]
+    full_voltage_v: Annotated[Positive, "voltage at the terminals, without current"]
+    empty_voltage_v: Annotated[Positive, "the same at no charge; between the two, it falls with the charge"]
     capacity_ah: Positive
-    resistance_ohm: Annotated[NonNegative, "of cells and wires"]
-    full_current_a: Annotated[Positive, "of all propellers at full speed"]
-    idle_current_a: Annotated[NonNegative, "of all else on board"] = 0.0
-    initial_charge: Annotated[Share, "of the capacity"] = 1.0
+    resistance_ohm: Annotated[NonNegative, "resistance of cells and wires"]
+    full_current_a: Annotated[Positive, "current of all propellers at full speed"]
+    idle_current_a: Annotated[NonNegative, "current of all other devices on board"] = 0.0
+    initial_charge: Annotated[Share, "share of the capacity"] = 1.0
 
     def check(self) -> None:
         if self.empty_voltage_v > self.full_voltage_v:
@@ -425,40 +437,45 @@ class VesselSpec(Specification):
     """
 
     name: str
-    cruise_speed_mps: Annotated[Positive | None, "over ground, of a mission that says no other"] = None
+    cruise_speed_mps: Annotated[Positive | None, "speed over ground for a mission that gives none"] = None
     mass_kg: Positive
-    inertia_kgm2: Annotated[tuple[Positive, Positive, Positive], "about x, y and z through the centre of gravity"]
-    inertia_products_kgm2: Annotated[Vector, "Ixy, Ixz and Iyz there: the negative of the matrix's entries"] = (
+    inertia_kgm2: Annotated[
+        tuple[Positive, Positive, Positive], "moments about x, y and z through the centre of gravity"
+    ]
+    inertia_products_kgm2: Annotated[
+        Vector, "products Ixy, Ixz and Iyz at the centre of gravity: the negative of the matrix's entries"
+    ] = (
         0.0,
         0.0,
         0.0,
     )
-    centre_of_gravity_frd_m: Annotated[Vector, "from the body's origin"] = (0.0, 0.0, 0.0)
-    hull: Annotated[Hull | None, "a catamaran with two round hulls; null: see `hulls`"] = None
-    hulls: Annotated[tuple[DemiHull, ...], Items(0, 100), "any others, in place of `hull`"] = ()
+    centre_of_gravity_frd_m: Annotated[Vector, "position from the body's origin"] = (0.0, 0.0, 0.0)
+    hull: Annotated[Hull | None, "a catamaran with two round hulls; null: `hulls` is used"] = None
+    hulls: Annotated[tuple[DemiHull, ...], Items(0, 100), "any other hulls, instead of `hull`"] = ()
     added_mass: AddedMass = AddedMass()
-    added_mass_matrix: Annotated[Matrix | None, "in place of `added_mass`: six rows of six, positive definite"] = None
+    added_mass_matrix: Annotated[Matrix | None, "instead of `added_mass`: six rows of six, positive definite"] = None
     damping_linear: Damping = Damping()
-    damping_linear_matrix: Annotated[Matrix | None, "in place of `damping_linear`: six rows of six"] = None
+    damping_linear_matrix: Annotated[Matrix | None, "instead of `damping_linear`: six rows of six"] = None
     damping_quadratic: Damping = Damping()
     derivatives: Annotated[
-        dict[str, float], "by SNAME name with its sign, such as Y_rv or X_uuu: [vessel.md](vessel.md#derivatives)"
+        dict[str, float],
+        "values by SNAME name with their signs, such as Y_rv or X_uuu: [vessel.md](vessel.md#derivatives)",
     ] = field(default_factory=dict)
     cross_flow_drag: CrossFlowDrag | None = None
     centre_of_lateral_resistance_frd_m: Annotated[
         Vector | None,
-        "where added_mass and the dampings per axis act; null: amidships at half the draft. "
-        "Matrices and derivatives hold for the body's origin",
+        "point of action of added_mass and the per-axis dampings; null: amidships at half the draft. Matrices and "
+        "derivatives act at the body's origin",
     ] = None
     stern_force: Annotated[
         Literal["on", "off"] | None,
-        "side force of the flow that a blunt stern sheds: [vessel.md](vessel.md#stern-force); "
-        "null: on, and off where matrices or derivatives are given",
+        "side force of the flow that a blunt stern sheds: [vessel.md](vessel.md#stern-force); null: on, but off "
+        "if matrices or derivatives are given",
     ] = None
     propellers: Annotated[tuple[Propeller, ...], Items(1, 16), "port first, then starboard"]
     rudders: Annotated[tuple[Rudder, ...], Items(0, 8)] = ()
     wind: Annotated[Windage, Required] = Windage()
-    battery: Annotated[BatterySpec | None, "null: nothing is known of it"] = None
+    battery: Annotated[BatterySpec | None, "null: no battery model"] = None
 
     def check(self) -> None:
         ixx, iyy, izz = self.inertia_kgm2

@@ -49,17 +49,19 @@ def _ais_text(most: int) -> ValueProblem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogBoomSpec(Specification):
-    """A floating line of cylinders, along points, or at the water's level between anchors."""
+    """A floating line of cylinders, either along points or between anchors at the level of the water."""
 
-    points_ned_m: Annotated[Annotated[tuple[Vector, ...], Items(2)] | None, "a line straight between points"] = None
-    anchors_ne_m: Annotated[
-        Annotated[tuple[Place, ...], Items(2)] | None, "instead: a line at the water's level between anchors"
+    points_ned_m: Annotated[
+        Annotated[tuple[Vector, ...], Items(2)] | None, "points of a line with straight segments"
     ] = None
-    sag_m: Annotated[NonNegative, "between two anchors, to the right of the way along them"] = 0.0
+    anchors_ne_m: Annotated[
+        Annotated[tuple[Place, ...], Items(2)] | None, "instead: anchors of a line at the water's level"
+    ] = None
+    sag_m: Annotated[NonNegative, "sag between two anchors, to the right of the direction along the line"] = 0.0
     float_length_m: Positive
     float_radius_m: Positive
-    pile_radius_m: Annotated[NonNegative, "of a pile at each anchor, from the bed up; 0: no piles"] = 0.0
-    pile_height_m: Annotated[Positive, "of the piles above the water"] = 3.0
+    pile_radius_m: Annotated[NonNegative, "radius of a pile at each anchor, from the bed up; 0: no piles"] = 0.0
+    pile_height_m: Annotated[Positive, "height of the piles above the water"] = 3.0
 
     def check(self) -> None:
         if self.points_ned_m is None and self.anchors_ne_m is None:
@@ -76,13 +78,13 @@ class LogBoomSpec(Specification):
 
 @dataclass(frozen=True, slots=True)
 class Intakes(Specification):
-    """Openings in the left side of a dam, as seen along its heading, each behind upright bars."""
+    """Openings in the left side of a dam, seen along its heading, each behind vertical bars."""
 
     count: Annotated[int, Bounds(at_least=1, at_most=500)]
     width_m: Positive
     height_m: Positive
-    down_m: Annotated[float, "of their middles below the local origin"]
-    bars: Annotated[int, Bounds(at_least=0, at_most=200), "before each"] = 0
+    down_m: Annotated[float, "depth of their middles below the local origin"]
+    bars: Annotated[int, Bounds(at_least=0, at_most=200), "number of bars in front of each opening"] = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,21 +119,23 @@ class DamSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RiverSpec(Specification):
-    """The bed and the land beside it as triangles: a straight channel, its banks with trees and rocks."""
+    """The bed and the land next to it as triangles: a straight channel and its banks with trees and rocks."""
 
-    direction_deg: Annotated[Direction, "where the water goes"] = 0.0
+    direction_deg: Annotated[Direction, "direction towards which the water flows"] = 0.0
     through_ne_m: Annotated[Place, "a point of the channel's middle line"] = (0.0, 0.0)
-    width_m: Annotated[Positive, "between the waterlines"]
-    depth_m: Annotated[Positive, "where it is deepest; may differ from `environment.water.depth_m`, which waves go by"]
+    width_m: Annotated[Positive, "width between the waterlines"]
+    depth_m: Annotated[
+        Positive, "depth at the deepest point; may differ from `environment.water.depth_m`, which the waves use"
+    ]
     bank_slope: Annotated[float, Bounds(above=0.01, at_most=10)] = 0.5
-    bank_height_m: Annotated[NonNegative, "of the land above the water"] = 4.0
+    bank_height_m: Annotated[NonNegative, "height of the land above the water"] = 4.0
     undulation_m: Annotated[NonNegative, "standard deviation of bed and land about that shape"] = 0.3
-    along_m: Annotated[tuple[float, float], "the triangles' ends along the channel"] = (-200.0, 200.0)
-    beside_m: Annotated[Positive, "how far the triangles reach beyond the waterlines"] = 30.0
-    cell_m: Annotated[float, Bounds(at_least=0.2, at_most=100), "of the triangles near the waterlines"] = 2.5
+    along_m: Annotated[tuple[float, float], "start and end of the triangles along the channel"] = (-200.0, 200.0)
+    beside_m: Annotated[Positive, "distance of the triangles beyond the waterlines"] = 30.0
+    cell_m: Annotated[float, Bounds(at_least=0.2, at_most=100), "size of the triangles near the waterlines"] = 2.5
     trees: Annotated[int, Bounds(at_least=0, at_most=5000)] = 0
     rocks: Annotated[int, Bounds(at_least=0, at_most=5000)] = 0
-    seed: Annotated[Seed, "of undulation, trees and rocks: of the site, not of the run"] = 1
+    seed: Annotated[Seed, "seed of undulation, trees and rocks; it belongs to the site, not to the run"] = 1
 
     def check(self) -> None:
         if self.along_m[0] >= self.along_m[1]:
@@ -152,9 +156,9 @@ class ShoalSpec(Specification):
     count: Annotated[int, Bounds(at_least=1, at_most=1000)]
     from_ne_m: Place
     to_ne_m: Place
-    width_m: Annotated[NonNegative, "of the strip"] = 0.0
-    radius_m: Annotated[tuple[Positive, Positive], "at the waterline, from, to"] = (1.0, 3.0)
-    height_m: Annotated[tuple[Positive, Positive], "above the water, from, to"] = (0.5, 2.0)
+    width_m: Annotated[NonNegative, "width of the strip"] = 0.0
+    radius_m: Annotated[tuple[Positive, Positive], "smallest and largest radius at the waterline"] = (1.0, 3.0)
+    height_m: Annotated[tuple[Positive, Positive], "smallest and largest height above the water"] = (0.5, 2.0)
     seed: Seed = 1
 
 
@@ -169,49 +173,60 @@ class BuildingSpec(Specification):
 
 @dataclass(frozen=True, slots=True)
 class MeshFileSpec(Specification):
-    """A mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB); seen, and with `contact` run into."""
+    """A mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB).
 
-    file: Annotated[str, "relative to the profile"]
-    position_ned_m: Annotated[Vector, "of its origin"] = (0.0, 0.0, 0.0)
-    heading_deg: Annotated[Direction, "turns it clockwise"] = 0.0
-    scale: Annotated[Positive, "metres to its unit"] = 1.0
-    up: Annotated[Literal["y", "z"], "z: its axes are x east, y north, z up; y: x east, y up"] = "z"
+    Sensors see it, and with `contact` the vessel collides with it.
+    """
+
+    file: Annotated[str, "path relative to the profile"]
+    position_ned_m: Annotated[Vector, "position of its origin"] = (0.0, 0.0, 0.0)
+    heading_deg: Annotated[Direction, "rotation of the mesh, clockwise"] = 0.0
+    scale: Annotated[Positive, "metres per unit of the mesh"] = 1.0
+    up: Annotated[Literal["y", "z"], "z: axes x east, y north, z up; y: axes x east, y up"] = "z"
     material: MaterialName = "concrete"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AisSpec(Specification):
-    """What a vessel says of itself by AIS, beside place, course and speed."""
+    """Static AIS data that a vessel sends in addition to its position, course and speed."""
 
     transponder: Annotated[
-        Literal["class-a", "class-b", "none"], "how often it is heard: of class A every 2 to 10 s under way, of B 30 s"
+        Literal["class-a", "class-b", "none"],
+        "class of the transponder: class A sends every 2 to 10 s under way, class B every 30 s",
     ] = "class-a"
     mmsi: Annotated[
         Annotated[int, Bounds(at_least=1, at_most=LAST_MMSI)] | None,
-        "null: 200000000 and the system id, of a scripted vessel 200001000 and its number, which are no country's",
+        "null: 200000000 plus the system id, for a scripted vessel 200001000 plus its number. These belong to no "
+        "country",
     ] = None
     callsign: Annotated[str, _ais_text(7), "at most 7 characters"] = ""
-    name: Annotated[str, _ais_text(AIS_NAME), "at most 20 characters; empty: as it is called in the profile"] = ""
+    name: Annotated[str, _ais_text(AIS_NAME), "at most 20 characters; empty: its name in the profile"] = ""
     ship_type: Annotated[
         int,
         Bounds(at_least=0, at_most=255),
-        "of ITU-R M.1371: 30 fishing, 37 pleasure craft, 52 tug, 70 cargo, 80 tanker",
+        "type by ITU-R M.1371: 30 fishing, 37 pleasure craft, 52 tug, 70 cargo, 80 tanker",
     ] = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrafficSpec(Specification):
-    """A scripted vessel: it keeps to its track whatever happens, without actuators, sensors and autopilot."""
+    """A scripted vessel: it follows its track under all conditions, without actuators, sensors and autopilot."""
 
-    track_ned_m: Annotated[tuple[Place, ...], Items(1, 1000), "a list of [north, east]; of one that lies still, one"]
-    speed_mps: Annotated[Annotated[float, Bounds(above=0, at_most=30)] | None, "over ground, along the track"] = None
-    heading_deg: Annotated[Direction | None, "of one that lies still; under way it is that of the track"] = None
-    loop: Annotated[bool, "from the last point back to the first, and so on; else it stops at the last"] = False
-    start_s: Annotated[NonNegative, "when it sets out, in simulation time"] = 0.0
+    track_ned_m: Annotated[tuple[Place, ...], Items(1, 1000), "a list of [north, east]; one point for a vessel at rest"]
+    speed_mps: Annotated[Annotated[float, Bounds(above=0, at_most=30)] | None, "speed over ground, along the track"] = (
+        None
+    )
+    heading_deg: Annotated[
+        Direction | None, "heading of a vessel at rest; under way, the heading follows the track"
+    ] = None
+    loop: Annotated[
+        bool, "true: from the last point back to the first, again and again; false: it stops at the last point"
+    ] = False
+    start_s: Annotated[NonNegative, "departure in simulation time"] = 0.0
     length_m: Positive
     beam_m: Positive
-    height_m: Annotated[Positive, "above the water"] = 3.0
-    draft_m: Annotated[Positive, "below the water"] = 1.0
+    height_m: Annotated[Positive, "height above the water"] = 3.0
+    draft_m: Annotated[Positive, "depth below the water"] = 1.0
     ais: AisSpec = AisSpec()
 
     def check(self) -> None:

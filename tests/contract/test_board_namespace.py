@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from tests.patience import PATIENCE_S, wait_until
-from xitl_cli.board import namespace, network
-from xitl_cli.board.namespace import emulator_process
-from xitl_cli.board.places import NAMESPACE, EmulatedBoard
 from xitl_cli.errors import UserError
+from xitl_cli.plugins.board import namespace, network
+from xitl_cli.plugins.board.namespace import emulator_process
+from xitl_cli.plugins.board.places import NAMESPACE, EmulatedBoard
 
 ANSWERS = """\
 import os, socket, sys
@@ -76,7 +76,8 @@ def test_who_enters_is_where_the_emulator_is(board: EmulatedBoard) -> None:
 
 def test_what_is_within_needs_not_enter_and_has_the_commands_exit_code(board: EmulatedBoard) -> None:
     code = (
-        "import sys; from xitl_cli.board.namespace import shares_network as shares; sys.exit(40 + shares(sys.argv[1]))"
+        "import sys; from xitl_cli.plugins.board.namespace import shares_network as shares; "
+        "sys.exit(40 + shares(sys.argv[1]))"
     )
     pid = board.pid_file.read_text()
     assert inside(board, sys.executable, "-c", code, pid).returncode == 41

@@ -20,10 +20,10 @@ from agent.wire.memory import memory_pair
 from sim_core.geodesy import normal_gravity_mps2
 from sim_core.sensors.magnetometer import local_field_ned_gauss
 from tests.ardupilot import Rover
-from xitl_cli.params.check import check_parameters, firmware_name
-from xitl_cli.params.push import push, shipped_script
 from xitl_cli.params.values import read_file
 from xitl_cli.params.vehicle import VehicleFiles, connect
+from xitl_cli.plugins.params.check import check_parameters, firmware_name
+from xitl_cli.plugins.params.push import push, shipped_script
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.realtime]
 LAT_DEG, LON_DEG, ALT_M = -8.8, -63.95, 60.0

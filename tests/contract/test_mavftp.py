@@ -16,8 +16,8 @@ from agent.mavlink import ftp
 from agent.mavlink.ftp import FtpRefusedError, checksum, has_folder, read_checksum, write_file
 from tests.doubles.ftp_vehicle import FtpVehicle, crc32, listening
 from xitl_cli.errors import UserError
-from xitl_cli.params.push import install_script
 from xitl_cli.params.vehicle import VehicleFiles, connect
+from xitl_cli.plugins.params.push import install_script
 
 CONTENT = bytes(random.Random(3).randbytes(2000))
 

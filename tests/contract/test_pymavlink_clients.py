@@ -139,6 +139,7 @@ def test_several_stations_at_once_are_told_of_each_others_changes(idle: Boat) ->
 def test_signed_stations_are_served_and_others_not(tmp_path: Path) -> None:
     key_file = tmp_path / "key.txt"
     key_file.write_text("a boat of our own\n")
+    key_file.chmod(0o600)
     key = hashlib.sha256(b"a boat of our own").digest()
     with boat(host=False, agent_options=("--signing-key", str(key_file))) as found:
         with client(found.tcp) as stranger:

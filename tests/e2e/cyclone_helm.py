@@ -6,10 +6,10 @@ import struct
 import sys
 from typing import Any
 
+from xitl_cli.plugins.ros.cyclone_middleware import CycloneMiddleware
+from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
+from xitl_cli.plugins.ros.middleware import RELIABLE
 from xitl_cli.profile.schema.ros import RosSpec
-from xitl_cli.ros.cyclone_middleware import CycloneMiddleware
-from xitl_cli.ros.definitions import deserialize, ros2_types, serialize
-from xitl_cli.ros.middleware import RELIABLE
 
 TYPES: Any = ros2_types().types
 

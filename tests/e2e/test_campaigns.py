@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 from conftest import environment
 
-from xitl_cli.campaign.results import CAMPAIGN, LINES, NOT_COMPARED, ResultTable
-from xitl_cli.campaign.warden import MARK
+from xitl_cli.plugins.campaign.results import CAMPAIGN, LINES, NOT_COMPARED, ResultTable
+from xitl_cli.plugins.campaign.warden import MARK
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
@@ -110,7 +110,7 @@ def below(pid: int, words: str) -> list[int]:
 
 
 def workers_of(pid: int) -> list[int]:
-    return below(pid, "xitl_cli.campaign.cluster")
+    return below(pid, "xitl_cli.plugins.campaign.cluster")
 
 
 def runs_in(folder: Path) -> list[int]:

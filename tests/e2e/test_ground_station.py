@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mav
 
 from sim_core.geodesy import LocalFrame
 from tests.patience import PATIENCE_S, wait_until
-from xitl_cli.view.recording import open_scene
+from xitl_cli.plugins.view.recording import open_scene
 
 FRAME = LocalFrame(-8.80, -63.95, 70.0)
 MANUAL, AUTO = 0, 10

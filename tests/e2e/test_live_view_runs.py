@@ -89,7 +89,7 @@ class Viewed:
         """Number of the process that serves the page."""
         (child,) = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
         command = Path(f"/proc/{child}/cmdline")  # empty while it begins
-        wait_until(lambda: b"xitl_cli.view.process" in command.read_bytes(), "it serves no page")
+        wait_until(lambda: b"xitl_cli.plugins.view.process" in command.read_bytes(), "it serves no page")
         return int(child)
 
 

@@ -20,11 +20,11 @@ from report_samples import SECONDS, sample_report
 
 from tests.chromium import launch_chromium, needs_chromium
 from tests.recorded import LINUX
-from xitl_cli.commands import logs_analyze
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.report import html
 from xitl_cli.logs.report.page import Replay
 from xitl_cli.logs.report.signal_data import held_log
+from xitl_cli.plugins.logs import analyze_command
 
 SCREEN = {"width": 1280, "height": 2600}
 FLAT = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking")
@@ -292,7 +292,7 @@ def test_a_log_is_replayed_in_its_report(driver: Any, tmp_path: Path) -> None:
     pytest.importorskip("viser", reason="draws the replay; pip install 'xitl[view]'")
     path = tmp_path / "report.html"
     command = typer.Typer()
-    command.command()(logs_analyze.analyze)
+    command.command()(analyze_command.analyze)
     told = CliRunner().invoke(command, [str(LINUX), "--section", "overview", "--report", str(path)])
     assert told.exit_code == 0, told.output
     started = launch_chromium(driver)

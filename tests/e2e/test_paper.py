@@ -45,7 +45,7 @@ def test_lidar_and_sonar_see_what_they_are_there_for(xitl: Xitl, tmp_path: Path)
     assert ours["branch in the lidar"] > 20
     assert ours["sunken trunk in the sonar"] > 10
     assert ours["proximity messages"] > 0
-    assert ours["range told to the branch"] == pytest.approx(9.3, abs=2.0)  # it is so long: not the water before it
+    assert ours["reported range of the branch"] == pytest.approx(9.3, abs=2.0)  # it is so long: not the water before it
     assert done.returncode == 0, done.stderr
 
 

@@ -58,6 +58,9 @@ def test_the_mission_that_was_captured_is_sailed_again(sim: Sim) -> None:
     assert (autopilot["kind"], autopilot["vehicle"], autopilot["firmware"][:6]) == ("px4", "ground rover", "1.16.0")
     times = [autopilot[f"time_to_{what}_s"] for what in ("heartbeat", "origin", "ready", "arm", "motion")]
     assert times == sorted(times)
+    events = [(event["event"], event["mode"], event["reason"]) for event in told["autopilot_events"]]
+    assert ("mode", "AUTO", "") in events
+    assert [reason for _, _, reason in events if reason] == []
     bridge = autopilot["bridge"]
     assert bridge["imu_out"] == pytest.approx(100 * told["duration_s"], abs=2)
     assert (bridge["unsent"], bridge["restarts"], bridge["junk"]) == (0, 0, 0)

@@ -18,8 +18,8 @@ from ros2 import NodeProcess, Ros2, ros2
 from rosbags.highlevel import AnyReader
 
 from tests.patience import PATIENCE_S
+from xitl_cli.plugins.ros.outputs import OUTPUTS
 from xitl_cli.profile import load_profile
-from xitl_cli.ros.outputs import OUTPUTS
 
 LISTENER, MISCHIEF = (Path(__file__).with_name(f"rclpy_{name}.py") for name in ("listener", "mischief"))
 EXAMPLES = Path(__file__).parents[2] / "examples" / "ros"

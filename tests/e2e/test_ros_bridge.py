@@ -25,7 +25,7 @@ def bridge_of(run: int) -> int:
 
     def bridges() -> list[int]:
         children = [int(child) for child in Path(f"/proc/{run}/task/{run}/children").read_text().split()]
-        return [one for one in children if b"xitl_cli.ros.process" in Path(f"/proc/{one}/cmdline").read_bytes()]
+        return [one for one in children if b"xitl_cli.plugins.ros.process" in Path(f"/proc/{one}/cmdline").read_bytes()]
 
     (bridge,) = wait_until(bridges, "there is no bridge")
     return bridge

@@ -201,16 +201,29 @@ class Raising:
 """
 
 
-def test_a_run_whose_controller_raises_has_failed(xitl: Xitl, tmp_path: Path) -> None:
+@pytest.mark.parametrize("duration", [("--set", "clock.duration_s=15"), ("--duration", "15")])
+def test_a_run_whose_controller_raises_has_failed(xitl: Xitl, tmp_path: Path, duration: tuple[str, ...]) -> None:
     (tmp_path / "raising.py").write_text(RAISING)
     own = ("--set", f"autopilot.controller={tmp_path / 'raising.py'}:Raising")
-    result = xitl("sim", "--profile", "sitl", "--set", "clock.duration_s=15", "--out", "own", *own)
+    result = xitl("sim", "--profile", "sitl", *duration, "--out", "own", *own)
     assert result.returncode == 1
     said = " ".join((result.stdout + result.stderr).split())
     assert "raising.py:Raising failed at" in said
     verdict = summary(tmp_path / "own")["verdict"]
     assert not verdict["completed"]
+    assert not verdict["duration_asked"]
     assert "raising.py:Raising failed at" in verdict["why"]
+
+
+def test_a_controller_that_raises_without_an_autopilot_ends_the_run(xitl: Xitl, tmp_path: Path) -> None:
+    (tmp_path / "raising.py").write_text(RAISING)
+    own = ("--set", f"autopilot.controller={tmp_path / 'raising.py'}:Raising")
+    result = xitl("sim", "--profile", "mitl", "--duration", "5", "--out", "own", *own)
+    assert result.returncode == 2
+    said = " ".join(result.stderr.split())
+    assert "raising.py:Raising failed at 0.02 s (ZeroDivisionError: the gain is zero); correct its code" in said
+    assert "Traceback" not in said
+    assert "raising.py:Raising failed at 0.02 s" in summary(tmp_path / "own")["verdict"]["why"]
 
 
 @pytest.mark.parametrize("profile", ["mitl", "sitl"])

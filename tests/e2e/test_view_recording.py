@@ -18,9 +18,9 @@ from conftest import unhurried
 
 from tests.chromium import launch_chromium, needs_chromium
 from tests.recorded_run import recorded_run
-from xitl_cli.view.pictures import picture
-from xitl_cli.view.recording import open_scene
-from xitl_cli.view.replay_page import replay_html
+from xitl_cli.plugins.view.pictures import picture
+from xitl_cli.plugins.view.recording import open_scene
+from xitl_cli.plugins.view.replay_page import replay_html
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser; pip install playwright")
 pytest.importorskip("viser")
@@ -33,7 +33,9 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def run() -> Path:
-    return recorded_run("sitl", 30.0) / "run.mcap"
+    """30 s with a fault at 14 s, so that there is a finding in the middle of the run."""
+    fault = "faults={gap: {from_s: 14, until_s: 18, gnss: {dropout: 1.0}}}"
+    return recorded_run("sitl", 30.0, fault) / "run.mcap"
 
 
 @pytest.fixture(scope="module")

@@ -19,13 +19,13 @@ import pytest
 from conftest import command, environment, summary
 
 from tests.patience import wait_until
-from xitl_cli.board.emulator import cut_power, running, shut_down, stopped, unplugged
-from xitl_cli.board.life import create, remove, start
-from xitl_cli.board.network import check_network
-from xitl_cli.board.places import NAMESPACE, EmulatedBoard, the_board
-from xitl_cli.board.tools import FOR_MAKING, find_program
 from xitl_cli.errors import UserError
 from xitl_cli.logs.formats import open_log
+from xitl_cli.plugins.board.emulator import cut_power, running, shut_down, stopped, unplugged
+from xitl_cli.plugins.board.life import create, remove, start
+from xitl_cli.plugins.board.network import check_network
+from xitl_cli.plugins.board.places import NAMESPACE, EmulatedBoard, the_board
+from xitl_cli.plugins.board.tools import FOR_MAKING, find_program
 
 pytestmark = [pytest.mark.realtime, pytest.mark.board]
 

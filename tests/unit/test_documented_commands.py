@@ -30,11 +30,11 @@ from tests.documentation import (
     profile_header_commands,
     suppose,
 )  # fmt: skip
-from xitl_cli.campaign.plan import find_plan, read_plan
-from xitl_cli.commands.campaign import CampaignGroup
 from xitl_cli.commands.init import init
 from xitl_cli.errors import UserError
 from xitl_cli.main import _app
+from xitl_cli.plugins.campaign.command import CampaignGroup
+from xitl_cli.plugins.campaign.plan import find_plan, read_plan
 from xitl_cli.profile import load_profile
 
 TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))

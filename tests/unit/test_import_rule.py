@@ -68,6 +68,12 @@ def within_logs(module: str) -> bool:
     return module == "xitl_cli.logs" or module.startswith("xitl_cli.logs.")
 
 
+def plugin_of(module: str) -> str:
+    """The plug-in that a module belongs to, empty for the core."""
+    parts = module.split(".")
+    return parts[2] if parts[:2] == ["xitl_cli", "plugins"] and len(parts) > 2 else ""
+
+
 def files(package: str) -> list[Path]:
     return sorted((ROOT / package).rglob("*.py"))
 
@@ -94,6 +100,8 @@ def breaches(package: str, found: list[Import]) -> list[str]:
             said.append(f"{where}: {package} knows nothing of it")
         elif one.path.startswith(LOGS) and one.package == "xitl_cli" and not within_logs(one.module):
             said.append(f"{one.path}:{one.line}: imports {one.module}: the logs know nothing else of xitl_cli")
+        elif (plugin := plugin_of(one.module)) and plugin != plugin_of(one.path.replace("/", ".")):
+            said.append(f"{one.path}:{one.line}: imports {one.module}: only the plug-in {plugin} imports its modules")
         elif package == "agent" and not one.path.startswith("agent/companion/"):
             lazily = one.lazy and one.package in LAZY_ON_BOARD
             if not (on_board or lazily or one.package == "agent"):
@@ -129,6 +137,9 @@ def test_imports_keep_the_rule(package: str) -> None:
         ("xitl_cli", "xitl_cli/logs/x.py", "def f():\n    from xitl_cli import main"),
         ("xitl_cli", "xitl_cli/logs/report/x.py", "import xitl_cli.logsearch"),
         ("xitl_cli", "xitl_cli/logs/report/x.py", "from ... import main"),
+        ("xitl_cli", "xitl_cli/run/x.py", "def f():\n    from xitl_cli.plugins.view.model import ViewInstant"),
+        ("xitl_cli", "xitl_cli/main.py", "import xitl_cli.plugins.ros"),
+        ("xitl_cli", "xitl_cli/plugins/board/x.py", "from xitl_cli.plugins.studies import paper_command"),
     ],
 )
 def test_the_rule_catches(package: str, path: str, source: str) -> None:
@@ -147,6 +158,8 @@ def test_the_rule_catches(package: str, path: str, source: str) -> None:
         ),
         ("xitl_cli/logs/report/x.py", "from xitl_cli import logs\nfrom . import page\nfrom ..table import Table"),
         ("xitl_cli/run/x.py", "from xitl_cli.errors import UserError"),
+        ("xitl_cli/plugins/board/x.py", "from xitl_cli.plugins.board.emulator import EmulatedBoard"),
+        ("xitl_cli/plugins/board/x.py", "from xitl_cli.experiment.setup import ExperimentSetup"),
     ],
 )
 def test_the_rule_allows(path: str, source: str) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from xitl_cli.pipe import Pipe, PipeClosedError
-from xitl_cli.view.messages import ViewEnd, ViewUpdate
+from xitl_cli.plugins.view.messages import ViewEnd, ViewUpdate
 
 Ends = tuple[Pipe, Pipe]
 

@@ -90,12 +90,12 @@ def test_pseudo_terminals_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_way_into_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     there = {"rclpy", "cyclonedds"}
-    for where in ("xitl_cli.extras", "xitl_cli.ros.middleware"):
+    for where in ("xitl_cli.extras", "xitl_cli.plugins.ros.middleware"):
         monkeypatch.setattr(f"{where}.find_spec", lambda name: name if name in there else None)
     monkeypatch.setenv("ROS_DISTRO", "jazzy")
-    monkeypatch.setattr("xitl_cli.ros.middleware.rclpy_problem", lambda: None)
+    monkeypatch.setattr("xitl_cli.plugins.ros.middleware.rclpy_problem", lambda: None)
     assert check_ros().found == "rclpy of ROS 2 jazzy"
-    monkeypatch.setattr("xitl_cli.ros.middleware.rclpy_problem", lambda: "for Python 3.12")
+    monkeypatch.setattr("xitl_cli.plugins.ros.middleware.rclpy_problem", lambda: "for Python 3.12")
     assert check_ros().found == "rclpy of ROS 2 jazzy cannot be imported (for Python 3.12)"
     assert "cyclonedds is used instead" in check_ros().advice
     there.remove("cyclonedds")

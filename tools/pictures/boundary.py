@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from tools.pictures.browser import photograph
-from xitl_cli.campaign import pictures
-from xitl_cli.campaign.bisection import BoundaryFinding, bisect
-from xitl_cli.campaign.search import bisection
-from xitl_cli.campaign.search_spec import AxisRange, Search, SearchSpec
-from xitl_cli.campaign.statistics import monotone_rates
 from xitl_cli.logs.model.sections import Section
 from xitl_cli.logs.report.html import write_sections
+from xitl_cli.plugins.campaign import pictures
+from xitl_cli.plugins.campaign.bisection import BoundaryFinding, bisect
+from xitl_cli.plugins.campaign.search import bisection
+from xitl_cli.plugins.campaign.search_spec import AxisRange, Search, SearchSpec
+from xitl_cli.plugins.campaign.statistics import monotone_rates
 
 BOUNDARY_MPS, SCALE_MPS = 11.0, 0.8
 SEARCH = Search(SearchSpec(width=1.5), (AxisRange("environment.wind.mean_mps", 2.0, 20.0),), ({},), (), 1, 1)

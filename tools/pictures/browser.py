@@ -30,7 +30,7 @@ def fewer_colours(path: Path) -> None:
     """A PNG, in place."""
     from PIL import Image
 
-    from xitl_cli.view.pictures import palette_of
+    from xitl_cli.plugins.view.pictures import palette_of
 
     with Image.open(path) as image:
         whole = image.convert("RGB")

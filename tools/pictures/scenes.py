@@ -12,7 +12,7 @@ FROM_S, TO_S = 56.0, 83.0
 
 def first_run(workplace: Workplace, path: Path) -> None:
     """The moving picture at the top of README."""
-    from xitl_cli.view.pictures import moving_picture
+    from xitl_cli.plugins.view.pictures import moving_picture
 
     workplace.typed("xitl sim sitl --out runs/first")
     recording = workplace.folder / "runs/first/run.mcap"
@@ -22,7 +22,7 @@ def first_run(workplace: Workplace, path: Path) -> None:
 def view(workplace: Workplace, path: Path) -> None:
     """What a view shows of a vessel."""
     from tools.pictures.browser import fewer_colours
-    from xitl_cli.view.pictures import picture
+    from xitl_cli.plugins.view.pictures import picture
 
     workplace.typed("xitl sim sitl --out runs/first")
     recording = workplace.folder / "runs/first/run.mcap"

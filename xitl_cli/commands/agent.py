@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from xitl_cli.deploy.ssh import Board
 
-EMULATED = "board:"
+EMULATED = "board"
 Destination = Annotated[
     str, typer.Argument(metavar="USER@HOST", help="The board, as ssh knows it; board:NAME is one of `xitl board`.")
 ]
@@ -28,15 +28,18 @@ def run_agent(context: typer.Context) -> None:
 
 
 def reached(destination: str, port: int | None, identity: Path | None, ssh_config: Path | None) -> Board:
-    """The board of a command line; of an emulated one its name is enough. Raises UserError."""
+    """The board of a command line. `KIND:NAME` is resolved by the plug-in that registers `KIND` in `xitl.boards`.
+
+    Raises UserError.
+    """
     from xitl_cli.deploy.ssh import Board
+    from xitl_cli.registry import BOARDS, load, names
 
-    if not destination.startswith(EMULATED):
-        return Board(destination, port, identity, ssh_config)
-    from xitl_cli.board.emulator import the_running_board
-
-    board = the_running_board(destination.removeprefix(EMULATED))
-    return Board(board.name, port, identity, ssh_config or board.ssh_config)
+    kind, colon, name = destination.partition(":")
+    if colon and (kind in names(BOARDS) or kind == EMULATED):
+        board: Board = load(BOARDS, kind)(name, port, identity, ssh_config)
+        return board
+    return Board(destination, port, identity, ssh_config)
 
 
 def package(

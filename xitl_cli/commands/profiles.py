@@ -12,6 +12,7 @@ from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
     from xitl_cli.profile import Profile
+    from xitl_cli.profile.load import LoadedProfile
 
 
 def list_profiles(as_json: Json = False) -> None:
@@ -105,7 +106,17 @@ def check(
             console.print(Text(str(error), style="red"), soft_wrap=True)
         else:
             console.print(Text.assemble(("ok", "green"), f"  {name} ({_role(found.profile)})"), soft_wrap=True)
-            for text in found.warnings:
+            for text in (*found.warnings, *_compass_warnings(found)):
                 console.print(Text(f"warning: {text}", style="yellow"), soft_wrap=True)
     if wrong:
         raise typer.Exit(2)
+
+
+def _compass_warnings(loaded: LoadedProfile) -> list[str]:
+    """Of a profile that runs; none of a part of one."""
+    from xitl_cli.run.sensors.compass import compass_warnings
+
+    try:
+        return compass_warnings(loaded.profile.run_profiles())
+    except UserError:
+        return []

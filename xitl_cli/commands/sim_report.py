@@ -420,6 +420,11 @@ def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
             f"{takeover['to_node']} for {takeover['from_node']} at {takeover['at_s']:.2f} s, which was silent for "
             f"{takeover['silent_s']:.2f} s; largest step {takeover['step']:.3f}",
         )
+    for event in summary["autopilot_events"]:
+        if event["event"] == "failsafe":
+            yield "failsafe", f"{event['reason']} at {event['at_s']:.1f} s"
+        elif event["event"] == "fence limits speed":
+            yield "fence", f"limits the speed at {event['at_s']:.1f} s, in mode {event['mode']}"
     begun = [fault["name"] for fault in summary["faults"] if fault["from_s"] is not None]
     if begun:
         yield "faults", f"in force on purpose: {', '.join(begun)}"

@@ -18,7 +18,7 @@ VertexCount: TypeAlias = Literal["architecture", "present"] | int
 
 @dataclass(frozen=True, slots=True)
 class Wdri:
-    """The index, what it was computed from, and the graphs behind it. Nothing is rounded."""
+    """The index, the values that it was computed from, and its graph. Nothing is rounded."""
 
     wdri: float
     d_w_sim: float

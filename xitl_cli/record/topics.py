@@ -8,9 +8,9 @@ docs/recording.md (`make pages`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,7 @@ class SeaComponents:
     amplitude_m: Float64Sequence
     wave_number_north_radpm: Float64Sequence
     wave_number_east_radpm: Float64Sequence
-    angular_frequency_radps: Annotated[Float64Sequence, "at a fixed place"]
+    angular_frequency_radps: Annotated[Float64Sequence, "at a fixed position"]
     phase_rad: Float64Sequence
 
 
@@ -132,7 +132,7 @@ class ContactMessage:
     position_ned_m: Float64x3
     force_n: Float64
     speed_mps: Annotated[Float64, "closing speed"]
-    began: Annotated[Bool, "no contact with it until now"]
+    began: Annotated[Bool, "1 for a new contact"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,7 @@ class BatteryMessage:
 
     voltage_v: Float64
     current_a: Float64
-    used_ah: Annotated[Float64, "taken out of a full one so far"]
+    used_ah: Annotated[Float64, "used since full charge"]
 
 
 # Autopilot, companion and the links to them
@@ -172,7 +172,7 @@ class MotorCommand:
 
 
 class ActuatorsMessage:
-    command: Annotated[Float64Sequence, "of each propeller, then each gear, then each rudder, share of full in [-1, 1]"]
+    command: Annotated[Float64Sequence, "of each propeller, then each gear, then each rudder; share of full in [-1, 1]"]
     armed: Bool
     failsafe: Bool
     age_s: Float64
@@ -187,7 +187,7 @@ class ActuatorAge:
     """
 
     exchanges: Uint32
-    stale: Annotated[Uint32, "exchanges without a new one"]
+    stale: Annotated[Uint32, "exchanges without a new command"]
     longest_stale: Annotated[Uint32, "the most of them in a row"]
     age_p50_s: Float64 | None = None
     age_p99_s: Float64 | None = None
@@ -224,8 +224,8 @@ class LinkState:
 class NodeState:
     """State of a machine in the loop, as its agent reports it. None: not known."""
 
-    node: Annotated[String, "the link it is on"]
-    nodes: Annotated[String, "kinds it runs, as `LS,LC,LA`"]
+    node: Annotated[String, "its link"]
+    nodes: Annotated[String, "kinds that it runs, such as `LS,LC,LA`"]
     kind: Annotated[String, "`real` or `virtual`"]
     machine: String
     kernel: String
@@ -257,11 +257,28 @@ class FaultEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class AutopilotEvent:
+    """The autopilot changed its mode, armed or disarmed, or one of its failsafes acted."""
+
+    at_s: Annotated[Float64, "simulation time at which the autopilot reported it"]
+    event: Annotated[
+        String, "`mode`, `armed`, `disarmed`, `failsafe`, `failsafe over`, `fence limits speed` or `fence limit over`"
+    ]
+    mode: Annotated[String, "mode after the event"]
+    mode_before: String
+    reason: Annotated[String, "sentence of the autopilot that names the failsafe; empty: none came with the event"] = ""
+
+    def section(self) -> dict[str, Any]:
+        """A row of `autopilot_events` of summary.json."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
 class OperatorAction:
     """What a person did to the run."""
 
     action: Annotated[String, "a JSON object, see [view.md](view.md)"]
-    source: Annotated[String, "where it was asked for: `view`, `foxglove`, `ros`, or a file's own word"]
+    source: Annotated[String, "origin: `view`, `foxglove`, `ros`, or the word given in a file"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,15 +288,15 @@ class EncounterState:
     first: String
     second: String
     event: Annotated[String, "`begins`, `too close`, `passes`, or empty"]
-    rule: Annotated[Uint8, "of the COLREGs, 13, 14 or 15, as it began; 0 none"]
+    rule: Annotated[Uint8, "of the COLREGs: 13, 14 or 15 at the beginning; 0: none"]
     geometry: Annotated[String, "`overtaking`, `head-on` or `crossing`"]
-    gives_way: Annotated[String, "who has to, by name"]
-    stands_on: Annotated[String, "who keeps course and speed; empty head-on"]
-    distance_m: Annotated[Float64, "of their places"]
+    gives_way: Annotated[String, "name of the vessel that must give way"]
+    stands_on: Annotated[String, "name of the vessel that keeps course and speed; empty for head-on"]
+    distance_m: Annotated[Float64, "between their positions"]
     closing_mps: Float64
-    predicted_m: Annotated[Float64, "closest approach of their places, as they go now"]
-    predicted_s: Annotated[Float64, "until then; negative: since"]
-    hull_closest_m: Annotated[Float64, "nearest that the hulls have come so far"]
+    predicted_m: Annotated[Float64, "closest approach of their positions, with their present velocities"]
+    predicted_s: Annotated[Float64, "time until the closest approach; negative: time since"]
+    hull_closest_m: Annotated[Float64, "smallest distance between the hulls so far"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,7 +309,7 @@ class AisReport:
     mmsi: Uint32
     ais_class: Annotated[String, "`class-a` or `class-b`"]
     report: Annotated[String, "`position` or `static`"]
-    sentences: Annotated[String, "`!AIVDM` of NMEA 0183, one a line"]
+    sentences: Annotated[String, "`!AIVDM` of NMEA 0183, one per line"]
     latitude_deg: Float64 | None = None
     longitude_deg: Float64 | None = None
     speed_mps: Annotated[Float64, "over ground"] | None = None
@@ -319,7 +336,7 @@ class BridgeCounts:
     commands_in: Int64
     junk: Int64
     mavlink_in: Int64
-    mavlink_lost: Annotated[Int64, "by sequence numbers: of those in a row modulo 256"]
+    mavlink_lost: Annotated[Int64, "by sequence numbers, so modulo 256"]
     mavlink_dropped: Int64
     mavlink_passed: Int64
     mavlink_out: Int64
@@ -374,9 +391,9 @@ class TaskMissEvent:
 class PaceReport:
     """How the machine that simulates kept up with the wall clock, since the run started."""
 
-    slips: Annotated[Uint32, "times the world stood still, as it was too far behind to catch up"] = 0
-    slipped_s: Annotated[Float64, "for which it did"] = 0.0
-    stalls: Annotated[Uint32, "times no physics step began for more than 40 ms"] = 0
+    slips: Annotated[Uint32, "times that simulation time was held, because the host was too late to recover"] = 0
+    slipped_s: Annotated[Float64, "total time of slips"] = 0.0
+    stalls: Annotated[Uint32, "times without the start of a physics step for more than 40 ms"] = 0
     stalled_s: Annotated[Float64, "of all stalls"] = 0.0
     longest_stall_s: Float64 = 0.0
 
@@ -393,11 +410,11 @@ class ClockExchange:
     host_ns: Int64
     node_ns: Int64
     round_trip_s: Float64
-    offset_s: Annotated[Float64, "node less host at `host_ns`"]
-    drift_ppm: Annotated[Float64, "how much faster the node runs"]
-    residual_s: Annotated[Float64, "of this exchange against the estimate"] | None = None
-    path_delay_s: Annotated[Float64, "shortest way there and back, halved"] | None = None
-    asymmetry_bound_s: Annotated[Float64, "largest error of the offset by an asymmetric path"] | None = None
+    offset_s: Annotated[Float64, "node minus host at `host_ns`"]
+    drift_ppm: Annotated[Float64, "excess rate of the node's clock over the host's"]
+    residual_s: Annotated[Float64, "difference of this exchange from the estimate"] | None = None
+    path_delay_s: Annotated[Float64, "half of the shortest round trip"] | None = None
+    asymmetry_bound_s: Annotated[Float64, "largest error of the offset from an asymmetric path"] | None = None
     steps: Annotated[Uint32, "of the node's clock"] = 0
     drift_error_ppm: Annotated[Float64, "standard error of the drift, from the fit"] | None = None
 
@@ -407,7 +424,7 @@ class ClockExchange:
 
 class PingMessage:
     number: Uint32
-    angle_grad: Annotated[Uint32, "of the beam, clockwise from the bow, 400 to the turn"]
+    angle_grad: Annotated[Uint32, "of the beam, clockwise from the bow, 400 per turn"]
     position_frd_m: Float64x3
     sample_period_s: Float64
     sound_speed_mps: Float64
@@ -487,15 +504,15 @@ _TABLE = (
     Topic("/truth/odometry", "nav_msgs/msg/Odometry", "the same",
           "the same motion in ENU with a FLU body (REP 103), for ROS tools and `evo`", OdometryMessage),
     Topic("/estimate/odometry", "nav_msgs/msg/Odometry", "as the autopilot sends it",
-          "the autopilot's estimate, in the frame of the truth; variance of the position where it states one, "
-          "1e6 of all it does not",
+          "the autopilot's estimate, in the frame of the truth; variance of the position if the "
+          "autopilot reports it, 1e6 for unknown variances",
           OdometryMessage),
     Topic("/environment", "xitl_msgs/msg/Environment", "10 Hz",
           "current and wind (NED) at the vessel, surface elevation", EnvironmentMessage),
-    Topic("/battery", "xitl_msgs/msg/Battery", "10 Hz, of a vehicle with `vehicle.battery`",
-          "voltage and current of the battery, charge used", BatteryMessage, from_start=False),
-    Topic("/environment/waves", "xitl_msgs/msg/Waves", "as an operator changes them, 2 Hz while they do",
-          "the components of the sea from then on", SeaComponents, per_vessel=False, from_start=False),
+    Topic("/battery", "xitl_msgs/msg/Battery", "10 Hz, with `vehicle.battery`",
+          "voltage and current of the battery, used charge", BatteryMessage, from_start=False),
+    Topic("/environment/waves", "xitl_msgs/msg/Waves", "at each change by an operator, 2 Hz during the change",
+          "the components of the sea from this time on", SeaComponents, per_vessel=False, from_start=False),
     Topic("/actuators", "xitl_msgs/msg/Actuators", "`clock.exchange_rate_hz`",
           "motor commands in force, armed, failsafe, age", ActuatorsMessage),
     Topic("/actuators/age", "xitl_msgs/msg/ActuatorAge", "1 Hz, real time only",
@@ -503,71 +520,74 @@ _TABLE = (
     Topic("/tasks", "xitl_msgs/msg/Task", "1 Hz",
           "deadlines of every periodic task of every node, with histograms of start jitter and run time", TaskTiming),
     Topic("/pace", "xitl_msgs/msg/Pace", "1 Hz, real time only",
-          "how the host kept up with the wall clock so far: stalls, and times for which the world stood still",
+          "stalls of the host so far, and times in which simulation time was held",
           PaceReport, from_start=False),
-    Topic("/misses", "xitl_msgs/msg/Miss", "each, real time only",
-          "one deadline that an agent's task missed: when it was due, started and ended", TaskMissEvent),
+    Topic("/misses", "xitl_msgs/msg/Miss", "each miss, real time only",
+          "one missed deadline of an agent's task: due time, start and end", TaskMissEvent),
     Topic("/clocks", "xitl_msgs/msg/Clock", "10 Hz, real time only",
-          "one exchange of time stamps with a node (`sample` against `node_ns` is its time base) and the relation "
-          "estimated from all of them; `autopilot` is one of another make behind a bridge, 1 Hz in lockstep too; of "
-          "PS1 the step's number, when it began and simulation time", ClockExchange),
+          "one exchange of time stamps with a node (`sample` against `node_ns` is its time base), and "
+          "the clock relation estimated from all exchanges; `autopilot` is another autopilot behind a "
+          "bridge, also in lockstep at 1 Hz; for PS1: number of the step, its start, and simulation "
+          "time", ClockExchange),
     Topic("/links", "xitl_msgs/msg/Link", "1 Hz",
-          "counts and latencies of each direction of each link so far; the last row is as in the summary", LinkState),
+          "counts and latencies of each direction of each link so far; the last row equals the summary", LinkState),
     Topic("/nodes", "xitl_msgs/msg/Node", "as the agent sends it",
           "machine, kernel, processor time, load, memory and temperature of a board", NodeState),
     Topic("/bridge", "xitl_msgs/msg/Bridge", "1 Hz, another autopilot only",
-          "counters of the bridge to it so far: frames in by kind, outputs back, what was lost or asked for again",
+          "counters of the bridge so far: received frames by kind, returned outputs, lost and repeated frames",
           BridgeCounts),
     Topic("/takeovers", "xitl_msgs/msg/Takeover", "each",
           "a standby agent takes over from a silent one", TakeoverEvent),
+    Topic("/autopilot/events", "xitl_msgs/msg/AutopilotEvent", "each",
+          "the autopilot changes its mode, arms or disarms, or one of its failsafes acts", AutopilotEvent),
     Topic("/faults", "xitl_msgs/msg/Fault", "each",
           "an injected fault begins (`active` 1) or ends (0); [faults.md](faults.md)", FaultEvent),
     Topic("/operator/action", "xitl_msgs/msg/OperatorAction", "each",
-          "what a person did to the run as it went on, as `--replay-events` gives it again", OperatorAction,
+          "an action of a person during the run; `--replay-events` repeats it", OperatorAction,
           per_vessel=False, from_start=False),
     Topic("/link/{link}/tx", "xitl_msgs/msg/MavlinkFrame", "every frame",
           "raw MAVLink 2 frames from host to agent; `{link}` is `agent`, `standby` with a second agent, `companion` "
           "with a companion (without the chunks of clouds and pings)", MavlinkFrameMessage),
     Topic("/link/{link}/rx", "xitl_msgs/msg/MavlinkFrame", "every frame",
-          "those from agent to host", MavlinkFrameMessage),
+          "raw MAVLink 2 frames from agent to host", MavlinkFrameMessage),
     Topic("/tf", "foxglove.FrameTransforms", "`recording.truth_rate_hz`",
           "`map` → `base_link` (truth) and `map` → `base_link_estimate`", per_vessel=False),
     Topic("/truth/pose", "foxglove.PoseInFrame", "the same", "pose in `map`"),
-    Topic("/truth/fix", "foxglove.LocationFix", "10 Hz", "place on the Earth"),
+    Topic("/truth/fix", "foxglove.LocationFix", "10 Hz", "position on the Earth"),
     Topic("/scene", "foxglove.SceneUpdate", "once",
-          "log boom, dam, water, mission, vessel; debris, and other missions, as they come", per_vessel=False),
+          "log boom, dam, water, mission, vessel; debris and changed missions when they appear", per_vessel=False),
     Topic(
         "/log",
         "foxglove.Log",
-        "as it comes",
-        "messages of the autopilot and of the run; the last of a run that failed is why",
+        "each message",
+        "messages of the autopilot and of the run; the last message of a failed run is the reason",
         per_vessel=False,
     ),
     Topic("/lidar/points", "foxglove.PointCloud", "each frame",
-          "a lidar's cloud in `base_link` (x forward, y left, z up): `t` after the stamp, `intensity`; each point as"
-          " the vessel was at its instant", from_start=False),
+          "a lidar's cloud in `base_link` (x forward, y left, z up): `t` in seconds after the stamp, "
+          "`intensity`; each point is relative to the vessel at its own instant", from_start=False),
     Topic("/sonar/ping", "xitl_msgs/msg/Ping", "each ping", "the echo of a ping", PingMessage, from_start=False),
-    Topic("/sonar/points", "foxglove.PointCloud", "each ping", "points that stand out of the echo", from_start=False),
-    Topic("/companion/odometry", "nav_msgs/msg/Odometry", "each cloud placed",
-          "pose of the companion's odometry in `odom`, where it began; it states no variances: all are 1e6",
+    Topic("/sonar/points", "foxglove.PointCloud", "each ping", "points detected in the echo", from_start=False),
+    Topic("/companion/odometry", "nav_msgs/msg/Odometry", "each registered cloud",
+          "pose of the companion's odometry in `odom`, the frame at its start; without variances: all are 1e6",
           OdometryMessage, from_start=False),
-    Topic("/companion/map", "foxglove.PointCloud", "as it grows",
-          "points new in the map, in `odom`: `intensity`, `source` 0 lidar, 1 sonar", from_start=False),
+    Topic("/companion/map", "foxglove.PointCloud", "each new part",
+          "new points of the map, in `odom`: `intensity`, `source` 0 lidar, 1 sonar", from_start=False),
     Topic("/companion/obstacles", "xitl_msgs/msg/Obstacle", "2 Hz each",
-          "obstacles it tracks, in the site's NED: place, velocity, size, range, closing speed",
+          "tracked obstacles, in the site's NED: position, velocity, size, range, closing speed",
           ObstacleMessage, from_start=False),
     Topic("/companion/status", "xitl_msgs/msg/Companion", "2 Hz",
-          "its counters so far, latency, manoeuvre", CompanionMessage, from_start=False),
+          "counters of the companion so far, latency, manoeuvre", CompanionMessage, from_start=False),
     Topic("/truth/bodies", "xitl_msgs/msg/Body", "10 Hz each, with debris",
           "drifting bodies: kind, number, length, pose, velocity; drawn in the frame `body_N`",
           BodyMessage, per_vessel=False, from_start=False),
-    Topic("/contacts", "xitl_msgs/msg/Contact", "beginning, then 10 Hz",
-          "contacts of the hull: with what, where, force, closing speed", ContactMessage, from_start=False),
-    Topic("/ais", "xitl_msgs/msg/AisReport", "each transmission heard, fleets only",
-          "what the vessel's AIS receiver hears; [fleets.md](fleets.md#scripted-traffic-and-ais)",
+    Topic("/contacts", "xitl_msgs/msg/Contact", "at the beginning, then 10 Hz",
+          "contacts of the hull: object, position, force, closing speed", ContactMessage, from_start=False),
+    Topic("/ais", "xitl_msgs/msg/AisReport", "each received transmission, fleets only",
+          "transmissions that the vessel's AIS receiver received; [fleets.md](fleets.md#scripted-traffic-and-ais)",
           AisReport, from_start=False),
     Topic("/encounters", "xitl_msgs/msg/Encounter", "each event, 1 Hz while it lasts, fleets only",
-          "two vessels come up with one another: by which rule, who gives way, closest approach; "
+          "encounters of two vessels: COLREGs rule, vessel that gives way, closest approach; "
           "[fleets.md](fleets.md)", EncounterState, per_vessel=False, from_start=False),
 )  # fmt: skip
 

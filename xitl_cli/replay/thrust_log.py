@@ -15,6 +15,7 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.replay.thruster_topics import motor_commands
 
 _ALSO_CALLED = {"/cmd": "/thrust"}  # by VRX
 
@@ -42,8 +43,6 @@ def read_thrust_log(path: Path, profile: RunProfile) -> ThrustLog | None:
 
 
 def _read(log: Log, profile: RunProfile) -> ThrustLog | None:
-    from xitl_cli.ros.inputs import motor_commands
-
     named = list(motor_commands(profile, profile.driver.replay.thrust == "share"))
     tables = [_topic(log, topic) for topic, _ in named]
     found = [table for table in tables if table is not None]

@@ -14,17 +14,16 @@ from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.faults import FaultSchedule
+from xitl_cli.run.core.live_output import LiveOutput, LiveRun, LiveVessel
 from xitl_cli.run.core.node import ControlNode, RunNode, VesselNodes, WorldNodes
 from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
 from xitl_cli.run.links.stations import StationAddresses
-from xitl_cli.run.live_foxglove import LiveFoxgloveNode
-from xitl_cli.run.live_ros import LiveRosNode
-from xitl_cli.run.live_view import LiveViewNode, VesselWatch
 from xitl_cli.run.nodes.ais import AisLine, AisNode, AisRecorder, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.nodes.autopilot_events import AutopilotEventNode
 from xitl_cli.run.nodes.bridge import BridgeNode
 from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
@@ -47,7 +46,6 @@ from xitl_cli.run.operator.environment_changes import EnvironmentChanges
 from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import Steering, VesselOrders
-from xitl_cli.run.ros_lockstep import RosLockstepNode
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
 from xitl_cli.run.status_display import DisplayNode, StatusDisplay, StatusSource
@@ -86,6 +84,7 @@ class RunSetup:
     operated: bool = False
     orders: dict[str, VesselOrders] = field(default_factory=dict)
     steering: dict[str, Steering] = field(default_factory=dict)
+    live: Sequence[LiveOutput] = ()
 
     def others(self) -> str:
         """Which vessels this one has to wait for now; empty when it may set out."""
@@ -112,7 +111,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         return node
 
     # Who moves the vessel.
-    bridge = autopilot = companion = line = ais = None
+    bridge = autopilot = companion = line = ais = events = None
     if profile.autopilot.kind == "none":
         by_nodes = profile.driver.kind == "ros"
         silent_s = profile.ros.silent_s
@@ -129,6 +128,8 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
             if bridge.station_url is not None:
                 setup.stations.call(bridge.station_url)
         control = autopilot = made(_autopilot(setup, bridge))
+        events = AutopilotEventNode(autopilot.view)
+        autopilot.heard.subscribe(events.handle)
         if profile.companion is not None and profile.companion.is_ours:
             companion = made(CompanionNode(profile, autopilot.send, setup.interrupted))
             autopilot.heard.subscribe(companion.forward)
@@ -205,6 +206,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         None if companion is None else companion.intake,
         None if autopilot is None else autopilot.ticking,
         control,
+        events,
         bridge,
         companion,
         estimate_rate,
@@ -214,7 +216,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         ModelRange(simulation),
         mission,
         TrackNode(control) if profile.vessel else None,
-        VesselWatch(profile, plant, control, mission, status) if profile.view.show else None,
+        *(output.vessel_node(LiveVessel(profile, plant, control, mission, status)) for output in setup.live),
     ]
     return VesselNodes(profile.vessel, control, _present(order), status, _is_awaited(profile))
 
@@ -253,37 +255,19 @@ def compose_world(
     ahead: list[RunNode | None] = [display, operator, river]
     fleet = plant.simulation if isinstance(plant.simulation, Fleet) else None
     among = [] if fleet is None else _among_vessels(setups, plant, fleet)
-    view = None
-    if profile.view.show:
-        watches = [node for vessel in vessels for node in vessel.nodes if isinstance(node, VesselWatch)]
-        view = LiveViewNode([setup.profile for setup in setups], plant, watches, drawn, tell, first.interrupted)
-        opened.callback(view.close)
+    live_run = LiveRun(plant, drawn, tell, first.interrupted)
+    live = [node for output in first.live for node in output.world_nodes(live_run)]
+    for node in live:
+        opened.callback(node.close)
         if operator is not None:
-            view.meet(operator)
-    foxglove = None
-    if profile.live.foxglove:
-        foxglove = LiveFoxgloveNode(profile.name, profile.live.port, tell, profile.live.commands)
-        opened.callback(foxglove.close)
-        if operator is not None:
-            foxglove.meet(operator)
-    ros = ros_lockstep = None
-    if profile.ros.enabled:
-        ros = LiveRosNode([setup.profile for setup in setups], tell)
-        opened.callback(ros.close)
-        if operator is not None:
-            ros.meet(operator)
-        if profile.ros.lockstep is not None:
-            ros_lockstep = RosLockstepNode(profile.ros.lockstep, profile.clock, ros, tell, first.interrupted)
+            node.attach_operator(operator)
     behind: list[RunNode | None] = [
         *among,
         None if river is None else river.launching,
         PaceRecorder(profile.clock),
         display.showing,
         first.stations,
-        view,
-        foxglove,
-        ros,
-        ros_lockstep,
+        *live,
     ]
     return WorldNodes(_present(ahead), _present(behind))
 

@@ -28,17 +28,17 @@ from xitl_cli.record.mcap_file import ChannelMirror, McapFile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.compose import RunSetup, compose, compose_world, link_names
 from xitl_cli.run.core import directory
+from xitl_cli.run.core.live_output import live_outputs
 from xitl_cli.run.core.node import RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
 from xitl_cli.run.core.pace import Lockstep, OperatedLockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
-from xitl_cli.run.live_foxglove import LiveFoxgloveNode
-from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.operator.orders import Steering, VesselOrders
+from xitl_cli.run.sensors.compass import compass_warnings
 from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 from xitl_cli.run.traffic.departure import departs_after
@@ -58,9 +58,9 @@ COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """A run that is over.
+    """A finished run.
 
-    summary: the content of summary.json (docs/recording.md). directory: where the run is kept. exit_code: as of
+    summary: the content of summary.json (docs/recording.md). directory: the directory of the run. exit_code: as for
     `xitl sim`.
     """
 
@@ -70,13 +70,13 @@ class Result:
 
     @property
     def completed(self) -> bool:
-        """Whether the driver did all it was there for: mission, script or replay."""
+        """Whether the driver completed its task: mission, script or replay."""
         done: bool = self.summary["driver"]["completed"]
         return done and self.exit_code == COMPLETED
 
     @property
     def verdict(self) -> dict[str, Any]:
-        """Whether it was completed and, in real time, kept real time, with the reasons: `verdict` of summary.json."""
+        """`verdict` of summary.json: whether the run was completed and, in real time, kept real time, with reasons."""
         found: dict[str, Any] = self.summary["verdict"]
         return found
 
@@ -86,7 +86,7 @@ class Result:
         return self.directory / directory.RECORDING
 
     def open_log(self, vessel: str | None = None) -> Log:
-        """The recording, opened for reading; `vessel`: of a fleet. Close it, or use it in a `with`."""
+        """The recording, opened for reading. vessel: one vessel of a fleet. Close it, or use it in a `with`."""
         from xitl_cli.logs import open_log
 
         return open_log(self.recording, vessel)
@@ -120,7 +120,7 @@ def run(
     directory.check_free(out, overwrite, vessels)  # before anything is started or joined
     seeds = Seeds(lead.clock.seed)
     scenery = Scenery(lead)
-    for text in warnings:
+    for text in (*warnings, *compass_warnings(profiles)):
         scenery.warn(text)
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
@@ -147,7 +147,7 @@ def run(
     directory.write_json(out / directory.SUMMARY, summary)
     if outcome.crash is not None:
         raise outcome.crash
-    return Result(summary, out, _exit_code(outcome))
+    return Result(summary, out, _exit_code(outcome, summary["verdict"]))
 
 
 def _pace(profile: RunProfile, plant: Plant, operation: Operation, interrupted: Callable[[], bool]) -> Pace:
@@ -202,8 +202,8 @@ class RunNodes:
 
     @property
     def mirrors(self) -> tuple[ChannelMirror, ...]:
-        """The nodes that show what is recorded elsewhere too."""
-        return tuple(node for node in self.world.behind if isinstance(node, (LiveFoxgloveNode, LiveRosNode)))
+        """Receivers of each recorded message, next to the recording."""
+        return tuple(mirror for node in self.world.behind if (mirror := node.mirror()) is not None)
 
     def named(self) -> Iterator[tuple[str, RunNode]]:
         """Each with its vessel's name, in the order of the calls; those of the world have none."""
@@ -232,6 +232,7 @@ def _composed(
     after = departs_after(profiles)
     stations = StationAddresses(profiles)
     opened.callback(stations.close)
+    live = live_outputs(profiles)
     workers = fleet_workers(profiles)
     if workers is not None:
         opened.callback(workers.close)
@@ -240,7 +241,7 @@ def _composed(
             seeds = Seeds(profile.clock.seed, profile.vessel)
             own = out / profile.vessel
             made = (profile, seeds, scenery, view, own, interrupted, stations, voices, after[profile.vessel], receivers)
-            acting = operation.operated, orders, steering
+            acting = operation.operated, orders, steering, live
             setups.append(RunSetup(*made, workers, *acting))
             vessels.append(compose(setups[-1], opened))
     warnings = tuple(stations.warnings)
@@ -367,13 +368,12 @@ def _write_head(
         recorder.scene(scene())
 
 
-def _exit_code(outcome: RunOutcome) -> int:
+def _exit_code(outcome: RunOutcome, verdict: Mapping[str, Any]) -> int:
     if outcome.error is not None:
         return USER_ERROR
     if outcome.ending is Ending.INTERRUPTED:
         return INTERRUPTED
-    wanted = outcome.completed or (outcome.timed and outcome.ending is Ending.DURATION)
-    return COMPLETED if wanted else INCOMPLETE
+    return COMPLETED if verdict["completed"] or verdict["duration_asked"] else INCOMPLETE
 
 
 class Interruption:

@@ -12,7 +12,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import Ending, task_section
 from xitl_cli.run.run_graph import graph_section
-from xitl_cli.run.verdict import Verdict, judge, measured_figures, why_text, worst_figures
+from xitl_cli.run.verdict import Verdict, judge, measured_figures, stop_text, why_text, worst_figures
 
 FORMAT = 1
 Sections = dict[str, Any]
@@ -70,6 +70,7 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
         "actuators": None,
         "autopilot": None,
         "takeovers": [],
+        "autopilot_events": [],
         "faults": [],
         "model_range": None,
         "collisions": None,
@@ -135,7 +136,8 @@ def fleet_summary(
             "driver": _driver(profile, own),
             **{key: value for key, value in _vessel(profile, outcome, own, sections).items() if key not in ONCE},
         }
-    verdict = _fleet_verdict(profiles[0], outcome, verdicts)
+    failed = [name for name, sections in zip(verdicts, vessels, strict=True) if _controller_failures(sections)]
+    verdict = _fleet_verdict(outcome, verdicts, failed)
     kinds = dict.fromkeys(profile.driver.kind for profile in profiles)
     driver = {"kind": ", ".join(kinds), "completed": outcome.completed, "moored_s": outcome.held_s}
     of_world = {key: value for key, value in world.items() if key in OF_THE_RUN or key not in merged([])}
@@ -178,31 +180,44 @@ def _verdict(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, se
     frozen = 0.0 < outcome.duration_s <= vessel.held_s
     ending = Ending.FINISHED if profile.vessel and vessel.completed else outcome.ending
     error = None if ending is Ending.FINISHED else outcome.error
-    why = why_text(ending, error, profile.driver.kind, vessel.completed, sections["mission"], frozen)
-    failures = sum(node.controller_failures for node in sections["nodes"])
+    driver = profile.driver.kind
+    stop = "" if vessel.completed else stop_text(sections["autopilot_events"], driver)
+    why = why_text(ending, error, driver, vessel.completed, sections["mission"], frozen, stop)
+    failures = _controller_failures(sections)
+    timed = outcome.timed and not failures
     if failures:
         why += f"; {profile.autopilot.controller} failed at {failures} of its steps, and the outputs were neutral there"
     completed = vessel.completed and not failures
     if profile.clock.mode == "lockstep":
-        return judge(ending, completed, outcome.timed, why, None)
+        return judge(ending, completed, timed, why, None)
     pace: PaceReport = sections["pace"]
     keys = ("tasks", "links", "clocks", "faults")
     figures = measured_figures(outcome.wall_s, pace, *(sections[key] for key in keys))
-    return judge(ending, completed, outcome.timed, why, figures)
+    return judge(ending, completed, timed, why, figures)
 
 
-def _fleet_verdict(profile: RunProfile, outcome: RunOutcome, verdicts: Mapping[str, Verdict]) -> Verdict:
-    """On the run: completed when all that are awaited are, in real time when all were; figures are the worst ones."""
+def _controller_failures(sections: Sections) -> int:
+    """Steps at which the user's controller gave no answer. Such a run has failed, however long it was to last."""
+    return sum(node.controller_failures for node in sections["nodes"])
+
+
+def _fleet_verdict(outcome: RunOutcome, verdicts: Mapping[str, Verdict], failed: Sequence[str]) -> Verdict:
+    """On the run: completed when all that are awaited are, in real time when all were; figures are the worst ones.
+
+    failed: names of the vessels whose controller failed.
+    """
     awaited = [name for name, vessel in zip(verdicts, outcome.vessels, strict=True) if vessel.awaited]
     done = [name for name in awaited if verdicts[name].completed]
-    left = [f"{name}: {verdicts[name].why}" for name in awaited if name not in done]
+    named = [name for name in awaited if name not in done] if outcome.ending is Ending.FINISHED else failed
+    told = [f"{name}: {verdicts[name].why}" for name in named]
     why = f"{len(done)} of {len(awaited)} vessels did their part" if awaited else "nothing was to be done"
     if outcome.ending is not Ending.FINISHED:
         why = f"{outcome.error if outcome.error else outcome.ending.value}; {why}"
-    told = left if outcome.ending is Ending.FINISHED else []
     why += "".join(f"; {text}" for text in told[:3]) + (f"; and {len(told) - 3} more" if len(told) > 3 else "")
     every = [(name, verdict.figures) for name, verdict in verdicts.items() if verdict.figures is not None]
-    return judge(outcome.ending, outcome.completed, outcome.timed, why, worst_figures(every) if every else None)
+    completed = outcome.completed and not failed
+    figures = worst_figures(every) if every else None
+    return judge(outcome.ending, completed, outcome.timed and not failed, why, figures)
 
 
 def _vessel(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sections: Sections) -> dict[str, Any]:

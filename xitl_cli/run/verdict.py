@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from agent.mavlink.modes import MISSION_MODE
 from xitl_cli.logs.signals.real_time import (
     LinkLosses,
     RealTimeFigures,
@@ -14,7 +15,7 @@ from xitl_cli.logs.signals.real_time import (
     worst,
     worst_link,
 )
-from xitl_cli.record.topics import PaceReport, TaskTiming
+from xitl_cli.record.topics import AutopilotEvent, PaceReport, TaskTiming
 from xitl_cli.run.core.reports import ClockReport, Ending, FaultReport, LinkReport
 
 HOST, COMPANION = "PS1", "HC"
@@ -105,8 +106,13 @@ def worst_figures(vessels: Sequence[tuple[str, RealTimeFigures]]) -> RealTimeFig
     )
 
 
-def why_text(ending: Ending, error: str | None, driver: str, completed: bool, mission: Any, frozen: bool) -> str:
-    """How far a run came and why no further. mission: of summary.json. frozen: the vessel was never let go."""
+def why_text(
+    ending: Ending, error: str | None, driver: str, completed: bool, mission: Any, frozen: bool, stop: str = ""
+) -> str:
+    """How far a run came and why no further.
+
+    mission: of summary.json. frozen: the vessel was never let go. stop: of `stop_text`.
+    """
     total = mission["waypoints_total"] if mission else 0
     if driver in ("script", "replay"):
         done = f"the {driver} was {'' if completed else 'not '}played to its end"
@@ -118,10 +124,58 @@ def why_text(ending: Ending, error: str | None, driver: str, completed: bool, mi
         done = "no mission"
     if frozen and not completed:
         done += ", the vessel frozen all the time, as nobody armed it"
+    if stop:
+        done = f"{stop}; {done}"
+        if ending is Ending.DURATION:
+            return done
     if ending is Ending.FINISHED:
         return done
     said = error if ending is Ending.FAILED and error else ending.value
-    return f"{said}; {done}" if ending is Ending.FAILED else f"{said}, {done}"
+    return f"{said}; {done}" if ending is Ending.FAILED or stop else f"{said}, {done}"
+
+
+SAILS_MISSIONS = ("mission", "ground-station")
+"""Drivers whose vessel is to stay in AUTO. The others order modes themselves: there only a failsafe stops a vessel."""
+
+
+def stop_text(events: Sequence[AutopilotEvent], driver: str) -> str:
+    """The mode change, failsafe or fence that stopped the vessel, from the events in their order; empty without one.
+
+    A vessel that is in its former mode again at the end was not stopped by the change.
+    """
+    stop: AutopilotEvent | None = None
+    condition: AutopilotEvent | None = None
+    for event in events:
+        if event.event in ("failsafe", "fence limits speed"):
+            condition = event
+        elif event.event in ("failsafe over", "fence limit over"):
+            condition = None
+        elif stop is not None and _is_undone(stop, event):
+            stop = None
+        elif stop is None and _stops(event, driver):
+            stop = event
+    if stop is not None:
+        reason = f" ({stop.reason.removesuffix(f', {stop.mode}')})" if stop.reason else ""
+        by = stop.mode if stop.event == "mode" else "disarming"
+        return f"stopped by {by}{reason} at {stop.at_s:.1f} s"
+    if condition is None:
+        return ""
+    if condition.event == "fence limits speed":
+        return f"avoidance has held it at the fence since {condition.at_s:.1f} s"
+    return f"failsafe in force since {condition.at_s:.1f} s ({condition.reason})"
+
+
+def _stops(event: AutopilotEvent, driver: str) -> bool:
+    if event.event not in ("mode", "disarmed"):
+        return False
+    left = event.mode_before == MISSION_MODE and driver in SAILS_MISSIONS
+    return left or bool(event.reason)
+
+
+def _is_undone(stop: AutopilotEvent, event: AutopilotEvent) -> bool:
+    if stop.event == "mode":
+        return event.event == "mode" and event.mode == stop.mode_before
+    return event.event == "armed"
 
 
 def judge(ending: Ending, completed: bool, timed: bool, why: str, figures: RealTimeFigures | None) -> Verdict:

@@ -140,11 +140,13 @@ def _is_controller(value: object) -> bool:
 class ControllerGuard:
     """Stands between the autopilot and a controller: what it does wrong costs neutral outputs, nothing else.
 
-    `failures` counts; the first of a spell is an event, and its end. `problem` says why there is no controller at all.
+    `failures` counts; the first of a spell is an event, and its end. `latest` says why the last of them happened,
+    `problem` why there is no controller at all.
     """
 
     def __init__(self, make: MakeController, parameters: Parameters, events: EventQueue) -> None:
         self.failures = 0
+        self.latest = ""
         self.problem = ""
         self._events = events
         self._failing = False
@@ -205,6 +207,7 @@ class ControllerGuard:
 
     def _fail(self, why: str) -> None:
         self.failures += 1
+        self.latest = why
         if not self._failing:
             self._failing = True
             self._events.add(CRITICAL, f"Controller failed, outputs neutral: {why}")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import stat
 import threading
 import time
 from collections import deque
@@ -18,19 +20,20 @@ FRESH_S = 1.0  # a list is asked for again after so long
 
 
 class StoredLog(NamedTuple):
-    """A log as it was when it was listed. name: as stations see it."""
+    """A log as it was when it was listed. name: as stations see it. identity: device and inode of the file."""
 
     name: str
     path: Path
     size: int
     modified_s: int
+    identity: tuple[int, int]
 
 
 class StoredLogs:
     """The numbered logs of a directory, or one file, oldest first. See `agent.mavlink.logs.Logs`.
 
-    What is being written to is there as far as it has been written. A symbolic link in the directory is neither listed
-    nor read: it could lead to any file of this machine.
+    What is being written to is there as far as it has been written. Only regular files are listed and read. A symbolic
+    link could lead to any file of this machine, and a pipe would hold up the thread.
     """
 
     def __init__(self, directory: Path | None = None, file: Path | None = None) -> None:
@@ -60,10 +63,12 @@ class StoredLogs:
         try:
             for name, path in self._paths():
                 try:
-                    stat = path.stat()
+                    status = path.lstat()
                 except FileNotFoundError:
                     continue
-                found.append(StoredLog(name, path, stat.st_size, int(stat.st_mtime)))
+                if stat.S_ISREG(status.st_mode):
+                    identity = (status.st_dev, status.st_ino)
+                    found.append(StoredLog(name, path, status.st_size, int(status.st_mtime), identity))
         finally:
             self._listed = tuple(found)
             self._listed_s = time.monotonic()
@@ -75,16 +80,19 @@ class StoredLogs:
         if self._directory is None or not self._directory.is_dir():
             return []
         numbered = [
-            (int(match[1]), entry)
-            for entry in self._directory.iterdir()
-            if (match := LOG_NAME.fullmatch(entry.name)) and not entry.is_symlink()
+            (int(match[1]), entry) for entry in self._directory.iterdir() if (match := LOG_NAME.fullmatch(entry.name))
         ]
         return [(entry.name.upper(), entry) for _, entry in sorted(numbered)]
 
 
-def _open_no_link(path: str, flags: int) -> int:
-    """Open a file that a link may have replaced since it was listed. Raises OSError for a link."""
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0))
+def _open_listed(log: StoredLog, flags: int) -> int:
+    """Open the file that was listed. Raises OSError for another, also where a directory above is a link by now."""
+    descriptor = os.open(log.path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    status = os.fstat(descriptor)
+    if (status.st_dev, status.st_ino) != log.identity:
+        os.close(descriptor)
+        raise FileNotFoundError(errno.ENOENT, "was replaced", str(log.path))
+    return descriptor
 
 
 class LogFile:
@@ -122,7 +130,7 @@ class LogFile:
     def _load(self, number: int) -> None:
         """By the thread."""
         try:
-            with open(self._log.path, "rb", opener=_open_no_link) as file:
+            with open(self._log.path, "rb", opener=lambda path, flags: _open_listed(self._log, flags)) as file:
                 file.seek(number * WINDOW_BYTES)
                 data = file.read(WINDOW_BYTES)
             windows = dict(self._windows)

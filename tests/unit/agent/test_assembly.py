@@ -103,6 +103,7 @@ def test_parameters_and_the_log_of_each_run(opened: ExitStack, tmp_path: Path) -
 
 def test_the_host_link_signed_both_ways(opened: ExitStack, tmp_path: Path) -> None:
     (tmp_path / "key").write_text("open sesame\n")
+    (tmp_path / "key").chmod(0o600)
     key = read_key("open sesame", "key")
     options = Options(link_key=tmp_path / "key")
     info, _ = Pair(options, opened, Signing(key)).send(run(HELLO))
@@ -116,6 +117,7 @@ def test_the_host_link_signed_both_ways(opened: ExitStack, tmp_path: Path) -> No
 
 def test_refused_frames_are_counted_in_the_status(opened: ExitStack, tmp_path: Path) -> None:
     (tmp_path / "key").write_text("open sesame\n")
+    (tmp_path / "key").chmod(0o600)
     here, there = memory_pair()
     node = assemble(there, Options(link_key=tmp_path / "key"), opened)
     host = Link(here, 255, 190, signing=Signing(read_key("open sesame", "key")))
@@ -151,6 +153,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(opened: ExitStack, options: O
 
 def test_an_empty_key_is_refused(opened: ExitStack, tmp_path: Path) -> None:
     (tmp_path / "key").write_text("\n")
+    (tmp_path / "key").chmod(0o600)
     with pytest.raises(REFUSALS, match="holds no signing key"):
         Pair(Options(link_key=tmp_path / "key"), opened)
     (tmp_path / "key").write_bytes(b"\xff\xff")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -164,3 +166,9 @@ def test_the_page_is_what_the_docstrings_say() -> None:
     tool = Path(__file__).parents[3] / "tools" / "generate_api.py"
     done = subprocess.run([sys.executable, str(tool), "--check"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_page_lists_each_parameter_of_a_run() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "api.md").read_text(encoding="utf-8")
+    section = page.partition("## xitl.simulate\n")[2].partition("\n## ")[0]
+    assert re.findall(r"^- `(\w+)`: ", section, re.MULTILINE) == list(inspect.signature(xitl.simulate).parameters)

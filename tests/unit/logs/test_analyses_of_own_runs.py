@@ -66,6 +66,17 @@ def test_the_autopilots_log_tells_of_the_lost_position(run: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_run_names_the_failsafe_that_stopped_it(run: Path) -> None:
+    from json import loads
+
+    why = loads((run / "summary.json").read_text())["verdict"]["why"]
+    assert why == "stopped by HOLD (EKF failsafe: position lost) at 45.0 s; 1 of 6 waypoints"
+    modes = section(run / "run.mcap", "modes")
+    assert severities(modes) == {"modes.failsafe": Severity.CRITICAL}
+    assert "EKF failsafe: position lost, HOLD changed the mode to HOLD out of AUTO" in modes.findings[0].sentence
+
+
+@pytest.mark.slow
 def test_the_recording_tells_how_far_off_the_estimate_was(run: Path) -> None:
     from json import loads
 

@@ -76,15 +76,54 @@ def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
         _used(tmp_path / name)
 
 
-@pytest.mark.parametrize("mode", [0o666, 0o620, 0o602])
-def test_a_signing_key_that_others_may_write_is_refused(tmp_path: Path, mode: int) -> None:
+@pytest.mark.parametrize("mode", [0o666, 0o620, 0o602, 0o644, 0o604])
+def test_a_signing_key_that_others_may_read_or_write_is_refused(tmp_path: Path, mode: int) -> None:
     key = tmp_path / "key.txt"
     key.write_text("a-long-passphrase")
     key.chmod(mode)
     with pytest.raises(UserError, match=f"run `chmod 600 {key}`"):
         read_key_file(str(key))
-    key.chmod(0o600)
-    assert len(read_key_file(str(key))) == 32
+    for private in (0o600, 0o400, 0o640):
+        key.chmod(private)
+        assert len(read_key_file(str(key))) == 32
+
+
+def private_key(path: Path) -> Path:
+    path.write_text("a-long-passphrase")
+    path.chmod(0o600)
+    return path
+
+
+@pytest.mark.parametrize("named", ["open/key.txt", "open/within/key.txt", "link.txt", "open/link.txt"])
+def test_a_signing_key_that_others_may_replace_is_refused(tmp_path: Path, named: str) -> None:
+    """In a directory that all may write, or by a symbolic link into or in such a directory."""
+    shared = tmp_path / "open"
+    (shared / "within").mkdir(parents=True)
+    for key in (shared / "key.txt", shared / "within/key.txt", tmp_path / "own.txt"):
+        private_key(key)
+    (tmp_path / "link.txt").symlink_to(shared / "key.txt")
+    (shared / "link.txt").symlink_to(tmp_path / "own.txt")
+    shared.chmod(0o777)
+    with pytest.raises(UserError, match=f"others may replace this signing key, because they may write {shared}"):
+        read_key_file(str(tmp_path / named))
+    shared.chmod(0o1777)  # as /tmp: others may not replace what is there
+    assert len(read_key_file(str(tmp_path / named))) == 32
+
+
+def test_a_signing_key_of_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    key = private_key(tmp_path / "key.txt")
+    if os.geteuid() == 0:
+        os.chown(key, 4242, -1)
+    else:  # cannot give a file away: this process takes itself for another user's
+        stranger = os.geteuid() + 1
+        monkeypatch.setattr(os, "geteuid", lambda: stranger)
+    (tmp_path / "link.txt").symlink_to(key)
+    for path in (key, tmp_path / "link.txt"):
+        with pytest.raises(UserError, match="belongs to another user"):
+            read_key_file(str(path))
+    if os.geteuid() == 0:
+        monkeypatch.setenv("SUDO_UID", "4242")  # the user who ran sudo
+        assert len(read_key_file(str(key))) == 32
 
 
 def _used(path: Path) -> None:

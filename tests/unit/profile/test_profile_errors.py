@@ -367,13 +367,14 @@ def test_values(write: Write, text: str, problem: str) -> None:
         (
             "extends: sitl\nautopilot:\n  signing_key_file: key.txt",
             "boat.yaml:3: autopilot.signing_key_file: {tmp}/key.txt: the signing key is missing, there is no such "
-            "file; make one for both ends with `openssl rand -hex 32 > {tmp}/key.txt`, or leave "
+            "file; make one for both ends with `(umask 077; openssl rand -hex 32 > {tmp}/key.txt)`, or leave "
             "autopilot.signing_key_file out",
         ),
         (
             "extends: sitl\nautopilot:\n  link_key_file: key.txt",
             "boat.yaml:3: autopilot.link_key_file: {tmp}/key.txt: the signing key is missing, there is no such file; "
-            "make one for both ends with `openssl rand -hex 32 > {tmp}/key.txt`, or leave autopilot.link_key_file out",
+            "make one for both ends with `(umask 077; openssl rand -hex 32 > {tmp}/key.txt)`, or leave "
+            "autopilot.link_key_file out",
         ),
         (
             "extends: sitl\nautopilot:\n  standby: {runs: in-process}",

@@ -15,7 +15,7 @@ from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import PaceReport, TaskTiming
-from xitl_cli.run.core.reports import Ending, LinkReport
+from xitl_cli.run.core.reports import Ending, LinkReport, NodeReport
 from xitl_cli.run.session import Result
 from xitl_cli.run.status_display import LiveDisplay, PlainDisplay, RunStatus
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
@@ -88,6 +88,17 @@ def test_the_verdict_is_over_all_and_names_who_fell_short(alone: RunProfile) -> 
     assert late["vessels"]["boat_2"]["verdict"]["real_time"] is False
     assert late["vessels"]["boat_3"]["verdict"]["real_time"] is True
     assert "10 % of the agent's cycles" in late["warnings"][-1]
+
+
+@pytest.mark.parametrize("ending", [Ending.FINISHED, Ending.DURATION])
+def test_a_fleet_in_which_a_controller_failed_has_failed(alone: RunProfile, ending: Ending) -> None:
+    outcome = RunOutcome(ending, None, None, "", 60.0, 60.0, True, (VesselOutcome(True, True, 0.0),) * 2, timed=True)
+    nodes = [NodeReport("LS,LC,LA", "PC", "0.1.0", None, 0, controller_failures=count) for count in (0, 7)]
+    vessels = [part(number) | {"nodes": [node]} for number, node in enumerate(nodes, start=2)]
+    verdict = fleet_summary(profiles_of(alone, 2), outcome, merged([{"pace": PaceReport()}]), vessels)["verdict"]
+    assert (verdict["completed"], verdict["duration_asked"]) == (False, False)
+    assert "boat_2: " in verdict["why"]
+    assert "failed at 7 of its steps" in verdict["why"]
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,6 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.links.connection import AgentConnection
-from xitl_cli.run.live_ros import LiveRosNode
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
 from xitl_cli.run.nodes.drivers import Course, NoDriver
@@ -62,10 +61,10 @@ def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(
     assert [clock["node"] for clock in told["clocks"]] == ["LC", "PS1"]
 
 
-def test_a_folder_that_is_taken_is_refused_before_ros_is_entered(
+def test_a_folder_that_is_taken_is_refused_before_a_live_output_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(LiveRosNode, "prepare", lambda node: pytest.fail("ROS was entered"))
+    monkeypatch.setattr(session, "live_outputs", lambda profiles: pytest.fail("ROS was entered"))
     (tmp_path / "run.mcap").touch()
     profile = load_profile("sitl", ["ros.enabled=true"])
     with pytest.raises(UserError, match=r"already holds a run \(run.mcap\)"):

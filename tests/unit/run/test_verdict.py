@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from xitl_cli.record.topics import PaceReport, TaskTiming
+from xitl_cli.record.topics import AutopilotEvent, PaceReport, TaskTiming
 from xitl_cli.run.core.reports import ClockReport, Ending, FaultReport, LinkReport
-from xitl_cli.run.verdict import Verdict, judge, measured_figures, why_text
+from xitl_cli.run.verdict import Verdict, judge, measured_figures, stop_text, why_text
 
 PHYSICS = TaskTiming("PS1", "physics", 400.0, 40_000, 14_400)
 CONTROL = TaskTiming("LC", "control", 50.0, 4900, 300, skipped=100)
@@ -93,3 +93,17 @@ def test_why_it_ended_is_said_with_how_far_it_came(
     ending: Ending, driver: str, completed: bool, frozen: bool, said: str
 ) -> None:
     assert why_text(ending, "the cable", driver, completed, MISSION, frozen) == said
+
+
+@pytest.mark.parametrize(
+    ("ending", "said"),
+    [
+        (Ending.DURATION, "stopped by HOLD (EKF failsafe) at 41.2 s; 3 of 6 waypoints"),
+        (Ending.FINISHED, "stopped by HOLD (EKF failsafe) at 41.2 s; 3 of 6 waypoints"),
+        (Ending.INTERRUPTED, "interrupted; stopped by HOLD (EKF failsafe) at 41.2 s; 3 of 6 waypoints"),
+        (Ending.FAILED, "the cable; stopped by HOLD (EKF failsafe) at 41.2 s; 3 of 6 waypoints"),
+    ],
+)
+def test_a_stop_is_named_before_the_waypoints(ending: Ending, said: str) -> None:
+    stop = stop_text([AutopilotEvent(41.2, "mode", "HOLD", "AUTO", "EKF failsafe")], "mission")
+    assert why_text(ending, "the cable", "mission", False, MISSION, False, stop) == said

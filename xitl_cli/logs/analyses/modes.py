@@ -18,6 +18,7 @@ from xitl_cli.logs.tables.events import error_name, is_failsafe_error
 from xitl_cli.logs.tables.modes import FAILSAFE_REASONS, NAVIGATING, mode_name, reason_name
 
 _SAME_CAUSE_NS = 1_000_000_000
+_EVENT_NS = 3_000_000_000  # a run records a mode change up to 2 s after the heartbeat that shows it
 _MOST_MARKS = 200
 _STEPS = {
     3: "Check the receiver and FS_THR_ENABLE, FS_TIMEOUT; switch the failsafe off where no RC is fitted.",
@@ -73,7 +74,7 @@ def analyse(log: Log) -> Section | None:
     table = Grid.limited("modes", "Modes", ("from (s)", "until (s)", "duration (s)", "mode", "why"), rows)
     findings = _failsafes(spans, clock)
     lacks: tuple[str, ...] = ()
-    if all(span.reason is None for span in spans):
+    if all(span.reason is None and not span.cause for span in spans):
         lacks = ("Why modes changed is not logged here: telemetry does not carry the reason, the DataFlash log does.",)
     return Section("modes", "Modes", facts, tuple(findings), (table,), lacks=lacks)
 
@@ -83,11 +84,28 @@ def mode_spans(log: Log) -> list[ModeSpan]:
     table = log.tables.get("MODE")
     column = None if table is None else first_of(table, ("ModeNum", "Mode"))
     if table is None or column is None:
+        spans = signals.modes(log)
+        causes = [_recorded_cause(log, span.from_ns, span.text) for span in spans]
         return [
-            ModeSpan(span.from_ns, span.until_ns, None, span.text, None, "", False, span.source)
-            for span in signals.modes(log)
+            ModeSpan(span.from_ns, span.until_ns, None, span.text, None, cause, bool(cause), span.source)
+            for span, cause in zip(spans, causes, strict=True)
         ]
     return _from_rows(log, table, column)
+
+
+def _recorded_cause(log: Log, from_ns: int, name: str) -> str:
+    """The failsafe that a run recorded for the change to this mode, empty without one."""
+    table = log.tables.get("/autopilot/events")
+    if table is None or not {"event", "mode", "reason"} <= set(table.columns):
+        return ""
+    columns = (table.values(key).tolist() for key in ("event", "mode", "reason"))
+    rows = zip(table.stamp_ns.tolist(), *columns, strict=True)
+    near = (
+        reason
+        for stamp_ns, event, mode, reason in rows
+        if event == "mode" and mode == name and abs(stamp_ns - from_ns) <= _EVENT_NS
+    )
+    return next(near, "")
 
 
 def _from_rows(log: Log, table: Table, column: str) -> list[ModeSpan]:
@@ -124,6 +142,12 @@ def _failsafe_at(log: Log, at_ns: int) -> str:
     return next(names, "").removesuffix(": occurred")
 
 
+def _evidence(span: ModeSpan) -> Evidence:
+    if span.number is None:
+        return Evidence("/autopilot/events", "reason", span.from_ns, value=span.cause)
+    return Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason))
+
+
 def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
     for before, span in zip([None, *spans[:-1]], spans, strict=True):
         if not span.failsafe:
@@ -137,6 +161,6 @@ def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
             "modes.failsafe",
             severity,
             f"At {clock.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
-            (Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason)),),
+            (_evidence(span),),
             _STEPS.get(span.reason or 0, "Look at the events around this instant for what set it off."),
         )

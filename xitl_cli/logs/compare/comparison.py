@@ -112,10 +112,11 @@ _OVERLAID = ("scheduler", "time_bases")
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """zero_ns: on A's time, what seconds count from: the event by which the logs were paired, else the common start.
+    """The comparison of two logs, on A's time.
 
-    zero_s: the same since A's first row. trajectories: A's and B's poses at common stamps, B moved as asked; None where
-    positions are missing. states: armed and modes of A, on its time.
+    zero_ns: the stamp from which seconds count: the event that aligned the logs, or the common start. zero_s: the same
+    in seconds since A's first row. trajectories: A's and B's poses at common stamps, with B aligned as requested; None
+    if positions are missing. states: armed and modes of A.
     """
 
     sections: tuple[Section, ...]

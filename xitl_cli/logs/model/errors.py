@@ -6,7 +6,7 @@ LogError
 
 
 class LogError(Exception):
-    """One sentence: what is wrong, where, and how to put it right."""
+    """One sentence: the problem, its place, and the fix."""
 
 
 class UnknownNameError(LogError, KeyError):

@@ -99,7 +99,7 @@ class Log(ABC):
             list(log)  # names of messages or topics
             log["ATT"]["Roll"]  # (N,) degrees
 
-    path, format: of the file.
+    path, format: path and format of the file.
     """
 
     path: Path
@@ -108,16 +108,16 @@ class Log(ABC):
     @property
     @abstractmethod
     def base(self) -> Base:
-        """What its stamps count from."""
+        """Event from which its stamps count."""
 
     @property
     @abstractmethod
     def tables(self) -> Mapping[str, Table]:
-        """By name of message or topic, sorted by name; none is empty."""
+        """Tables by name of message or topic, sorted by name; none is empty."""
 
     @property
     def rowless(self) -> Collection[str]:
-        """Messages or topics that the log describes, and of which it has no row."""
+        """Messages or topics that the log describes but has no row of."""
         return ()
 
     @property
@@ -132,41 +132,41 @@ class Log(ABC):
     @property
     @abstractmethod
     def facts(self) -> Mapping[str, str]:
-        """What the format itself says (library, profile, seed …), for `xitl logs info`."""
+        """Facts that the format itself contains (library, profile, seed …), for `xitl logs info`."""
 
     @property
     def vessels(self) -> tuple[str, ...]:
-        """Names of the vessels in it, where there are several: topics of each begin with its name."""
+        """Names of the vessels if it has several: the topics of each begin with its name."""
         return ()
 
     @property
     def vessel(self) -> str:
-        """The one of them that it was opened for: its topics are then as of a vessel alone, others' are left out."""
+        """The vessel that was selected when opening the log: its topics have no prefix, and the others are omitted."""
         return ""
 
     @property
     def closed(self) -> bool:
-        """Whether its writer finished it; a format without an end has none that is missing."""
+        """Whether its writer finished the file; True for a format without an end mark."""
         return True
 
     @property
     def of_topics(self) -> bool:
-        """Whether its tables are topics, as those of a recording or a bag: what is not among them nobody recorded."""
+        """Whether its tables are topics, as in a recording or a bag: a topic without a table was not recorded."""
         return self.format in ("mcap", "rosbag1", "rosbag2")
 
     def attachment(self, name: str) -> bytes | None:
-        """The first file of this name inside the log; None when there is none, or none that is all there."""
+        """The first file of this name inside the log; None if there is none, or if it is incomplete."""
         return None
 
     def payloads(self, topic: str) -> Iterator[bytes]:
-        """Messages of a topic as they are stored; none of a format without topics."""
+        """Messages of a topic as they are stored; empty for a format without topics."""
         return iter(())
 
     @abstractmethod
     def close(self) -> None: ...
 
     def __getitem__(self, name: str) -> Table:
-        """The table of a message or topic; upper and lower case are the same. Raises UnknownNameError."""
+        """The table of a message or topic; case does not matter. Raises UnknownNameError."""
         topic, _, message = name.rpartition(":")
         if topic in self.tables and f"{topic}:{message.upper()}" in self.tables:  # in frames that a recording keeps
             return self.tables[f"{topic}:{message.upper()}"]
@@ -175,11 +175,11 @@ class Log(ABC):
         ]
 
     def signal(self, text: str, *, raw: bool = False) -> LogSignal:
-        """What a name or an expression stands for: `ATT.Roll`, `hypot(XKF1[0].VN, XKF1[0].VE)`.
+        """Values of a name or an expression: `ATT.Roll`, `hypot(XKF1[0].VN, XKF1[0].VE)`.
 
-        Its `stamp_ns`, `time_s` and `values` are (N,), `unit` "" where it cannot be told. Names are as of `xitl logs
-        plot`; how signals of several messages are brought onto one time stands in model/named_signals.py, the functions
-        in expressions/functions.py. raw: of values as they are stored. Raises LogError.
+        Its `stamp_ns`, `time_s` and `values` are (N,). `unit` is "" if it is unknown. Names are as for `xitl logs
+        plot`. model/named_signals.py describes the alignment of several messages on one time, expressions/functions.py
+        the functions. raw: use the values as they are stored. Raises LogError.
         """
         from xitl_cli.logs.model.named_signals import find_signal
 
@@ -192,16 +192,16 @@ class Log(ABC):
         return name in self.tables
 
     def __len__(self) -> int:
-        """How many tables."""
+        """Number of tables."""
         return len(self.tables)
 
     def frame_tables(self, topic: str) -> Mapping[str, Table]:
-        """The messages in the raw MAVLink frames of a topic, by "topic:MESSAGE"; only recordings keep such."""
+        """The messages in the raw MAVLink frames of a topic, by "topic:MESSAGE"; only recordings have them."""
         raise KeyError(topic)
 
     @property
     def zero_ns(self) -> int:
-        """The stamp from which seconds count: the log's own zero, or its first row where that zero is years away."""
+        """The stamp from which seconds count: the log's own zero, or its first row if that zero is years earlier."""
         if self.span_ns is None:
             return 0
         first = self.span_ns[0]
@@ -209,7 +209,7 @@ class Log(ABC):
 
     @property
     def zero_in_words(self) -> str:
-        """What second 0 is, to follow "seconds since"."""
+        """The event at second 0, as words after "seconds since"."""
         if self.span_ns is not None and self.zero_ns:
             return "the first row"
         return {"boot": "the autopilot started", "simulation": "the run began"}.get(self.base, "the first row")

@@ -50,10 +50,10 @@ class Table(ABC):
         table = xitl.open_log("flight.bin")["ATT"]
         table["Roll"]  # (N,) in the unit of table.columns["Roll"]
         table.values("Roll", slice(10), raw=True)  # the first ten, as stored
-        table.stamp_ns  # (N,) when, in ns since the log's own zero
+        table.stamp_ns  # (N,) time in ns since the log's own zero
 
-    name: of the message or topic. instance: the column that tells the instances of a message apart (of IMU, GPS …),
-    None when there is none.
+    name: name of the message or topic. instance: the column with the instance number of a message (for IMU, GPS …),
+    None if there is none.
     """
 
     name: str
@@ -62,45 +62,45 @@ class Table(ABC):
     @property
     @abstractmethod
     def columns(self) -> Mapping[str, Column]:
-        """By name, in the log's order."""
+        """Columns by name, in the log's order."""
 
     @abstractmethod
     def __len__(self) -> int:
-        """How many rows."""
+        """Number of rows."""
 
     @property
     def indexed_rows(self) -> int:
-        """How many rows the file's own index claims, had without reading them; `len` where there is none."""
+        """Number of rows by the file's own index, without reading them; `len` without an index."""
         return len(self)
 
     @property
     @abstractmethod
     def stamp_ns(self) -> NDArray[np.int64]:
-        """(N,) since the log's own zero (`Log.base`), as logged: it may repeat or go back. Read-only.
+        """(N,) ns since the log's own zero (`Log.base`), as logged: it may repeat or go back. Read-only.
 
-        A time that cannot be, which is damage, is that of the row before (`LogHealth.replaced_stamps`).
+        An impossible time (from damage) is replaced by that of the row before (`LogHealth.replaced_stamps`).
         """
 
     @property
     @abstractmethod
     def file_offset(self) -> NDArray[np.int64]:
-        """(N,) increasing: where in the file each row is, in bytes. Orders rows across tables."""
+        """(N,) increasing position of each row in the file, in bytes. It orders rows across tables."""
 
     @abstractmethod
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         """(n, *shape) numbers in the column's unit, or as stored (whole numbers stay whole numbers) with `raw`.
 
-        Text is an array of str, bytes one of object. Raises KeyError when there is no such column.
+        Text is an array of str, bytes an array of object. Raises KeyError if there is no such column.
         """
 
     @property
     def ends_ns(self) -> tuple[int, int] | None:
-        """Stamps of the first and the last row; None where rows do not say when they were written."""
+        """Stamps of the first and the last row; None if rows have no time."""
         stamps = self.stamp_ns
         return (int(stamps[0]), int(stamps[-1])) if len(stamps) else None
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """As `values`, all rows. Raises UnknownNameError, which names the nearest column."""
+        """As `values`, for all rows. Raises UnknownNameError, which names the nearest column."""
         return self.values(column_named(self, column))
 
     def __iter__(self) -> Iterator[str]:
@@ -112,8 +112,8 @@ class Table(ABC):
     def to_pandas(self, *, raw: bool = False) -> Any:
         """A pandas.DataFrame of all rows by `time_s`, seconds since the log's own zero.
 
-        An array of k numbers is k columns, `name[0]` and on; one of more than 1024 is left out. The units are in
-        `frame.attrs["units"]`, by column. Raises LogError when pandas is not installed.
+        An array of k numbers becomes k columns, `name[0]` and so on. An array with more than 1024 numbers is omitted.
+        `frame.attrs["units"]` has the units by column. Raises LogError if pandas is not installed.
         """
         from xitl_cli.logs.model.flat_columns import data_frame
 

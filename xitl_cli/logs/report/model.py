@@ -110,10 +110,10 @@ class Overview:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All analyses of some logs.
+    """All analyses of one or several logs.
 
-    files: those that could be opened, in the order they were given. refusals: the others, with the reason. signals:
-    of each of them, for the picker of a page.
+    files: the logs that could be opened, in the given order. refusals: the others, with the reason. signals: signals of
+    each log, for the selection list of a page.
     """
 
     files: tuple[FileReport, ...]
@@ -123,7 +123,7 @@ class Report:
 
     @property
     def findings(self) -> list[FileFinding]:
-        """All findings, the worst first, otherwise in the order of files and sections."""
+        """All findings, the most severe first, then in the order of files and sections."""
         every = [
             FileFinding(finding, section, file)
             for file in self.files
@@ -139,7 +139,7 @@ class Report:
 
     @property
     def worst(self) -> Severity:
-        """Of all findings."""
+        """Highest severity of all findings."""
         return max((section.worst for file in self.files for section in file.sections), default=Severity.OK)
 
     @property
@@ -148,7 +148,7 @@ class Report:
         return [failure for file in self.files for failure in file.failures]
 
     def as_json(self) -> dict[str, Any]:
-        """What `xitl logs analyze --json` prints: stable keys, no NaN, plots left out."""
+        """The output of `xitl logs analyze --json`: stable keys, no NaN, without plots."""
         from xitl_cli.logs.report.json import document
 
         return document(self)

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from xitl_cli.errors import UserError
+from xitl_cli.registry import PROFILES, load_all
 from xitl_cli.shipped import profiles_dir
 
 SUFFIXES = (".yaml", ".yml")
@@ -15,8 +16,19 @@ PROFILE = "profile.yaml"
 
 
 def shipped_profiles() -> dict[str, Path]:
-    """Every shipped profile by its name (`sitl`, `environments/calm`), sorted: the runnable top ones first."""
-    return dict(_profiles_below(profiles_dir()))
+    """Every shipped profile by its name (`sitl`, `environments/calm`), sorted: the runnable top ones first.
+
+    Profiles of plug-ins follow. A name that xitl ships keeps its meaning.
+    """
+    profiles: dict[str, Path] = {}
+    for root in _roots():
+        profiles.update({name: path for name, path in _profiles_below(root).items() if name not in profiles})
+    return profiles
+
+
+def _roots() -> list[Path]:
+    """Folders of profiles: those that come with xitl, then those of plug-ins."""
+    return [profiles_dir(), *(Path(folder) for _, folder in load_all(PROFILES))]
 
 
 @cache
@@ -59,11 +71,12 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
 
 def profile_name(path: Path) -> str:
     """What to call the profile in the file at `path`: the shipped name, or the file's stem."""
-    try:
-        relative = path.resolve().relative_to(profiles_dir().resolve())
-    except (ValueError, UserError):
-        return path.stem
-    return relative.with_suffix("").as_posix()
+    for root in _roots():
+        try:
+            return path.resolve().relative_to(root.resolve()).with_suffix("").as_posix()
+        except ValueError:
+            continue
+    return path.stem
 
 
 def shown_path(path: Path) -> str:

@@ -38,7 +38,7 @@ its instance added."""
 
 @dataclass(frozen=True, slots=True)
 class StartSpec(Specification):
-    """Where the vessel lies at the start, at rest."""
+    """Position and heading of the vessel at the start, at rest."""
 
     north_m: float = 0.0
     east_m: float = 0.0
@@ -57,9 +57,10 @@ class MissionItemSpec(Specification):
 
     command: Annotated[Annotated[int, Bounds(at_least=0, at_most=65535)], "MAV_CMD, such as 16 for NAV_WAYPOINT"]
     parameters: Annotated[
-        tuple[float | None, float | None, float | None, float | None], "the first four; null: the autopilot's own"
+        tuple[float | None, float | None, float | None, float | None],
+        "the first four parameters; null: the autopilot's own values",
     ] = (0.0, 0.0, 0.0, 0.0)
-    place_ned_m: Annotated[Place | None, "north and east; null: the command has no place"] = None
+    place_ned_m: Annotated[Place | None, "position, north and east; null: the command has no position"] = None
     altitude_m: float = 0.0
     frame: Annotated[Annotated[int, Bounds(at_least=0, at_most=255)], "MAV_FRAME of the altitude"] = 3
 
@@ -69,7 +70,7 @@ class MissionSpec(Specification):
     """Waypoints from the local origin, or a course from a file."""
 
     speed_mps: Annotated[
-        float, Bounds(above=0, at_most=30), "over ground; without: `vehicle.cruise_speed_mps`, where that is given"
+        float, Bounds(above=0, at_most=30), "speed over ground; default: `vehicle.cruise_speed_mps`, if it is given"
     ] = 3.0
     acceptance_radius_m: Positive = 3.0
     start: StartSpec = StartSpec()
@@ -80,16 +81,16 @@ class MissionSpec(Specification):
     ] = ()
     file: Annotated[
         str | None,
-        "in place of `waypoints_ned_m`: a course from QGroundControl (`.plan`), Mission Planner (`.waypoints`) or a "
-        "map (`.geojson`, `.kml`, `.gpx`). Reading the profile replaces it by the keys that it brings",
+        "instead of `waypoints_ned_m`: a course from QGroundControl (`.plan`), Mission Planner (`.waypoints`) or "
+        "a map (`.geojson`, `.kml`, `.gpx`). When the profile is read, the keys from the file replace this key",
     ] = None
     items: Annotated[
         tuple[MissionItemSpec, ...],
         Items(0, 65534, "as MAVLink numbers 65535 items and the first is home"),
-        "in place of `waypoints_ned_m`: a MAVLink mission after home, as a file with other commands brings it",
+        "instead of `waypoints_ned_m`: a MAVLink mission after home, for a file with other commands",
     ] = ()
     fence: Annotated[
-        tuple[MissionItemSpec, ...], "items of a fence, uploaded before the mission; `FENCE_ENABLE` puts it in force"
+        tuple[MissionItemSpec, ...], "items of a fence, uploaded before the mission; `FENCE_ENABLE` activates it"
     ] = ()
     rally: Annotated[tuple[MissionItemSpec, ...], "rally points, for an ArduPilot or a PX4"] = ()
 
@@ -131,12 +132,12 @@ class MissionSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScriptStep(Specification):
-    """What happens at an instant: motor commands without an autopilot, with one orders by MAVLink."""
+    """Commands at an instant: motor commands without an autopilot, MAVLink orders with an autopilot."""
 
-    at_s: Annotated[NonNegative, "in simulation time; steps come in order"]
+    at_s: Annotated[NonNegative, "simulation time; the steps must be in order"]
     motors: Annotated[
         Annotated[tuple[Annotated[float, Bounds(at_least=-1, at_most=1)], ...], Items(1)] | None,
-        "without an autopilot: commands, one for each propeller, then gear, then rudder; in force until the next",
+        "without an autopilot: one command for each propeller, then gear, then rudder; valid until the next step",
     ] = None
     arm: bool | None = None
     mode: Annotated[
@@ -144,11 +145,11 @@ class ScriptStep(Specification):
             "MANUAL", "ACRO", "STEERING", "HOLD", "LOITER", "SIMPLE", "CIRCLE", "AUTO", "RTL", "SMART_RTL", "GUIDED"
         ]
         | None,
-        "by name",
+        "name of a mode",
     ] = None
     rc_us: Annotated[
         Annotated[tuple[RcPulse | None, ...], Items(1, 18)] | None,
-        "pulse widths of RC channels 1 to 18; null leaves a channel alone, 0 gives it back",
+        "pulse widths of RC channels 1 to 18; null does not change a channel, 0 releases it",
     ] = None
     goto_ned_m: Annotated[Place | None, "a GUIDED target, north and east"] = None
     end: Annotated[bool, "ends the run"] = False
@@ -156,33 +157,38 @@ class ScriptStep(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplaySpec(Specification):
-    """How the outputs of a recording become commands: (pulse - trim) / span, limited to [-1, 1]."""
+    """Conversion of a recording's outputs to commands: (pulse - trim) / span, limited to [-1, 1]."""
 
     outputs: Annotated[
         Channels | None,
-        "recorded channels, in the order of propellers, gears and rudders, or steering and throttle; null: as a "
-        "DataFlash log says of itself (SERVOn_FUNCTION), else 1 and 3 of two, of others as many as there are from 1",
+        "recorded channels, in the order of propellers, gears and rudders, or of steering and throttle; null: the "
+        "functions in a DataFlash log (SERVOn_FUNCTION). Without these: channels 1 and 3 for two commands, "
+        "otherwise channels from 1 on",
     ] = None
-    outputs_are: Annotated[Literal["motors", "steering-throttle"] | None, "null: as the log says"] = None
-    trim_us: Annotated[NeutralPulse, "neutral"] = 1500.0
-    span_us: Annotated[PulseSpan, "from neutral to full"] = 400.0
+    outputs_are: Annotated[Literal["motors", "steering-throttle"] | None, "null: as the log states"] = None
+    trim_us: Annotated[NeutralPulse, "neutral pulse width"] = 1500.0
+    span_us: Annotated[PulseSpan, "difference from neutral to full"] = 400.0
     start_s: Annotated[float | None, "on the recording's clock; null: at the first armed output"] = None
     end_s: Annotated[float | None, "on the recording's clock; null: to the end"] = None
-    rc_channels: Annotated[tuple[RcChannel, RcChannel], "with an autopilot: of steering and throttle"] = (1, 3)
-    thrust: Annotated[Literal["newton", "share"], "what `thrusters/*/cmd` of a bag are, as `ros.thrust`"] = "newton"
+    rc_channels: Annotated[tuple[RcChannel, RcChannel], "with an autopilot: channels of steering and throttle"] = (1, 3)
+    thrust: Annotated[Literal["newton", "share"], "unit of `thrusters/*/cmd` in a bag, as in `ros.thrust`"] = "newton"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowSpec(Specification):
-    """A place beside another vessel, kept by GUIDED targets from what that one's autopilot says of itself."""
+    """A position relative to another vessel, kept by GUIDED targets from the data that its autopilot reports."""
 
-    vessel: Annotated[str, "whom it follows"]
-    offset_frd_m: Annotated[Place, "forward and to starboard of it, along its track; [-10, 0] is 10 m back on it"] = (
+    vessel: Annotated[str, "name of the vessel to follow"]
+    offset_frd_m: Annotated[
+        Place, "offset forward and to starboard of it, along its track; [-10, 0] is 10 m back on the track"
+    ] = (
         -10.0,
         0.0,
     )
     lost_s: Annotated[
-        float, Bounds(at_least=0.5, at_most=600), "a leader that says nothing for so long is lost: the place is kept"
+        float,
+        Bounds(at_least=0.5, at_most=600),
+        "a leader without messages for this time is lost; the follower keeps its position",
     ] = 5.0
 
 
@@ -192,24 +198,24 @@ class DriverSpec(Specification):
 
     kind: Annotated[
         Literal["mission", "ground-station", "script", "replay", "follow", "ros", "none"],
-        "ground-station: the vessel's state is frozen until a ground station arms it; follow: after another vessel; "
-        "ros: nodes of ROS alone, see [ros.md](ros.md)",
+        "ground-station: the vessel's state is frozen until a ground station arms it; follow: follows another "
+        "vessel; ros: only ROS nodes, see [ros.md](ros.md)",
     ] = "none"
-    stay: Annotated[bool, "with a ground station: go on after its mission has ended"] = False
-    script: Annotated[tuple[ScriptStep, ...], "in order of time"] = ()
+    stay: Annotated[bool, "with a ground station: continue after its mission has ended"] = False
+    script: Annotated[tuple[ScriptStep, ...], "steps in order of time"] = ()
     file: Annotated[
         str | None,
-        "of a replay: a log with servo outputs (.bin, .tlog, .mcap), a table of pulse widths (.csv), or a bag of ROS "
-        "with `mavros/rc/out` or `thrusters/*/cmd`",
+        "file of a replay: a log with servo outputs (.bin, .tlog, .mcap), a table of pulse widths (.csv), or a "
+        "ROS bag with `mavros/rc/out` or `thrusters/*/cmd`",
     ] = None
     replay: ReplaySpec = ReplaySpec()
     follow: Annotated[FollowSpec | None, AmongVessels()] = None
-    arms: Annotated[bool, "of ros: in GUIDED and armed as soon as the autopilot is ready; false: nodes do that"] = True
+    arms: Annotated[bool, "for ros: set GUIDED and arm as soon as the autopilot is ready; false: nodes do this"] = True
     departs_with: Annotated[
         Literal["followers", "fleet", "nobody"],
         AmongVessels(),
-        "of a mission or a replay: the vessel lies moored until its followers have armed, until all others of the "
-        "fleet can, or until it can itself",
+        "for a mission or a replay: the vessel stays moored until its followers have armed, until all others of "
+        "the fleet can arm, or until it can arm itself",
     ] = "followers"
 
 
@@ -218,94 +224,101 @@ class StandbySpec(Specification):
     """A second agent with the same sensors, parameters, mission and orders as the first, in real time."""
 
     runs: Runs = "process"
-    link: Annotated[str | None, "its URL"] = None
+    link: Annotated[str | None, "URL of the agent"] = None
     takeover_s: Annotated[
-        float, Bounds(at_least=0.06, at_most=60), "it takes over when no motor command has come for so long"
+        float, Bounds(at_least=0.06, at_most=60), "takes over after this time without a motor command"
     ] = 0.3
     max_step: Annotated[
         float,
         Bounds(above=0, at_most=2),
-        "no motor command changes by more from one exchange to the next, until it is where the new agent wants it",
+        "largest change of a motor command from one exchange to the next, until it reaches the new agent's value",
     ] = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BridgeSpec(Specification):
-    """How another autopilot is reached. Every URL is as seen from where the agent runs, port 0 is one that is free."""
+    """Connections to another autopilot.
 
-    mavlink: Annotated[str, "its MAVLink"] = "tcp://127.0.0.1:5760"
+    Every URL is from the point of view of the agent's machine; port 0 selects a free port.
+    """
+
+    mavlink: Annotated[str, "URL of its MAVLink"] = "tcp://127.0.0.1:5760"
     world: Annotated[str | None, "where its JSON simulator interface is served, in lockstep"] = None
     sensors: Annotated[
         Literal["vectornav", "microstrain7", "hil", "px4"] | None,
         "how ours get in; null leaves them to its own simulation of the true motion",
     ] = None
-    sensor_link: Annotated[str | None, "a line of their own"] = None
+    sensor_link: Annotated[str | None, "URL of a separate line for the sensors"] = None
     outputs: Annotated[Channels, "its channels in the order of propellers, gears and rudders"] = (1, 3)
-    trim_us: Annotated[NeutralPulse, "neutral"] = 1500.0
-    span_us: Annotated[PulseSpan, "from neutral to full"] = 400.0
+    trim_us: Annotated[NeutralPulse, "neutral pulse width"] = 1500.0
+    span_us: Annotated[PulseSpan, "difference from neutral to full"] = 400.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotSpec(Specification):
-    """The autopilot, where it runs, the link to it, and who else may talk to it.
+    """The autopilot, its location, its link, and other clients that may connect to it.
 
-    Of another autopilot than the embedded one the agent is a bridge.
+    For an autopilot other than the embedded one, the agent is a bridge.
     """
 
     kind: Literal["none", "embedded", "ardupilot", "px4"] = "none"
-    runs: Annotated[Runs, "where the agent does"] = "in-process"
-    link: Annotated[str | None, "the agent's URL"] = None
+    runs: Annotated[Runs, "location of the agent"] = "in-process"
+    link: Annotated[str | None, "URL of the agent"] = None
     system_id: Annotated[
         int,
         Bounds(at_least=1, at_most=MOST_VESSELS),
         AmongVessels(),
-        "of MAVLink; of several vessels each has its own, the lowest that is free unless given",
+        "MAVLink system id; with several vessels, the default is the lowest free number",
     ] = 1
     ais_link: Annotated[
         str | None,
         AmongVessels(),
-        "where an ArduPilot that is started elsewhere reads AIS sentences (SERIALn_PROTOCOL 40, AIS_TYPE 1), as "
-        "`serial:///dev/ttyUSB1?baud=38400` or `udp://192.168.7.2:10110`; one in software started here has its own",
+        "address at which an ArduPilot that is started elsewhere reads AIS sentences (SERIALn_PROTOCOL 40, "
+        "AIS_TYPE 1), such as `serial:///dev/ttyUSB1?baud=38400` or `udp://192.168.7.2:10110`. An ArduPilot "
+        "started here has its own port",
     ] = None
     ground_stations: Annotated[
         tuple[str, ...] | None,
-        "`udp://host:port` is sent to, `tcp://host:port` is listened at, or at the next free port; null: UDP 14550 and "
-        "TCP 5760 of this machine in real time, none in lockstep",
+        "`udp://host:port` is a destination, `tcp://host:port` listens there or at the next free port; null: UDP "
+        "14550 and TCP 5760 of this machine in real time, none in lockstep",
     ] = None
     ground_station_interface: Annotated[
         str,
-        "where that TCP port is open: 127.0.0.1 is this machine alone, 0.0.0.0 every network, or the address or name "
-        "(`eth0`) of one",
+        "network interface of that TCP port: 127.0.0.1 is this machine only, 0.0.0.0 every network, or the "
+        "address or name (`eth0`) of one interface",
     ] = LOOPBACK
-    controller: Annotated[str | None, "`module:Class` or `path/to/file.py:Class`, in place of the built-in one"] = None
-    signing_key_file: Annotated[str | None, "signs what goes to ground stations"] = None
-    link_key_file: Annotated[str | None, "signs the link to the agent both ways"] = None
+    controller: Annotated[
+        str | None, "`module:Class` or `path/to/file.py:Class`, instead of the built-in controller"
+    ] = None
+    signing_key_file: Annotated[str | None, "key that signs messages to ground stations"] = None
+    link_key_file: Annotated[str | None, "key that signs the link to the agent in both directions"] = None
     parameter_files: Annotated[
         tuple[str, ...],
-        "what it starts with, shipped ones by name, or .parm and .params files; an ArduPilot that is started elsewhere "
-        "gets them by `xitl params push`, a PX4 at the start of a run",
+        "initial parameters: names of shipped files, or .parm and .params files. An ArduPilot that is started "
+        "elsewhere gets them by `xitl params push`, a PX4 at the start of a run",
     ] = ()
-    parameters: Annotated[dict[str, float], "by name, over those of the files; set on a live autopilot too"] = field(
-        default_factory=dict
-    )
+    parameters: Annotated[
+        dict[str, float], "parameters by name; they override the files and are also set on a running autopilot"
+    ] = field(default_factory=dict)
     connect_timeout_s: Timeout = 6.0
-    silent_s: Annotated[Silence, "an agent that is silent for so long ends the run"] = 10.0
+    silent_s: Annotated[Silence, "an agent without messages for this time ends the run"] = 10.0
     standby: StandbySpec | None = None
     bridge: BridgeSpec = BridgeSpec()
     firmware: Annotated[
         str,
-        "external: somebody else starts it; find: it is started here, the program that XITL_ARDUROVER or XITL_PX4 "
-        "names, else that on the PATH, else what `xitl firmware get` has brought; or the path of its program",
+        "external: started by somebody else. find: started here; the first of the program in XITL_ARDUROVER or "
+        "XITL_PX4, the one on the PATH, or the one from `xitl firmware get`. Or the path of its program",
     ] = EXTERNAL
     firmware_build: Literal["sitl", "linux"] = "sitl"
-    firmware_arguments: Annotated[tuple[str, ...], "after our own"] = ()
+    firmware_arguments: Annotated[tuple[str, ...], "arguments after xitl's own"] = ()
     arm_timeout_s: Annotated[
         float,
         Bounds(above=0, at_most=3600),
-        "not armed by then, or still starting, ends the run, of the embedded one too",
+        "the run ends if the autopilot is not armed, or is still starting, after this time; this includes the "
+        "embedded autopilot",
     ] = 60.0
     moored_until_armed: Annotated[
-        bool, "the vessel's state is frozen until the autopilot is armed, and the duration does not run"
+        bool, "the vessel's state is frozen until the autopilot is armed, and this time does not count for the duration"
     ] = False
 
     @property
@@ -318,26 +331,28 @@ class AutopilotSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompanionSpec(Specification):
-    """A computer beside the autopilot that perceives, maps and avoids."""
+    """A companion computer that perceives, maps and avoids obstacles."""
 
     kind: Annotated[
         Literal["xitl", "ros"],
-        "xitl: ours; ros: nodes of ROS in its place, which have the sensors by topics and give their orders by "
-        "`cmd_vel` and `goal_pose`: [ros.md](ros.md)",
+        "xitl: the xitl companion; ros: your ROS nodes instead, which read the sensors on topics and give their "
+        "orders by `cmd_vel` and `goal_pose`: [ros.md](ros.md)",
     ] = "xitl"
-    runs: Annotated[Runs, "of ros: `board` says that they run on one"] = "in-process"
-    link: Annotated[str | None, "its URL"] = None
-    link_key_file: Annotated[str | None, "signs the link to it both ways"] = None
-    parameters: Annotated[dict[str, float], "its settings by name: [perception.md](perception.md)"] = field(
+    runs: Annotated[Runs, "for ros: `board` states that the nodes run on a board"] = "in-process"
+    link: Annotated[str | None, "URL of the companion"] = None
+    link_key_file: Annotated[str | None, "key that signs the link to it in both directions"] = None
+    parameters: Annotated[dict[str, float], "settings by name: [perception.md](perception.md)"] = field(
         default_factory=dict
     )
     lag: Annotated[
         int,
         Bounds(at_least=1, at_most=100),
-        "in lockstep: exchanges from what it is told to what comes of it, while the host goes on",
+        "in lockstep: exchanges between an input and the effect of its answer, while the host continues",
     ] = 5
     connect_timeout_s: Timeout = 6.0
-    silent_s: Annotated[Silence, "one that is silent for so long is given up; the run goes on without it"] = 10.0
+    silent_s: Annotated[
+        Silence, "a companion without messages for this time is given up; the run continues without it"
+    ] = 10.0
 
     @property
     def is_ours(self) -> bool:

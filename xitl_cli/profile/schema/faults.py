@@ -16,37 +16,39 @@ _ZEROS = (0.0, 0.0, 0.0)
 class LinkFault(Specification):
     """A bad link to an agent, frame by frame."""
 
-    which: Annotated[AgentName, "whose link"] = "agent"
-    direction: Annotated[Literal["both", "sensors", "actuators"], "sensors: to the agent; actuators: from it"] = "both"
-    delay_s: Annotated[Delay, "of every frame"] = 0.0
-    jitter_s: Annotated[Delay, "up to so much more"] = 0.0
-    loss: Annotated[Share, "of the frames"] = 0.0
-    duplicate: Annotated[Share, "of the frames"] = 0.0
-    reorder: Annotated[Share, "of the frames"] = 0.0
-    cut: Annotated[bool, "lets nothing through"] = False
+    which: Annotated[AgentName, "name of the link"] = "agent"
+    direction: Annotated[
+        Literal["both", "sensors", "actuators"], "sensors: to the agent; actuators: from the agent"
+    ] = "both"
+    delay_s: Annotated[Delay, "delay of every frame"] = 0.0
+    jitter_s: Annotated[Delay, "largest additional random delay"] = 0.0
+    loss: Annotated[Share, "share of lost frames"] = 0.0
+    duplicate: Annotated[Share, "share of duplicated frames"] = 0.0
+    reorder: Annotated[Share, "share of reordered frames"] = 0.0
+    cut: Annotated[bool, "no frame passes"] = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentFault(Specification):
-    """A bad computer."""
+    """An overloaded computer, or a wrong clock."""
 
-    which: Annotated[AgentName, "whose"] = "agent"
-    cpu_load: Annotated[Share, "of every processor that is kept busy"] = 0.0
-    clock_offset_s: Annotated[float, Bounds(at_least=0, at_most=100_000), "by which its clock is ahead"] = 0.0
-    clock_skew_ppm: Annotated[float, Bounds(at_least=-10_000, at_most=10_000), "by which it runs fast"] = 0.0
+    which: Annotated[AgentName, "name of the agent"] = "agent"
+    cpu_load: Annotated[Share, "share of every processor that is kept busy"] = 0.0
+    clock_offset_s: Annotated[float, Bounds(at_least=0, at_most=100_000), "the clock is ahead by this time"] = 0.0
+    clock_skew_ppm: Annotated[float, Bounds(at_least=-10_000, at_most=10_000), "the clock runs fast by this rate"] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorFault(Specification):
-    """What can befall every sensor: samples that do not come, values that stand still."""
+    """Faults that can affect every sensor: missing samples and frozen values."""
 
-    dropout: Annotated[Share, "of the samples that do not come"] = 0.0
-    freeze: Annotated[bool, "values stand still"] = False
+    dropout: Annotated[Share, "share of missing samples"] = 0.0
+    freeze: Annotated[bool, "values do not change"] = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuFault(SensorFault):
-    """Dropout, freeze and constants added to what the IMU measures."""
+    """Dropout, freeze and constant offsets of the IMU's measurements."""
 
     gyro_bias_frd_radps: Vector = _ZEROS
     accel_bias_frd_mps2: Vector = _ZEROS
@@ -54,76 +56,76 @@ class ImuFault(SensorFault):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GnssFault(SensorFault):
-    """Dropout, freeze, constants added to position and velocity, and a position that drifts away.
+    """Dropout, freeze, constant offsets of position and velocity, and a position that drifts away.
 
-    The drift begins at zero with the fault. It leaves the velocity alone, which a receiver measures by Doppler.
+    The drift begins at zero with the fault. It does not change the velocity, which a receiver measures by Doppler.
     """
 
     position_bias_ned_m: Vector = _ZEROS
     velocity_bias_ned_mps: Vector = _ZEROS
-    drift_mps: Annotated[NonNegative, "of the position"] = 0.0
-    drift_bearing_deg: Annotated[Direction, "where it drifts to, from true north"] = 0.0
+    drift_mps: Annotated[NonNegative, "speed of the position's drift"] = 0.0
+    drift_bearing_deg: Annotated[Direction, "direction of the drift, from true north"] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MagnetometerFault(SensorFault):
-    """Dropout, freeze and a constant added to the field."""
+    """Dropout, freeze and a constant offset of the field."""
 
     field_bias_frd_gauss: Vector = _ZEROS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BarometerFault(SensorFault):
-    """Dropout, freeze and a constant added to the pressure."""
+    """Dropout, freeze and a constant offset of the pressure."""
 
     pressure_bias_pa: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PropellerFault(Specification):
-    """A propeller that gives less thrust, does not obey, or turns the wrong way."""
+    """A propeller that gives less thrust, does not follow its command, or turns the wrong way."""
 
-    which: Annotated[str, "by its name, `propeller 0` and so on; `port` or `starboard` for the only one there"] = (
-        "propeller 0"
-    )
-    thrust_loss: Annotated[Share, "of its thrust, as with weed or a broken blade"] = 0.0
-    stuck: Annotated[bool, "goes on at the speed that it has"] = False
+    which: Annotated[
+        str, "name, `propeller 0` and so on; `port` or `starboard` for the only propeller on that side"
+    ] = "propeller 0"
+    thrust_loss: Annotated[Share, "share of lost thrust, as with weed or a broken blade"] = 0.0
+    stuck: Annotated[bool, "keeps its present speed"] = False
     stuck_at: Annotated[
-        Annotated[float, Bounds(at_least=-1, at_most=1)] | None, "this command in place of what it is given"
+        Annotated[float, Bounds(at_least=-1, at_most=1)] | None, "follows this command instead of the given one"
     ] = None
-    reversed: Annotated[bool, "turns against its command"] = False
+    reversed: Annotated[bool, "turns opposite to its command"] = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RudderFault(Specification):
-    """A rudder, or the gear that turns a propeller, that no longer moves."""
+    """A rudder, or the gear that turns a propeller, that does not move."""
 
-    which: Annotated[str | None, "by its name, `rudder 0` or `steering 0`; null: the first"] = None
-    jam: Annotated[bool, "stays at the angle that it has"] = False
+    which: Annotated[str | None, "name, `rudder 0` or `steering 0`; null: the first"] = None
+    jam: Annotated[bool, "keeps its present angle"] = False
     jam_angle_deg: Annotated[
         Annotated[float, Bounds(at_least=-180, at_most=180)] | None,
-        "goes there and stays; positive turns the bow to starboard",
+        "moves to this angle and stays there; positive turns the bow to starboard",
     ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatteryFault(Specification):
-    """A battery with less voltage than it should have, so that the propellers turn more slowly."""
+    """A battery with too little voltage, which makes the propellers turn more slowly."""
 
-    added_resistance_ohm: Annotated[NonNegative, "in series, as of a bad contact"] = 0.0
-    failed_cells: Annotated[int, Bounds(at_least=0, at_most=1000), "of those in series"] = 0
-    voltage_drop_v: Annotated[NonNegative, "whatever the current"] = 0.0
+    added_resistance_ohm: Annotated[NonNegative, "added resistance in series, as from a bad contact"] = 0.0
+    failed_cells: Annotated[int, Bounds(at_least=0, at_most=1000), "number of failed cells among those in series"] = 0
+    voltage_drop_v: Annotated[NonNegative, "voltage drop at any current"] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultSpec(Specification):
-    """What goes wrong, and when, in simulation time: [faults.md](faults.md).
+    """A fault and its start and end in simulation time: [faults.md](faults.md).
 
     Another autopilot simulates its own GNSS, magnetometer and barometer unless it has `autopilot.bridge.sensors`.
     """
 
     from_s: NonNegative = 0.0
-    until_s: Annotated[NonNegative | None, "to before this instant; null: to the end"] = None
+    until_s: Annotated[NonNegative | None, "ends before this instant; null: lasts to the end"] = None
     link: LinkFault | None = None
     agent: AgentFault | None = None
     imu: ImuFault | None = None

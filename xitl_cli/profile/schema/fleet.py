@@ -14,40 +14,42 @@ SAILED = ("vehicle", "ais", "sensors", "mission", "driver", "autopilot", "compan
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FormationSpec(Specification):
-    """Places beside each other, in the axes of the heading at the start: the first vessel's, then back from it.
+    """Positions relative to each other, along the axes of the heading at the start.
 
-    The middle one of a line abreast, the point of a wedge, the middle of a circle and of a grid's first row is at
-    `mission.start`.
+    `mission.start` is the position of the first vessel. In a line abreast it is the middle, in a wedge the point,
+    in a circle the centre, and in a grid the middle of the first row.
     """
 
     shape: Literal["column", "line_abreast", "wedge", "circle", "grid"]
-    spacing_m: Annotated[Positive, "from each to the next; in a wedge along its arms, which go back at 45 degrees"] = (
-        10.0
-    )
+    spacing_m: Annotated[
+        Positive, "distance from each vessel to the next; in a wedge along its arms, which go back at 45 degrees"
+    ] = 10.0
     waypoints: Annotated[
-        Literal["shifted", "shared"], "whether waypoints, offsets and tracks move with the start, or are the same"
+        Literal["shifted", "shared"],
+        "waypoints, offsets and tracks move with the start, or are the same for all vessels",
     ] = "shifted"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpreadSpec(Specification):
-    """Places drawn from `clock.seed`, evenly over what is free of a circle about `mission.start`."""
+    """Positions drawn from `clock.seed`, uniform over the free area of a circle about `mission.start`."""
 
     radius_m: Positive
-    apart_m: Annotated[Positive, "least distance from each to the others"] = 10.0
-    waypoints: Annotated[Literal["shifted", "shared"], "as of a formation"] = "shifted"
+    apart_m: Annotated[Positive, "smallest distance between two vessels"] = 10.0
+    waypoints: Annotated[Literal["shifted", "shared"], "as in a formation"] = "shifted"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeveralSpec(Specification):
     """One vessel, or several alike: `follower` with a `count` becomes `follower_1`, `follower_2` and so on.
 
-    System id and MMSI, where they are given, are those of the first; the others count on.
+    A given system id or MMSI belongs to the first vessel, and the others count up from it.
     """
 
-    count: Annotated[Annotated[int, Bounds(at_least=1, at_most=MOST_VESSELS)] | None, "null: one, without a number"] = (
-        None
-    )
+    count: Annotated[
+        Annotated[int, Bounds(at_least=1, at_most=MOST_VESSELS)] | None,
+        "number of vessels; null: one vessel, without a number in its name",
+    ] = None
     formation: FormationSpec | None = None
     spread: SpreadSpec | None = None
 

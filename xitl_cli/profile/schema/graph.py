@@ -58,10 +58,10 @@ def _vertices_problem(value: object) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node(Specification):
-    """One node: what differs from what the run's composition says of it."""
+    """One node: the differences from the node that follows from the run's composition."""
 
     kind: Annotated[
-        Literal["real", "virtual", "absent"] | None, "null: as composed; a node that is not composed needs one"
+        Literal["real", "virtual", "absent"] | None, "null: as composed; required for a node that is not composed"
     ] = None
     runs_on: Annotated[str | None, "null: as composed"] = None
     does: Annotated[str | None, "null: as composed"] = None
@@ -70,7 +70,7 @@ class Node(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeGraph(Specification):
-    """What differs from the graph that follows from driver, autopilot, companion and where they run.
+    """Differences from the graph that follows from driver, autopilot, companion and their locations.
 
     `xitl profiles show` and `xitl wdri` show the whole graph.
     """
@@ -80,10 +80,12 @@ class NodeGraph(Specification):
     )
     links: Annotated[
         dict[str, tuple[str, ...]],
-        "per node, the nodes it exchanges data with, in place of those that follow; a pair once or twice",
+        "for each node, the nodes that it exchanges data with, instead of those that follow from the composition; "
+        "a pair may appear once or twice",
     ] = field(default_factory=dict)
     reference: Annotated[
-        str | None, "a profile, or complete; null: complete, of a profile that runs paper/eq24-general-use"
+        str | None,
+        "a profile, or complete; null: paper/eq24-general-use for a profile that can run, otherwise complete",
     ] = None
     vertices: Annotated[
         Literal["architecture", "present"] | int, ValueProblem(_vertices_problem), f"or a number, 1 to {MOST_VERTICES}"

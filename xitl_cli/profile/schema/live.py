@@ -10,11 +10,11 @@ from sim_core.keys import Bounds, Specification
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveSpec(Specification):
-    """What is recorded, served to Foxglove while a run goes on: [view.md](view.md)."""
+    """The recorded topics, served to Foxglove during a run: [view.md](view.md)."""
 
-    foxglove: Annotated[bool, "`--live foxglove` says the same for a run"] = True
+    foxglove: Annotated[bool, "`--live foxglove` does the same for one run"] = True
     port: Annotated[
         Annotated[int, Bounds(at_least=1, at_most=65535)] | None,
-        "of this machine, 127.0.0.1; null: 8765, or the next one that is free",
+        "port of this machine, 127.0.0.1; null: 8765, or the next free port",
     ] = None
-    commands: Annotated[bool, "clients may act: `--live-commands` says the same; otherwise they only read"] = False
+    commands: Annotated[bool, "clients may act, as with `--live-commands`; otherwise they can only read"] = False

@@ -27,38 +27,41 @@ Technique = Literal["mitl", "sitl", "hitl", "huitl", "ritl", "syitl"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockSpec(Specification):
-    """How time passes in a run."""
+    """Simulation time of a run."""
 
     mode: Annotated[
         Literal["lockstep", "realtime"],
-        "lockstep: as fast as it goes, a seed repeats every message; realtime: by the wall clock",
+        "lockstep: as fast as possible; with the embedded autopilot a seed repeats every message; "
+        "realtime: by the wall clock",
     ] = "lockstep"
-    physics_rate_hz: Annotated[RateHz, "every other rate divides it"] = 400.0
-    exchange_rate_hz: Annotated[RateHz, "of commands from the autopilot"] = 50.0
-    duration_s: Annotated[Positive, "at most, from the start; time for which the vessel is frozen counts"] = 600.0
-    seed: Annotated[Seed, Bounds(below=2**63), "of everything that is drawn"] = 1
+    physics_rate_hz: Annotated[RateHz, "every other rate must divide it"] = 400.0
+    exchange_rate_hz: Annotated[RateHz, "rate of commands from the autopilot"] = 50.0
+    duration_s: Annotated[
+        Positive, "largest duration, from the start; it includes the time for which the vessel is frozen"
+    ] = 600.0
+    seed: Annotated[Seed, Bounds(below=2**63), "seed of all random values"] = 1
     on_loss: Annotated[
         Literal["end", "drift", "continue"],
-        "with `vessels`, when the autopilot of one is lost: the run ends; that vessel drifts with its motors stopped; "
-        "or it goes on with its last motor commands. The run of the others goes on, until all are lost",
+        "with `vessels`, after the autopilot of one vessel is lost: end the run; let that vessel drift with its "
+        "motors stopped; or continue its last motor commands. The other vessels continue until all are lost",
     ] = "end"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingSpec(Specification):
-    """What is kept of a run."""
+    """Contents of the recording."""
 
     compression: Literal["lz4", "zstd", "none"] = "lz4"
     truth_rate_hz: RateHz = 50.0
-    scene: Annotated[bool, "the surroundings, drawn"] = True
+    scene: Annotated[bool, "a drawing of the surroundings"] = True
     dataflash: Annotated[bool, "the autopilot's own log"] = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile(Specification):
-    """A profile; every group is optional, since a profile may be a part of others or describe a graph only."""
+    """A profile; every group is optional, because a profile may be a part of others or describe only a graph."""
 
-    name: Annotated[str, "the file's, unless given"]
+    name: Annotated[str, "name of the profile; if it is missing, the name of the file"]
     description: str = ""
     technique: Technique | None = None
     site: SiteSpec | None = None
@@ -79,9 +82,10 @@ class Profile(Specification):
     graph: NodeGraph | None = None
     ais: AisSpec | None = None
     vessels: Annotated[
-        dict[str, Profile] | None, "several in one water, by name: [fleets.md](fleets.md), and keys of their own below"
+        dict[str, Profile] | None,
+        "several vessels in one water, by name: [fleets.md](fleets.md); their own keys are below",
     ] = None
-    traffic: Annotated[TrafficSpec | None, "of one of `vessels`: it is scripted, and has nothing else"] = None
+    traffic: Annotated[TrafficSpec | None, "for one of `vessels`: the vessel is scripted and has no other group"] = None
 
     @property
     def sailed(self) -> dict[str, Profile]:

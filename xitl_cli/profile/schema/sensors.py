@@ -24,14 +24,14 @@ from sim_core.sensors.spec import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GpsInputSpec(GnssSpec):
-    """A further satellite receiver, sent as GPS_INPUT."""
+    """An additional satellite receiver, sent as GPS_INPUT."""
 
     gps_id: Annotated[int, Bounds(at_least=0, at_most=3)] = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessagesSpec(Specification):
-    """Standard messages beside our own, for an autopilot behind a bridge or a companion; null sends none."""
+    """Standard messages in addition to xitl's own, for an autopilot behind a bridge or a companion; null sends none."""
 
     gps_input: GpsInputSpec | None = None
     obstacle_distance: ObstacleScannerSpec | None = None
@@ -44,16 +44,18 @@ _SOURCE = re.compile(r"auto|simulated|/\S+")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSensorsSpec(Specification):
-    """Samples of a bag, or of an MCAP recording with messages of ROS, in place of simulated ones, at their time stamps.
+    """Samples of a bag, or of an MCAP recording with ROS messages, at their time stamps, instead of simulated samples.
 
-    Of each sensor `auto` is the only topic of its type in the recording, and silence where it has none; `simulated`
-    leaves the sensor to the simulated vessel; else it is the name of a topic.
+    For each sensor, `auto` selects the only topic of its type in the recording, and sends nothing if there is none.
+    `simulated` uses the simulated vessel. Any other value is the name of a topic.
     """
 
     file: Annotated[str, Required] = ""
-    from_s: Annotated[NonNegative, "of the recording, as `xitl logs info` counts: when the run begins"] = 0.0
+    from_s: Annotated[NonNegative, "time in the recording, as `xitl logs info` counts, at which the run begins"] = 0.0
     imu: Annotated[str, "sensor_msgs/Imu"] = AUTO
-    gnss: Annotated[str, "sensor_msgs/NavSatFix; its velocity is of a TwistStamped `fix_velocity` or `gps_vel`"] = AUTO
+    gnss: Annotated[
+        str, "sensor_msgs/NavSatFix; its velocity comes from a TwistStamped `fix_velocity` or `gps_vel`"
+    ] = AUTO
     magnetometer: Annotated[str, "sensor_msgs/MagneticField"] = AUTO
     barometer: Annotated[str, "sensor_msgs/FluidPressure"] = AUTO
 
@@ -67,7 +69,7 @@ class RecordedSensorsSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorsSpec(Specification):
-    """The sensors of the vessel; lidar and sonar reach a companion."""
+    """The sensors of the vessel; lidar and sonar are for a companion."""
 
     imu: ImuSpec
     gnss: GnssSpec

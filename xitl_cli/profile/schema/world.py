@@ -30,17 +30,17 @@ class SiteSpec(Specification):
     latitude_deg: Annotated[float, Bounds(at_least=-90, at_most=90)]
     longitude_deg: Annotated[float, Bounds(at_least=-180, at_most=180)]
     altitude_m: Annotated[float, Bounds(at_least=-500, at_most=9000)]
-    magnetic_field_ned_gauss: Annotated[Vector | None, "null takes the world magnetic model of `year`"] = None
+    magnetic_field_ned_gauss: Annotated[Vector | None, "null: the world magnetic model of `year`"] = None
     year: Annotated[float, Bounds(at_least=1980, at_most=2100)] = 2026.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaunchSpec(Specification):
-    """One body that is put into the water."""
+    """One body that is launched into the water."""
 
-    at_s: Annotated[NonNegative, "in simulation time"] = 0.0
+    at_s: Annotated[NonNegative, "simulation time"] = 0.0
     kind: BodyKindName = "trunk"
-    pos_ned_m: Annotated[Place, "north and east"]
+    pos_ned_m: Annotated[Place, "position, north and east"]
     heading_deg: Direction = 0.0
     length_m: Annotated[
         Annotated[float, Bounds(at_least=0.1, at_most=50)] | None, "null: the usual size of its kind"
@@ -49,15 +49,18 @@ class LaunchSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncountersSpec(Specification):
-    """Bodies of kinds, sizes, places and instants drawn from the run's seed.
+    """Bodies with kinds, sizes, positions and instants drawn from the run's seed.
 
-    Each is launched so that it drifts onto the mission's legs about when the vessel is there at `mission.speed_mps`.
+    Each is launched so that it drifts onto the mission's legs when the vessel is expected there at
+    `mission.speed_mps`.
     """
 
     count: Annotated[int, Bounds(at_least=0, at_most=200)] = 0
     kinds: tuple[BodyKindName, ...] = ("trunk", "branch", "plants", "animal")
-    ahead_m: Annotated[tuple[Positive, Positive], "from, to: how far before the vessel gets there"] = (40.0, 60.0)
-    off_m: Annotated[NonNegative, "by how much it may miss the leg"] = 1.0
+    ahead_m: Annotated[
+        tuple[Positive, Positive], "smallest and largest distance of the vessel from the encounter at the launch"
+    ] = (40.0, 60.0)
+    off_m: Annotated[NonNegative, "largest distance by which it may miss the leg"] = 1.0
 
     def check(self) -> None:
         if self.count and not self.kinds:
@@ -70,26 +73,26 @@ class EncountersSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DebrisSpec(Specification):
-    """What drifts: bodies launched one by one, and others drawn."""
+    """Drifting bodies: single launches, and random encounters."""
 
     launches: tuple[LaunchSpec, ...] = ()
     encounters: EncountersSpec = EncountersSpec()
     control: Annotated[
-        str | None, "where `xitl world launch` is heard, like `udp://127.0.0.1:14670`; null: nowhere"
+        str | None, "address that receives `xitl world launch`, such as `udp://127.0.0.1:14670`; null: none"
     ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AisRadioSpec(Specification):
-    """How far AIS carries between vessels, and how much of it is lost on the way."""
+    """Range of AIS between vessels, and the share of lost transmissions."""
 
     range_m: Annotated[Positive, "20 nautical miles, as between ships"] = 37_040.0
-    loss: Annotated[Share, "of the transmissions, at each receiver"] = 0.0
+    loss: Annotated[Share, "share of lost transmissions, at each receiver"] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorldSpec(Specification):
-    """What stands in the river, drawn and seen by lidar, sonar and range sensors."""
+    """Structures in the river, drawn in the recording and seen by lidar, sonar and range sensors."""
 
     log_boom: LogBoomSpec | None = None
     dam: DamSpec | None = None
@@ -97,9 +100,9 @@ class WorldSpec(Specification):
     shoals: tuple[ShoalSpec, ...] = ()
     buildings: tuple[BuildingSpec, ...] = ()
     meshes: tuple[MeshFileSpec, ...] = ()
-    contact: Annotated[bool, "whether the vessel runs into it; debris always does"] = False
+    contact: Annotated[bool, "the vessel collides with the structures; it collides with debris in any case"] = False
     debris: DebrisSpec = DebrisSpec()
     encounter_distance_m: Annotated[
-        Positive, AmongVessels(), "two vessels whose hulls come nearer to each other are counted as too close"
+        Positive, AmongVessels(), "vessels with hulls nearer than this count as too close"
     ] = 10.0
     ais: Annotated[AisRadioSpec, AmongVessels()] = AisRadioSpec()

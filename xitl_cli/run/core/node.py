@@ -2,6 +2,7 @@
 
 session.py makes them from the profile (compose.py) and calls, for each in the order of the list:
 
+    attach_operator(operator)  somebody may act in the run
     prepare                    reach what is elsewhere, before anything is recorded
     begin(context)             the run starts
     sense(step)                after every physics step
@@ -24,6 +25,7 @@ from agent.wire.link import Link
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
 from sim_core.world.contact import Contacts
+from xitl_cli.record.mcap_file import ChannelMirror
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.core.pace import Pace
@@ -103,6 +105,13 @@ class FleetStep(RunStep):
 
 class RunNode:
     """Does nothing in every method: a node writes those that it needs. See the module for when each is called."""
+
+    def attach_operator(self, operator: Any) -> None:
+        """Pass on to `operator` (run.operator.node.OperatorNode) what people ask for. Called before `prepare`."""
+
+    def mirror(self) -> ChannelMirror | None:
+        """The object that receives each recorded message too, None for a node that does not."""
+        return None
 
     def prepare(self) -> None:
         """Reach what is elsewhere. Raises UserError when that fails."""

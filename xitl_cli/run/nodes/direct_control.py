@@ -8,6 +8,7 @@ from collections.abc import Callable
 from agent.fcu.control.allocation import ThrustAllocator
 from agent.fcu.control.controller import (
     ControllerError,
+    ControllerGuard,
     ControllerOutput,
     MakeController,
     Motors,
@@ -20,7 +21,7 @@ from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import MissionItem, make_mission
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.mission_progress import COMPLETE, MissionProgress
-from agent.fcu.vehicle_state import StateEstimate
+from agent.fcu.vehicle_state import EventQueue, StateEstimate
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
@@ -52,7 +53,7 @@ class IdealControl(ControlNode):
         self._course = tuple(profile.mission.course)
         self._reached: set[int] = set()
         self._gains = GuidanceGains.from_parameters(parameters, self._allocator.mixer.pivots)
-        self._controller = chosen_controller(profile)(parameters)
+        self._controller = DirectController(profile, parameters, len(self._allocator.neutral))
         self._frame = LocalProjection(site.latitude_deg, site.longitude_deg, site.altitude_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
         self._others = others
@@ -78,7 +79,8 @@ class IdealControl(ControlNode):
             return self._allocator.neutral
         last = self._allocator.last
         order = Order(course.heading_rad, 0.0, course.speed_mps, speed_mps, last.thrust_limited, last.steering_limited)
-        return allocated(self._allocator, self._controller.control(order, estimate, self._dt_s), self._dt_s, speed_mps)
+        answer = self._controller.control(order, estimate, self._dt_s)
+        return allocated(self._allocator, answer, self._dt_s, speed_mps)
 
     def _progress(self) -> Progress:
         mission, finished = self._mission, self._mission.state == COMPLETE
@@ -94,7 +96,37 @@ class IdealControl(ControlNode):
         )
 
 
-def chosen_controller(profile: RunProfile) -> MakeController:
+class DirectController:
+    """The profile's controller where no autopilot can go on without it: its failure ends the run.
+
+    commands: how many the vessel takes. Each method raises UserError, with the controller's name, when it fails.
+    """
+
+    def __init__(self, profile: RunProfile, parameters: Parameters, commands: int) -> None:
+        self._name = profile.autopilot.controller
+        self._commands = commands
+        self._guard = ControllerGuard(_chosen_controller(profile), parameters, EventQueue())
+        self._check("when it was made")
+
+    def restart(self) -> None:
+        """Another order follows."""
+        self._guard.restart()
+        self._check("at its restart")
+
+    def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> ControllerOutput:
+        """Its answer, limited to [-1, 1]."""
+        answer = self._guard.control(order, estimate, dt_s, self._commands)
+        self._check(f"at {estimate.stamp_ns / 1e9:.2f} s")
+        return answer
+
+    def _check(self, when: str) -> None:
+        if self._guard.failures:
+            raise UserError(
+                f"autopilot.controller: {self._name} failed {when} ({self._guard.latest}); correct its code"
+            )
+
+
+def _chosen_controller(profile: RunProfile) -> MakeController:
     """The controller that the profile names, else the autopilot's own."""
     if profile.autopilot.controller is None:
         return HeadingSpeedController

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agent.mavlink.modes import shown_mode
+from agent.mavlink.modes import MISSION_MODE, shown_mode
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
@@ -209,6 +209,7 @@ class MissionDriver(VehicleDriver):
         self._departure = ArmingSequence(commands, "AUTO", arm_timeout_s, others)
         self._course = course
         self._under_way = False
+        self._auto_heard = False
 
     @property
     def ready(self) -> bool:
@@ -220,10 +221,13 @@ class MissionDriver(VehicleDriver):
 
     def update(self, sim_ns: int) -> None:
         self._under_way = self._under_way or self._departure.update(sim_ns)
+        self._auto_heard = self._auto_heard or (self._under_way and self._view.mode == MISSION_MODE)
 
     def progress(self) -> Progress:
         reached, done = self._course.reached(self._view), self._course.is_sailed(self._view)
-        target = self._course.target(self._view) if self._under_way and not done else None
+        # The acknowledgement of AUTO comes before the heartbeat that shows it.
+        sailing = self._under_way and (self._view.mode == MISSION_MODE or not self._auto_heard)
+        target = self._course.target(self._view) if sailing and not done else None
         waits_for = self._departure.waits_for
         return Progress("", target=target, reached=reached, finished=done, completed=done, waits_for=waits_for)
 

@@ -47,7 +47,7 @@ class MissionScore:
         self._start: Point | None = None
         self._cross_track = RootMeanSquare()
         self.cross_track_max_m = 0.0
-        self.latest_m: float | None = None
+        self.latest_m: float | None = None  # None while it heads for no waypoint of the mission
         self.closest_m: list[float | None] = [None] * len(self._waypoints)
         self.reached = 0
 
@@ -130,6 +130,7 @@ class MissionNode(RunNode):
             score.add((north, east), progress.target, progress.reached)
         else:
             score.reached = max(score.reached, progress.reached)
+            score.latest_m = None
 
     def report(self) -> dict[str, Any]:
         return {"mission": self.score.section()}

@@ -14,7 +14,7 @@ from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.core.node import ControlNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.setup import embedded_parameters
-from xitl_cli.run.nodes.direct_control import allocated, chosen_controller, true_estimate
+from xitl_cli.run.nodes.direct_control import DirectController, allocated, true_estimate
 from xitl_cli.run.operator.actions import ActionError, CommandMotor, EndRun, SteerVelocity
 from xitl_cli.run.operator.streams import SILENT_S, Say
 
@@ -51,7 +51,7 @@ class OperatedControl(ControlNode):
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
         parameters = Parameters(embedded_parameters(profile))
         self._allocator = ThrustAllocator(parameters)
-        self._controller = chosen_controller(profile)(parameters)
+        self._controller = DirectController(profile, parameters, len(self._allocator.neutral))
         self._neutral = (0.0,) * self._vessel.commands
         self._motors: dict[int, _Repeated[float]] = {}
         self._velocity: _Repeated[SteerVelocity] | None = None
@@ -123,7 +123,8 @@ class OperatedControl(ControlNode):
         speed_mps = ground_speed_mps(estimate.yaw_rad, *estimate.vel_ned_mps[:2])
         limited = last.thrust_limited, last.steering_limited
         order = Order(None, wanted.turn_rate_radps, wanted.speed_mps, speed_mps, *limited)
-        return allocated(self._allocator, self._controller.control(order, estimate, self._dt_s), self._dt_s, speed_mps)
+        answer = self._controller.control(order, estimate, self._dt_s)
+        return allocated(self._allocator, answer, self._dt_s, speed_mps)
 
     def _progress(self) -> Progress:
         return Progress(mode="ROS", armed=True, finished=self._ended, completed=True, waypoints=())

@@ -101,3 +101,10 @@ def test_an_answer_that_never_came_does_not_cost_the_host_its_own() -> None:
     streams = StreamRequests(True)
     asked(streams, 0)
     assert not streams.is_own_acknowledgement(ack(mav.MAV_CMD_SET_MESSAGE_INTERVAL), 10 * S)
+
+
+def test_a_kind_that_the_autopilot_does_not_have_is_left_out() -> None:
+    streams = StreamRequests(True)
+    streams.leave_out(mav.MAVLINK_MSG_ID_FENCE_STATUS)
+    streams.reset()
+    assert set(asked(streams, 0)) == WANTED - {mav.MAVLINK_MSG_ID_FENCE_STATUS}

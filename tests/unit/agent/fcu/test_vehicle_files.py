@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import time
 from pathlib import Path
@@ -98,6 +99,43 @@ def test_a_log_that_a_link_has_replaced_since_it_was_listed_is_not_read(tmp_path
     (folder / "00000001.BIN").symlink_to(secret)
     with pytest.raises(FtpRefusedError):
         carried_out(channel, read_file("/APM/LOGS/00000001.BIN", 64))
+
+
+def test_a_log_whose_folder_a_link_has_replaced_since_it_was_listed_is_not_read(tmp_path: Path) -> None:
+    secret, folder = tmp_path / "secret", tmp_path / "logs"
+    for path in (secret, folder):
+        path.mkdir()
+        (path / "00000001.BIN").write_bytes(LOG[:16])
+    channel = station(StoredLogs(folder))
+    assert listed(channel, "/APM/LOGS") == ["F00000001.BIN\t16"]
+    folder.rename(tmp_path / "before")
+    folder.symlink_to(secret)
+    with pytest.raises(FtpRefusedError, match="no such file"):
+        carried_out(channel, read_file("/APM/LOGS/00000001.BIN", 64))
+
+
+def test_a_pipe_in_the_folder_holds_nobody_up(tmp_path: Path) -> None:
+    (tmp_path / "00000001.BIN").write_bytes(LOG[:16])
+    os.mkfifo(tmp_path / "00000002.BIN")
+    channel = station(StoredLogs(tmp_path))
+    assert listed(channel, "/APM/LOGS") == ["F00000001.BIN\t16"]
+    assert carried_out(channel, read_file("/APM/LOGS/00000001.BIN", 64)) == LOG[:16]
+    (tmp_path / "00000001.BIN").unlink()
+    os.mkfifo(tmp_path / "00000001.BIN")
+    with pytest.raises(FtpRefusedError):
+        carried_out(channel, read_file("/APM/LOGS/00000001.BIN", 64))
+
+
+@pytest.mark.parametrize(
+    "path", ["../secret", "/APM/LOGS/../../secret", "/APM/LOGS/../secret", "{absolute}", "/APM/LOGS//{absolute}"]
+)
+def test_a_path_out_of_the_folder_is_no_file(tmp_path: Path, path: str) -> None:
+    (tmp_path / "secret").write_bytes(b"of somebody else")
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    (folder / "00000001.BIN").write_bytes(LOG[:16])
+    with pytest.raises(FtpRefusedError, match="no such file"):
+        carried_out(station(StoredLogs(folder)), read_file(path.format(absolute=tmp_path / "secret"), 64))
 
 
 def test_param_pck_holds_what_the_list_of_values_says() -> None:

@@ -36,6 +36,7 @@ def test_who_may_talk_to_the_autopilot(name: str, overrides: tuple[str, ...], ad
 
 def test_the_command_line_of_the_agent(tmp_path: Path) -> None:
     (tmp_path / "key").write_text("secret\n")
+    (tmp_path / "key").chmod(0o600)
     given = ["udp://127.0.0.1:14999", "tcp://127.0.0.1:5799"]
     profile = load_profile(
         "hitl-loopback",

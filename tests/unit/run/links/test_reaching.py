@@ -79,6 +79,7 @@ def test_an_agent_of_another_release_is_told_from_one_that_is_not_there() -> Non
 def test_an_agent_that_does_not_sign_is_told_from_one_that_is_not_there(tmp_path: Path) -> None:
     key = tmp_path / "key"
     key.write_text(KEY.hex())
+    key.chmod(0o600)
     given = [f"autopilot.link_key_file={key}", "autopilot.connect_timeout_s=0.2"]
     profile = load_profile("hitl-beaglebone", given).runnable()
     inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, False, lambda stamp_ns, estimate: None)

@@ -76,6 +76,10 @@ def test_a_mission_is_armed_when_ready_and_started_when_armed(boat: Boat) -> Non
     boat.accept(SET_MODE)
     driver.update(4 * TICK + S)
     assert driver.progress().target == 0
+    for mode, target in ((AUTO, 0), (GUIDED, None), (AUTO, 0)):  # an operator sends it elsewhere in between
+        boat.beat(mode, armed=True)
+        driver.update(5 * TICK + S)
+        assert driver.progress().target == target
     boat.view.reached_seqs |= {1, 2}
     assert driver.progress().completed
     assert driver.progress().finished

@@ -1,0 +1,82 @@
+"""Names and QoS of ROS, and which way in is taken."""
+
+from __future__ import annotations
+
+import pytest
+
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.ros import middleware
+from xitl_cli.plugins.ros.middleware import (
+    LATCHED,
+    RELIABLE,
+    QosProfile,
+    mismatch_text,
+    others_text,
+    qos_with,
+    ros2_way,
+)
+from xitl_cli.plugins.ros.outputs import OUTPUTS
+from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
+
+
+@pytest.mark.parametrize(
+    ("topic", "vessel", "namespace", "name"),
+    [
+        ("imu/data", "", "", "/imu/data"),
+        ("imu/data", "alpha", "boats/north", "/boats/north/alpha/imu/data"),
+        ("/tf", "alpha", "boats", "/tf"),
+    ],
+)
+def test_a_name_is_namespace_vessel_and_topic(topic: str, vessel: str, namespace: str, name: str) -> None:
+    assert OUTPUTS[topic].full_name(vessel, namespace) == name
+
+
+def test_a_mismatch_names_the_fix() -> None:
+    ours = QosProfile()
+    wants = mismatch_text("/boats/imu/data", "durability", ours, offers=True)
+    assert wants.endswith("subscribe with volatile, or give the topic durability: transient_local in ros.topics")
+    assert mismatch_text("/arm", "reliability", ours, offers=False).endswith("publish with reliable")
+    assert "ros2 topic info -v /arm" in mismatch_text("/arm", "deadline", ours, offers=False)
+
+
+def test_others_that_publish_the_same_are_told_with_the_fix() -> None:
+    text = others_text(["/fix", "/imu/data", "/odometry", "/points"], "in domain 3")
+    assert text.startswith("ros: another node publishes /fix, /imu/data, /odometry and 1 more in domain 3")
+    assert text.endswith("use another ros.domain, or ros.namespace")
+    assert others_text(["/clock"], "in domain 3").endswith("use another ros.domain")
+
+
+def test_a_topic_has_the_qos_that_the_profile_gives_it() -> None:
+    assert qos_with(RELIABLE, RosTopicSpec()) == RELIABLE
+    asked = RosTopicSpec(reliability="best_effort", depth=3)
+    assert qos_with(LATCHED, asked) == QosProfile("best_effort", "transient_local", 3)
+
+
+def test_the_way_in_is_rclpy_where_it_is_and_else_cyclonedds(monkeypatch: pytest.MonkeyPatch) -> None:
+    there: set[str] = set()
+    monkeypatch.setattr(middleware, "find_spec", lambda name: name if name in there else None)
+    monkeypatch.setattr("xitl_cli.extras.find_spec", lambda name: name if name in there else None)
+    with pytest.raises(UserError, match=r"pip install 'xitl\[ros2\]'"):
+        ros2_way(RosSpec())
+    there.add("cyclonedds")
+    assert ros2_way(RosSpec()) == "cyclonedds"
+    with pytest.raises(UserError, match=r"source a ROS 2, or use ros.way: cyclonedds"):
+        ros2_way(RosSpec(way="rclpy"))
+    there.add("rclpy")
+    assert ros2_way(RosSpec()) == "rclpy"
+    assert ros2_way(RosSpec(way="cyclonedds")) == "cyclonedds"
+
+
+@pytest.mark.parametrize(
+    ("keys", "what"),
+    [
+        ({"namespace": "my boat"}, "no namespace"),
+        ({"namespace": "/boat/"}, "no namespace"),
+        ({"master": "localhost:11311"}, "ros1://HOST:PORT"),
+        ({"domain": 233}, "domain"),
+        ({"depth": 0}, "depth"),
+    ],
+)
+def test_what_is_no_key_of_ros_is_refused(keys: dict[str, object], what: str) -> None:
+    with pytest.raises(ValueError, match=what):
+        RosSpec(**keys)  # type: ignore[arg-type]

@@ -1,0 +1,217 @@
+"""Logs as a scene: where vessels are at any instant, on one time line and in one map."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+import xitl_cli.logs.signals as signals
+from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.kinematics import Kinematics
+from tests.recorded import CALM, LINUX, MISSION_TLOG
+from xitl_cli.errors import UserError
+from xitl_cli.logs import LogError, open_log
+from xitl_cli.plugins.view.recording import action_text, open_scene
+from xitl_cli.plugins.view.replay_page import checked_span
+from xitl_cli.plugins.view.tracks import heading_deg
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import MotionEstimate, MotorCommand
+
+HZ, SPEED_MPS, SECONDS = 10, 2.0, 20
+Messages = Iterable[tuple[str, int, dict[str, Any]]]
+
+
+def run_file(path: Path, beside_m: float = 0.0) -> Path:
+    """A run that goes east at 2 m/s, its estimate half a metre north of it; armed after 5 s."""
+    recorder = Recorder(path, "lz4")
+    recorder.metadata("xitl", {"profile": "made"})
+    quat = euler_to_quat(np.array([[0.0, 0.0, np.pi / 2]]))
+    zero = np.zeros((1, 3))
+    for step in range(SECONDS * HZ + 1):
+        now_ns = step * 1_000_000_000 // HZ
+        place = np.array([[beside_m, SPEED_MPS * step / HZ, 0.0]])
+        velocity = np.array([[0.0, SPEED_MPS, 0.0]])
+        recorder.truth(
+            now_ns, Kinematics(place, velocity, zero, quat, quat_to_matrix(quat), zero, zero), np.zeros((1, 2))
+        )
+        off = MotionEstimate(place[0] + [0.5, 0.0, 0.0], velocity[0], quat[0], np.zeros(3))
+        recorder.estimate(now_ns, off)
+        recorder.fix(now_ns, -8.8, -63.95 + place[0, 1] / 110e3, 70.0)
+        recorder.environment(now_ns, np.array([0.25, 0.5, 0.0]), np.array([-3.0, 1.0, 0.0]), 0.0)
+        recorder.actuators(now_ns, MotorCommand((0.4, -0.2), armed=now_ns >= 5e9), "propeller 0, propeller 1")
+    recorder.close()
+    return path
+
+
+def json_file(path: Path, messages: Messages) -> Path:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channels: dict[str, int] = {}
+        for topic, stamp_ns, message in messages:
+            if topic not in channels:
+                schema = writer.register_schema(topic.strip("/"), "jsonschema", b"{}")
+                channels[topic] = writer.register_channel(topic, "json", schema)
+            writer.add_message(channels[topic], stamp_ns, json.dumps(message).encode(), stamp_ns)
+        writer.finish()
+    return path
+
+
+def vector(x: float, y: float, z: float = 0.0) -> dict[str, float]:
+    return {"x": x, "y": y, "z": z}
+
+
+def turned(heading_deg: float) -> dict[str, float]:
+    """From FLU to ENU."""
+    half = math.radians(90.0 - heading_deg) / 2.0
+    return {"x": 0.0, "y": 0.0, "z": math.sin(half), "w": math.cos(half)}
+
+
+def poses(wrap: Callable[[dict[str, Any], dict[str, float]], dict[str, Any]], topic: str, heading: float) -> Messages:
+    """North at 1 m/s from (30, 40) for ten seconds."""
+    for step in range(11):
+        yield topic, step * 1_000_000_000, wrap(vector(30.0, 40.0 + step), turned(heading))
+
+
+SHAPES: dict[str, Callable[[dict[str, Any], dict[str, float]], dict[str, Any]]] = {
+    "nav_msgs/Odometry": lambda place, turn: {"pose": {"pose": {"position": place, "orientation": turn}}},
+    "foxglove.PoseInFrame": lambda place, turn: {"frame_id": "map", "pose": {"position": place, "orientation": turn}},
+    "foxglove.FrameTransform": lambda place, turn: {"child_frame_id": "hull", "translation": place, "rotation": turn},
+    "tf2_msgs/TFMessage": lambda place, turn: {
+        "transforms": [{"child_frame_id": "hull", "transform": {"translation": place, "rotation": turn}}]
+    },
+}
+
+
+def test_a_run_is_where_it_was_between_its_samples_too(tmp_path: Path) -> None:
+    with open_scene([run_file(tmp_path / "run.mcap")]) as recording:
+        assert recording.span_s == (0.0, 20.0)
+        instant = recording.instant(7.03)
+        vessel = instant.vessels[""]
+        np.testing.assert_allclose(vessel.position_enu_m, [SPEED_MPS * 7.03, 0.0, 0.0], atol=1e-9)
+        assert heading_deg(vessel.attitude_wxyz) == pytest.approx(90.0, abs=1e-6)
+        assert vessel.estimate_position_enu_m is not None
+        assert vessel.estimate_position_enu_m[1] == pytest.approx(0.5)
+        assert vessel.numbers["estimate off m"] == pytest.approx(0.5)
+        assert vessel.numbers["speed m/s"] == pytest.approx(SPEED_MPS)
+        assert vessel.motors == pytest.approx((0.4, -0.2))
+        assert (instant.wind_en_mps, instant.current_en_mps) == ((1.0, -3.0), (0.5, 0.25))
+        assert [recording.instant(at).vessels[""].armed for at in (4.0, 6.0)] == [False, True]
+        assert ("armed", 5.0) in [(mark.text, mark.time_s) for mark in recording.marks]
+
+
+def test_before_and_behind_its_log_a_vessel_stays(tmp_path: Path) -> None:
+    with open_scene([run_file(tmp_path / "run.mcap")]) as recording:
+        first, last = (recording.instant(at).vessels[""].position_enu_m[0] for at in (-5.0, 99.0))
+        assert (first, last) == pytest.approx((0.0, SPEED_MPS * SECONDS))
+
+
+def test_a_recording_without_a_scene_has_a_plain_boat_on_plain_water(tmp_path: Path) -> None:
+    with open_scene([run_file(tmp_path / "run.mcap")]) as recording:
+        assert recording.scene.vessels[""].meshes
+        assert recording.scene.water.waves is None
+        assert recording.scene.water.centre_en_m[0] == pytest.approx(20.0)
+        said = "\n".join(recording.scene.notes)
+    assert "has no scene" in said
+    assert "a plain boat of 2 m is drawn" in said
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_poses_of_other_tools_are_read(tmp_path: Path, kind: str) -> None:
+    path = json_file(tmp_path / "other.mcap", poses(SHAPES[kind], "/boat", 330.0))
+    with open_scene([path]) as recording:
+        vessel = recording.instant(recording.span_s[0] + 2.5).vessels[""]
+        np.testing.assert_allclose(vessel.position_enu_m, [30.0, 42.5, 0.0], atol=1e-9)
+        assert heading_deg(vessel.attitude_wxyz) == pytest.approx(330.0, abs=1e-6)
+
+
+def test_of_many_frames_the_one_that_moves_is_the_vessel(tmp_path: Path) -> None:
+    def both() -> Messages:
+        wrap = SHAPES["foxglove.FrameTransform"]
+        for topic, stamp_ns, message in poses(wrap, "/tf", 10.0):
+            mast = {"child_frame_id": "mast", "translation": vector(0.1, 0.0, 1.5), "rotation": turned(90.0)}
+            yield topic, stamp_ns, mast
+            yield topic, stamp_ns + 1, message
+
+    with open_scene([json_file(tmp_path / "tf.mcap", both())]) as recording:
+        vessel = recording.instant(recording.span_s[1]).vessels[""]
+        np.testing.assert_allclose(vessel.position_enu_m[:2], [30.0, 50.0], atol=1e-9)
+
+
+def test_two_logs_are_laid_by_an_event_and_by_their_places_on_the_earth() -> None:
+    with open_scene([CALM, LINUX]) as recording:
+        assert len(recording.names) == 2
+        assert "navigated by itself" in recording.scene.notes[0]
+        marked = {mark.text: mark.time_s for mark in reversed(recording.marks)}
+        assert marked[f"{CALM.name}: mode AUTO"] == pytest.approx(marked[f"{LINUX.name}: mode AUTO"], abs=0.1)
+        here, there = (recording.track(name).pose for name in recording.names)
+        for log_path, track in ((CALM, here), (LINUX, there)):
+            with open_log(log_path) as log:
+                of = "truth" if log_path == CALM else "estimate"
+                way = signals.position_geodetic(log, of)  # type: ignore[arg-type]
+                assert way is not None
+                corners_deg = way.values[[0, len(way.values) // 2], :2]
+            moved = track.position_enu_m[len(track.position_enu_m) // 2] - track.position_enu_m[0]
+            assert np.hypot(*moved[:2]) == pytest.approx(sphere_m(*corners_deg), abs=0.3)
+
+
+def sphere_m(one_deg: np.ndarray, other_deg: np.ndarray) -> float:
+    """Haversine on ArduPilot's sphere, whose simulator made these logs."""
+    (lat, lon), (lat_b, lon_b) = np.radians(one_deg), np.radians(other_deg)
+    h = math.sin((lat_b - lat) / 2) ** 2 + math.cos(lat) * math.cos(lat_b) * math.sin((lon_b - lon) / 2) ** 2
+    return 2.0 * 6378100.0 * math.asin(math.sqrt(h))
+
+
+def test_without_a_common_place_both_begin_at_one_start_and_it_is_said(tmp_path: Path) -> None:
+    other = json_file(tmp_path / "indoor.mcap", poses(SHAPES["nav_msgs/Odometry"], "/odom", 0.0))
+    with open_scene([CALM, other]) as recording:
+        _, second = recording.names
+        start_s = max(recording.track(name).pose.span_s[0] for name in recording.names)
+        first_place, second_place = (
+            recording.instant(start_s).vessels[name].position_enu_m for name in recording.names
+        )
+        np.testing.assert_allclose(second_place, first_place, atol=1e-6)
+        assert any(note.startswith(f"{second}: has no place on the Earth") for note in recording.scene.notes)
+
+
+def test_a_boat_by_its_receiver_is_on_the_water() -> None:
+    with open_scene([MISSION_TLOG]) as recording:
+        assert np.abs(recording.track("").pose.position_enu_m[:, 2]).max() == 0.0
+
+
+def test_a_log_without_attitude_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    fixes = [("/fix", step * 10**9, {"latitude": -8.8, "longitude": -63.9, "altitude": 70.0}) for step in range(3)]
+    path = json_file(tmp_path / "fix.mcap", fixes)
+    with pytest.raises(LogError, match="has no attitude, so it cannot be drawn; give a log with both"):
+        open_scene([path])
+    with open_scene([path, run_file(tmp_path / "run.mcap")]) as recording:
+        assert recording.names == ("",)
+        assert any("has no attitude" in note for note in recording.scene.notes)
+
+
+def test_a_recording_that_was_cut_off_plays_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = run_file(tmp_path / "run.mcap")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 6 // 10])
+    with open_scene([path]) as recording:
+        assert 1.0 < recording.span_s[1] <= SECONDS
+        assert recording.instant(1.0).vessels[""].position_enu_m[0] == pytest.approx(SPEED_MPS)
+
+
+def test_a_span_outside_of_the_recording_is_refused(tmp_path: Path) -> None:
+    with open_scene([run_file(tmp_path / "run.mcap")]) as recording:
+        assert checked_span(recording, 5.0, 99.0).length_s == pytest.approx(15.0)
+        with pytest.raises(UserError, match=r"nothing from 30 s to 20 s: the recording is from 0\.00 s to 20\.00 s"):
+            checked_span(recording, 30.0)
+
+
+def test_actions_are_told_in_words() -> None:
+    assert action_text('{"action": "wind", "mean_mps": 6, "vessel": ""}') == "wind mean_mps 6"
+    assert action_text("no JSON") == "no JSON"

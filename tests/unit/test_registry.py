@@ -1,0 +1,155 @@
+"""Plug-ins of other packages: made as installed packages in a folder, found by entry points."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from xitl_cli import registry
+from xitl_cli.errors import UserError
+from xitl_cli.main import CORE_COMMANDS, _app
+from xitl_cli.plugin import Command
+from xitl_cli.profile.files.catalogue import find_profile, profile_name
+
+Install = Callable[..., None]
+HELLO = '''
+from xitl_cli.plugin import Command
+
+def _add(app, name):
+    @app.command(name)
+    def hello():
+        """Say hello."""
+        print("hello from", __name__)
+
+COMMAND = Command("Say hello.", _add)
+'''
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Install a package with one module and these entry points, `group` to `name = target`."""
+    site = tmp_path / "site"
+    site.mkdir()
+    monkeypatch.syspath_prepend(str(site))
+    modules: list[str] = []
+
+    def forget() -> None:
+        registry._entries.cache_clear()
+        registry._first_of_each_name.cache_clear()
+
+    def made(package: str, code: str, **entries: str) -> None:
+        module = package.replace("-", "_")
+        modules.append(module)
+        (site / f"{module}.py").write_text(code, encoding="utf-8")
+        info = site / f"{module}-1.2.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n", encoding="utf-8")
+        groups = "\n".join(f"[xitl.{group}]\n{entry}" for group, entry in entries.items())
+        (info / "entry_points.txt").write_text(groups + "\n", encoding="utf-8")
+        forget()
+
+    forget()
+    yield made
+    forget()
+    for module in modules:
+        sys.modules.pop(module, None)
+
+
+def error_of(name: str) -> str:
+    (row,) = [row for row in registry.plugins() if row.package == name]
+    return row.error
+
+
+def test_a_command_of_another_package_is_one_of_xitl(install: Install) -> None:
+    install("xitl-hello", HELLO, commands="hello = xitl_hello:COMMAND")
+    done = CliRunner().invoke(_app(["hello"]), ["hello"])
+    assert (done.exit_code, done.output) == (0, "hello from xitl_hello\n")
+    assert "Say hello." in CliRunner().invoke(_app([]), ["--help"]).output
+    assert error_of("xitl-hello") == ""
+
+
+@pytest.mark.parametrize(
+    ("code", "entry", "said"),
+    [
+        ("import no_such_module", "hello = xitl_hello:COMMAND", "No module named 'no_such_module'"),
+        ("raise RuntimeError('two\\nlines')", "hello = xitl_hello:COMMAND", "RuntimeError: two lines"),
+        ("import sys; sys.exit(3)", "hello = xitl_hello:COMMAND", "SystemExit: 3"),
+        (HELLO, "hello = xitl_hello:OTHER", "has no attribute 'OTHER'"),
+        (HELLO, "hello = xitl_hello_elsewhere:COMMAND", "No module named 'xitl_hello_elsewhere'"),
+        (HELLO + "XITL_INTERFACE = 2\n", "hello = xitl_hello:COMMAND", "made for interface 2"),
+    ],
+)
+def test_a_broken_plug_in_breaks_nothing_and_is_named(install: Install, code: str, entry: str, said: str) -> None:
+    install("xitl-hello", code, commands=entry)
+    assert CliRunner().invoke(_app([]), ["--help"]).exit_code == 0
+    listed = CliRunner().invoke(_app(["plugins"]), ["plugins"])
+    assert listed.exit_code == 1
+    error = error_of("xitl-hello")
+    assert said in error
+    assert "\n" not in error
+    with pytest.raises(UserError, match=r"hello: the plug-in of xitl-hello 1\.2"):
+        CliRunner().invoke(_app(["hello"]), ["hello"], catch_exceptions=False)
+
+
+def test_xitl_keeps_a_name_that_another_package_registers_too(install: Install) -> None:
+    install("xitl-hello", HELLO, commands="logs = xitl_hello:COMMAND")
+    assert "taken by xitl" in error_of("xitl-hello")
+    assert registry.load(registry.COMMANDS, "logs").group
+
+
+def test_the_first_package_has_a_name_that_two_register(install: Install) -> None:
+    install("xitl-b", HELLO, commands="hello = xitl_b:COMMAND")
+    install("xitl-a", HELLO, commands="hello = xitl_a:COMMAND")
+    assert (error_of("xitl-a"), "taken by xitl-a" in error_of("xitl-b")) == ("", True)
+    assert CliRunner().invoke(_app(["hello"]), ["hello"]).output == "hello from xitl_a\n"
+
+
+def test_a_command_that_nobody_registers_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "_first_of_each_name", lambda group: {})
+    with pytest.raises(UserError, match=r"xitl campaign: .* 'xitl\[campaign\]'"):
+        CliRunner().invoke(_app(["campaign"]), ["campaign"], catch_exceptions=False)
+    assert CliRunner().invoke(_app(["nonsense"]), ["nonsense"]).exit_code == 2
+
+
+def test_profiles_of_another_package_are_found_by_name(install: Install, tmp_path: Path) -> None:
+    folder = tmp_path / "profiles"
+    folder.mkdir()
+    (folder / "fjord.yaml").write_text("extends: sitl\n", encoding="utf-8")
+    (folder / "sitl.yaml").write_text("extends: mitl\n", encoding="utf-8")
+    code = f"from pathlib import Path\nPROFILES = Path({str(folder)!r})\n"
+    install("xitl-fjord", code, profiles="fjord = xitl_fjord:PROFILES")
+    assert find_profile("fjord") == folder / "fjord.yaml"
+    assert profile_name(folder / "fjord.yaml") == "fjord"
+    assert find_profile("sitl") != folder / "sitl.yaml"
+
+
+def declared() -> dict[str, Command]:
+    return {**CORE_COMMANDS, **dict(registry.load_all(registry.COMMANDS))}
+
+
+def test_the_declared_sentence_is_that_of_the_command() -> None:
+    whole = typer.main.get_command(_app())
+    for name, command in declared().items():
+        shown = whole.commands[name].get_short_help_str(limit=1000)  # type: ignore[attr-defined]
+        assert shown.rstrip(".") == command.help.rstrip("."), name
+
+
+def test_commands_of_xitls_own_plug_ins_are_known_where_one_is_missing() -> None:
+    from xitl_cli.main import OWN_PLUGIN_COMMANDS
+
+    assert set(OWN_PLUGIN_COMMANDS) == set(registry.names(registry.COMMANDS))
+
+
+def test_help_loads_no_command() -> None:
+    program = (
+        "import sys; from xitl_cli.main import _app; _app(['--help']); "
+        "print([name for name in sys.modules if name.endswith('command') and name.startswith('xitl_cli.')])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -1,0 +1,132 @@
+"""The same mission four ways: in process, as a loopback, on an emulated board, and on a real one where there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from xitl_cli.experiment.report import Told, told_text
+from xitl_cli.experiment.setup import ExperimentSetup
+from xitl_cli.experiment.time_series import Floats, true_path_ne_m
+from xitl_cli.logs import open_log
+from xitl_cli.logs.compare.comparison import compare
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.sections import Grid, Plot, Section, Trace
+from xitl_cli.plugins.board.emulator import the_reached_board
+
+PAGE = "four-ways.html"
+EMULATED = "An emulated board is no hardware: its nodes weigh as virtual ones, and its timing is its emulator's."
+_KEPT = {True: "yes", False: "no", None: "lockstep"}
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One of the runs: its title, what it extends, and the keys that differ.
+
+    path_ne_m (N, 2): the true one. off_path_m: RMS and largest distance from the first run's. summary: as written.
+    """
+
+    title: str
+    extends: str
+    keys: str = ""
+    summary: Mapping[str, Any] | None = None
+    path_ne_m: Floats | None = None
+    off_path_m: tuple[Told, Told] = (None, None)
+
+
+def ways(emulated: str | None, real: str | None) -> Iterator[Way]:
+    """emulated: the name of an emulated board that runs. real: the URL of an agent on a board. Raises UserError."""
+    yield Way("in process", "sitl")
+    yield Way("loopback", "hitl-beaglebone-loopback")
+    if emulated is not None:
+        board = the_reached_board(emulated, f"xitl board compare {emulated}")
+        link = f"udp://{board.address}:{board.autopilot_port}"
+        yield Way("emulated board", "hitl-virtual-board", f"autopilot: {{link: {link!r}}}\n")
+    if real is not None:
+        yield Way("real board", "hitl-beaglebone", f"autopilot: {{link: {real!r}}}\n")
+
+
+def sail(setup: ExperimentSetup, chosen: Sequence[Way]) -> list[Way]:
+    """All of them, one after the other. Raises UserError where one cannot be made, and InterruptedRunError."""
+    sailed: list[Way] = []
+    first: Path | None = None
+    for number, way in enumerate(chosen, 1):
+        setup.tell(f"{way.title}: {way.extends}")
+        text = f"# {way.title}\nextends: {way.extends}\ndescription: The same mission, {way.title}\n{way.keys}"
+        given = {"clock.seed": setup.seed, "clock.duration_s": setup.duration_s}
+        result = setup.run_profile(f"{number}-{way.title.replace(' ', '-')}", text, given)
+        off_path_m = (None, None) if first is None else _off_path_m(first, result.recording)
+        first = first or result.recording
+        with open_log(result.recording) as log:
+            path_ne_m = true_path_ne_m(log)
+        sailed.append(replace(way, summary=result.summary, path_ne_m=path_ne_m, off_path_m=off_path_m))
+    return sailed
+
+
+def _off_path_m(first: Path, other: Path) -> tuple[Told, Told]:
+    """RMS and largest; None where there is too little of either run."""
+    with open_log(first) as a, open_log(other) as b:
+        try:
+            sections = compare(a, b, of_a="truth", of_b="truth").sections
+        except LogError:
+            return None, None
+    facts = {fact.key: fact.value for section in sections for fact in section.facts}
+    return facts.get("path_rms_m"), facts.get("path_max_m")
+
+
+def table(sailed: Sequence[Way]) -> list[list[str]]:
+    """A row for each quantity: its name, and its value in each run."""
+    columns = [dict(_quantities(way.summary or {}, way.off_path_m)) for way in sailed]
+    return [[name, *(told_text(column.get(name)) for column in columns)] for name in columns[0]]
+
+
+def _quantities(summary: Mapping[str, Any], off_path_m: tuple[Told, Told]) -> Iterator[tuple[str, Told]]:
+    mission, estimation = summary.get("mission") or {}, summary.get("estimation") or {}
+    links = {link["name"]: link for link in summary.get("links") or ()}
+    clock: Mapping[str, Any] = next((one for one in summary.get("clocks") or () if one["node"] == "LC"), {})
+    age = (summary.get("actuators") or {}).get("age_us") or {}
+    tasks = [task for task in summary.get("tasks") or () if task["node"] == "LC" and task["task"] == "control"]
+    verdict, graph = summary.get("verdict") or {}, summary.get("graph") or {}
+    node: Mapping[str, Any] = next(iter(summary.get("nodes") or ()), {})
+    yield "machine", node.get("machine") or "this process"
+    yield "kept real time", _KEPT[verdict.get("real_time")]
+    yield "waypoints", f"{mission.get('waypoints_reached', 0)} of {mission.get('waypoints_total', 0)}"
+    yield "cross-track RMS, m", mission.get("cross_track_rms_m")
+    yield "cross-track at most, m", mission.get("cross_track_max_m")
+    yield "off the path of the first, RMS, m", off_path_m[0]
+    yield "off the path of the first, at most, m", off_path_m[1]
+    yield "estimate off, RMS, m", estimation.get("position_rms_m")
+    for name in ("sensors", "actuators"):
+        latency = (links.get(name) or {}).get("latency_us") or {}
+        yield f"{name}: latency p50, ms", _milli(latency.get("p50"))
+        yield f"{name}: latency p99, ms", _milli(latency.get("p99"))
+        yield f"{name}: frames lost", (links.get(name) or {}).get("lost")
+    yield "commands old, p50, ms", _milli(age.get("p50"))
+    yield "commands old, at most, ms", _milli(age.get("max"))
+    yield "control cycles", sum(task["cycles"] for task in tasks) if tasks else None
+    yield "control cycles missed", sum(task["missed"] for task in tasks) if tasks else None
+    yield "clock drift, ppm", clock.get("drift_ppm")
+    yield "clock steps", clock.get("steps")
+    yield "CPU of the agent, %", node.get("cpu_percent")
+    yield "WDRI claimed", (graph.get("claimed") or {}).get("wdri")
+    yield "WDRI measured", (graph.get("measured") or {}).get("wdri")
+
+
+def _milli(value_us: float | None) -> float | None:
+    return None if value_us is None else value_us / 1e3
+
+
+def write_page(sailed: Sequence[Way], path: Path) -> None:
+    """One page with the paths and the table; nothing is loaded from elsewhere. Raises LogError."""
+    from xitl_cli.logs.report.html import write_sections
+
+    known = [(way.title, *way.path_ne_m.T) for way in sailed if way.path_ne_m is not None and len(way.path_ne_m)]
+    paths = tuple(Trace(title, east, north) for title, north, east in known)
+    plots = (Plot("paths", "Paths over ground", "north (m)", paths, "map", "east (m)"),) if paths else ()
+    rows = tuple((name, *values) for name, *values in table(sailed))
+    grid = Grid("quantities", "What each of them measured", ("", *(way.title for way in sailed)), rows)
+    lacks = () if paths else ("No positions were recorded.",)
+    section = Section("ways", "Side by side", grids=(grid,), plots=plots, lacks=lacks)
+    write_sections(path, f"The same mission, {len(sailed)} ways", EMULATED, [section])

@@ -1,0 +1,225 @@
+"""An image of a suite, CACHE/board-images/SUITE-VERSION/: disk, kernel and early user space, made without root.
+
+    packages -> unpacked under fakeroot, with dpkg's database as after `dpkg --unpack` -> ext4 -> configured by
+    Debian's own scripts, in the emulator -> image.json
+
+Each step leaves a mark, so that one that was interrupted is taken up where it stood.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import gzip
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.board import recipe
+from xitl_cli.plugins.board.console import ConsoleFile
+from xitl_cli.plugins.board.emulator import machine_arguments
+from xitl_cli.plugins.board.packages import FetchedPackages, fetch
+from xitl_cli.plugins.board.places import images_root, make_folder
+from xitl_cli.plugins.board.tools import checked_run, find_program, last_words
+
+Progress = Callable[[str], None]
+SETUP_LIMIT_S = 1200.0
+LEAST_FREE_MIB = 1200
+_DEPENDS = re.compile(rb"\0depends=([^\0]*)\0")
+
+
+@dataclass(frozen=True, slots=True)
+class BoardImage:
+    """folder: where its files are. kernel_release: as `uname -r` tells it there. packages: how many are installed."""
+
+    folder: Path
+    suite: str
+    version: str
+    kernel_release: str
+    packages: int
+
+    @property
+    def disk(self) -> Path:
+        """The root file system, ext4; boards write to files of their own over it."""
+        return self.folder / "disk.qcow2"
+
+    @property
+    def kernel(self) -> Path:
+        """Debian's kernel."""
+        return self.folder / "vmlinuz"
+
+    @property
+    def early(self) -> Path:
+        """The early user space that finds the disk."""
+        return self.folder / "early.cpio.gz"
+
+
+def find_image(suite: str) -> BoardImage | None:
+    """The image of this version of xitl, None where it has not been made."""
+    folder = images_root() / f"{suite}-{recipe.recipe_version()}"
+    try:
+        read = json.loads((folder / "image.json").read_text(encoding="utf-8"))
+        return BoardImage(folder, read["suite"], read["version"], read["kernel_release"], read["packages"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
+    """The image of a suite, made where it is not there yet. Raises UserError; what was done so far is kept."""
+    make_folder(images_root())
+    with _alone(images_root() / f"{suite}.lock", progress):
+        return find_image(suite) or _make_image(suite, mirror, progress)
+
+
+@contextmanager
+def _alone(lock: Path, progress: Progress) -> Iterator[None]:
+    """No two at a time; the second finds what the first has made."""
+    with lock.open("w") as held:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            progress("waiting for another xitl that makes this image")
+            fcntl.flock(held, fcntl.LOCK_EX)
+        yield
+
+
+def _make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
+    folder = images_root() / f"{suite}-{recipe.recipe_version()}"
+    make_folder(folder)
+    free_mib = shutil.disk_usage(folder).free >> 20
+    if free_mib < LEAST_FREE_MIB:
+        raise UserError(
+            f"{folder}: {free_mib} MiB are free and an image takes {LEAST_FREE_MIB} while it is made; make room, or "
+            "set XITL_CACHE to a folder elsewhere"
+        )
+    progress(f"fetching the packages of Debian {suite} for {recipe.ARCHITECTURE}")
+    packages = fetch(suite, mirror, images_root() / f"{suite}-packages")
+    image = BoardImage(folder, suite, recipe.recipe_version(), "", len(packages.installed))
+    unpacked = folder / "unpacked"
+    if not unpacked.is_file():
+        release = _unpack(image, packages, progress)
+        unpacked.write_text(release, encoding="utf-8")
+    image = BoardImage(folder, suite, image.version, unpacked.read_text(encoding="utf-8"), image.packages)
+    _configure(image, progress)
+    words = ["convert", "-O", "qcow2", str(folder / "configuring.qcow2"), str(image.disk)]
+    checked_run(["qemu-img", *words], f"{image.disk}: cannot be made", "make room, or try again")
+    facts = {key: value for key, value in asdict(image).items() if key != "folder"}
+    (folder / "image.json").write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+    for left in ("unpacked", "unpacked.img", "setup.log", "configuring.qcow2"):
+        (folder / left).unlink(missing_ok=True)
+    return image
+
+
+def _unpack(image: BoardImage, packages: FetchedPackages, progress: Progress) -> str:
+    """Disk, kernel and early user space; returns the kernel's release."""
+    tree = image.folder / "tree"
+    shutil.rmtree(tree, ignore_errors=True)
+    progress(f"unpacking {len(packages.installed)} packages")
+    job = {
+        "tree": str(tree),
+        "packages": list(map(str, packages.installed)),
+        "kernel": str(packages.kernel),
+        "disk": str(image.folder / "unpacked.img"),
+    }
+    words = ["fakeroot", "--", sys.executable, "-m", "xitl_cli.plugins.board.unpack", json.dumps(job)]
+    checked_run(words, f"{image.folder}: the packages cannot be unpacked", "make room, or try again")
+    (kernel,) = (tree / "boot").glob("vmlinuz-*")
+    release = kernel.name.removeprefix("vmlinuz-")
+    shutil.copyfile(kernel, image.kernel)
+    busybox = image.folder / "busybox"
+    checked_run(["dpkg-deb", "-x", str(packages.busybox), str(busybox)], "busybox cannot be unpacked", "try again")
+    image.early.write_bytes(early_archive(busybox / "bin/busybox", tree / "lib/modules" / release / "kernel"))
+    shutil.rmtree(busybox)
+    shutil.rmtree(tree)
+    return release
+
+
+def early_archive(busybox: Path, modules: Path) -> bytes:
+    """The early user space, compressed. modules: the folder of the kernel's."""
+    loaded = list(_in_order(modules))
+    files = {"init": (0o755, recipe.EARLY_INIT.encode()), "bin/busybox": (0o755, busybox.read_bytes())}
+    files |= {f"modules/{path.name}": (0o644, path.read_bytes()) for path in loaded}
+    files["modules/order"] = (0o644, "".join(f"{path.name}\n" for path in loaded).encode())
+    return gzip.compress(cpio_archive(files), 6, mtime=0)
+
+
+def _in_order(root: Path) -> Iterator[Path]:
+    """The early modules and all that they depend on, each after what it needs."""
+    files = {path.name.partition(".")[0].replace("-", "_"): path for path in root.rglob("*.ko")}
+    done: set[str] = set()
+
+    def with_needed(name: str) -> Iterator[Path]:
+        if name in done or name not in files:  # what is built in is no file
+            return
+        done.add(name)
+        said = _DEPENDS.search(files[name].read_bytes())
+        for needed in said[1].decode().split(",") if said else ():
+            yield from with_needed(needed.replace("-", "_"))
+        yield files[name]
+
+    for name in recipe.EARLY_MODULES:
+        yield from with_needed(name)
+
+
+def cpio_archive(files: dict[str, tuple[int, bytes]]) -> bytes:
+    """Files by path, each its mode and content, as root's, in the format that Linux starts from (newc)."""
+    folders = sorted({str(parent) for path in files for parent in Path(path).parents if str(parent) != "."})
+    entries = [(folder, 0o040755, b"") for folder in folders]
+    entries += [(path, 0o100000 | mode, data) for path, (mode, data) in files.items()]
+    made = bytearray()
+    for number, (path, mode, data) in enumerate([*entries, ("TRAILER!!!", 0, b"")], 1):
+        name = path.encode() + b"\0"
+        fields = (number, mode, 0, 0, 1, 0, len(data), 0, 0, 0, 0, len(name), 0)
+        made += b"070701" + b"".join(b"%08X" % field for field in fields) + name
+        made += b"\0" * (-len(made) % 4) + data
+        made += b"\0" * (-len(made) % 4)
+    return bytes(made)
+
+
+def make_overlay(disk: Path, base: Path, kind: str) -> None:
+    """A disk that holds only what differs from `base`, of the format `kind`."""
+    disk.unlink(missing_ok=True)
+    words = ["qemu-img", "create", "-q", "-f", "qcow2", "-F", kind, "-b", str(base), str(disk)]
+    checked_run(words, f"{disk}: cannot be made", "make room, or check who may write there")
+
+
+def _configure(image: BoardImage, progress: Progress) -> None:
+    """Have Debian's own scripts set the packages up, in the emulator."""
+    disk, console = image.folder / "configuring.qcow2", image.folder / "setup.log"
+    make_overlay(disk, image.folder / "unpacked.img", "raw")
+    arguments = machine_arguments(
+        1, 512, image.kernel, image.early, f"rw console={recipe.CONSOLE_DEVICE} -- xitl.init=/xitl-setup"
+    )
+    command = [
+        *arguments, "-no-reboot", "-serial", f"file:{console}",
+        "-drive", f"if=none,id=disk,format=qcow2,cache=unsafe,file={disk}", "-device", "virtio-blk-device,drive=disk",
+    ]  # fmt: skip
+    console.write_bytes(b"")
+    said = ConsoleFile(console)
+    words = [find_program(command[0]) or command[0], *command[1:]]
+    with subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=console.open("ab")) as ran:
+        try:
+            done = _watch(ran, said, image.packages, progress)
+        finally:
+            ran.kill()
+    if not done:
+        raise UserError(
+            f"{image.folder}: the packages were not configured in the emulator; its console ended with: "
+            f"{last_words(said.text())}; try again, and if it stays so remove the folder"
+        )
+
+
+def _watch(process: subprocess.Popen[bytes], said: ConsoleFile, packages: int, progress: Progress) -> bool:
+    """Whether the setup ended as it should."""
+    end_s = time.monotonic() + SETUP_LIMIT_S
+    while time.monotonic() < end_s and process.poll() is None:
+        progress(f"configuring package {said.text().count('Setting up ')} of {packages} in the emulator")
+        time.sleep(0.5)
+    return recipe.SETUP_DONE in said.text()

@@ -1,0 +1,124 @@
+"""Debian's packages for another processor, fetched by apt with lists and a package database of its own.
+
+Nothing is installed on this machine, and no root is needed. What was fetched once is kept, and a download that broke
+off is taken up again.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.board import recipe
+from xitl_cli.plugins.board.tools import checked_run
+
+KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
+LONGEST_S = 900.0
+_OTHER = "give a Debian mirror with --mirror URL"
+_KERNEL = re.compile(r"Depends: (linux-image-\S+)")
+
+
+@dataclass(frozen=True, slots=True)
+class FetchedPackages:
+    """Archives on this machine: those to install, the kernel's, and the shell for the time before there is a disk."""
+
+    installed: tuple[Path, ...]
+    kernel: Path
+    busybox: Path
+
+
+def fetch(suite: str, mirror: str | None, work: Path) -> FetchedPackages:
+    """Bring what an image of `suite` needs to the folder `work`, from `mirror` or from apt's own. Raises UserError."""
+    if not KEYRING.is_file():
+        raise UserError(f"{KEYRING}: missing, with Debian's keys; install it: apt install debian-archive-keyring")
+    apt = _Apt(work, suite, mirror or _own_mirror())
+    apt.update()
+    return FetchedPackages(apt.fetch_all(recipe.packages_of(suite)), apt.fetch_kernel(), apt.fetch_one(recipe.BUSYBOX))
+
+
+def _own_mirror() -> str:
+    targets = ["indextargets", "--no-release-info", "--format", "$(REPO_URI)", "Created-By: Packages"]
+    for line in checked_run(["apt-get", *targets], "apt does not tell its mirrors", _OTHER).splitlines():
+        if line.rstrip("/").endswith("/debian"):
+            return line.strip()
+    raise UserError(f"apt knows no Debian mirror here, an address that ends in /debian; {_OTHER}")
+
+
+class _Apt:
+    """apt-get with everything of its own under a folder."""
+
+    def __init__(self, work: Path, suite: str, mirror: str) -> None:
+        for folder in ("lists/partial", "archives/partial", "etc/preferences.d"):
+            (work / folder).mkdir(parents=True, exist_ok=True)
+        self._sources = work / "sources.list"
+        self._sources.write_text(f"deb [signed-by={KEYRING}] {mirror} {suite} main\n", encoding="utf-8")
+        (work / "status").write_text("", encoding="utf-8")
+        self._archives = work / "archives"
+        self._suite = suite
+        self._empty = work / "empty" / "partial"
+        settings = {
+            "Dir::State": work,
+            "Dir::State::lists": work / "lists",
+            "Dir::State::status": work / "status",
+            "Dir::Cache": work,
+            "Dir::Cache::archives": self._archives,
+            "Dir::Etc": work / "etc",
+            "Dir::Etc::sourcelist": self._sources,
+            "Dir::Etc::sourceparts": "-",
+            "APT::Architecture": recipe.ARCHITECTURE,
+            "APT::Architectures": recipe.ARCHITECTURE,
+            "APT::Sandbox::User": "",
+            "APT::Install-Recommends": "false",
+            "APT::Update::Error-Mode": "any",
+            "Acquire::Languages": "none",
+            "Acquire::Check-Valid-Until": "false",
+            "Acquire::Retries": "3",
+        }
+        self._options = [word for name, value in settings.items() for word in ("-o", f"{name}={value}")]
+
+    def update(self) -> None:
+        self._get(["update"], "the list of its packages cannot be fetched")
+
+    def fetch_all(self, packages: tuple[str, ...]) -> tuple[Path, ...]:
+        """The essential packages, these, and all that they depend on."""
+        wanted = ["install", "--yes", "--download-only", "?essential", *packages]
+        self._get(wanted, "its packages cannot be fetched")
+        self._empty.mkdir(parents=True, exist_ok=True)
+        said = self._get(
+            [*wanted, "--print-uris", "-o", f"Dir::Cache::archives={self._empty.parent}"], "cannot be listed"
+        )
+        names = re.findall(r"^'[^']*' (\S+\.deb) ", said, re.MULTILINE)
+        return tuple(sorted(self._archives / name for name in names))
+
+    def fetch_kernel(self) -> Path:
+        said = checked_run(
+            ["apt-cache", *self._options, "depends", recipe.KERNEL], "the kernel's package is not there", _OTHER
+        )
+        named = _KERNEL.search(said)
+        if named is None:
+            raise UserError(
+                f"Debian {self._suite}: has no {recipe.KERNEL} at this mirror; give another with --mirror URL"
+            )
+        return self.fetch_one(named[1])
+
+    def fetch_one(self, package: str) -> Path:
+        """One package without what it depends on."""
+        said = self._get(["download", "--print-uris", package], "is not there")
+        named = re.search(r"^'[^']*' (\S+\.deb) ", said, re.MULTILINE)
+        if named is None:
+            raise UserError(f"Debian {self._suite}: has no package {package} for {recipe.ARCHITECTURE} at this mirror")
+        file = self._archives / named[1]
+        if not file.is_file():
+            self._get(["download", package], "cannot be fetched", cwd=self._archives)
+        return file
+
+    def _get(self, arguments: list[str], what: str, cwd: Path | None = None) -> str:
+        return checked_run(
+            ["apt-get", "-q", *self._options, *arguments],
+            f"Debian {self._suite}: {what}",
+            "check the network, or give another mirror with --mirror URL; what was fetched is kept",
+            cwd=cwd,
+            timeout_s=LONGEST_S,
+        )

@@ -1,0 +1,404 @@
+"""`xitl campaign`: many runs of a plan."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+import typer.core
+
+from xitl_cli.commands.options import Json
+from xitl_cli.commands.output import quiet_pipe, still_read
+from xitl_cli.commands.terminal import say, show_rows, terminal
+from xitl_cli.end_signals import end_signals_handled
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from xitl_cli.plugins.campaign.cluster import TlsFiles
+    from xitl_cli.plugins.campaign.engine import CampaignProgress
+    from xitl_cli.plugins.campaign.estimate import RunCost
+    from xitl_cli.plugins.campaign.plan import CampaignPlan
+    from xitl_cli.plugins.campaign.results import ResultTable
+
+MANY = 10_000
+"""More runs than that are asked about."""
+PASSED, SOME_FAILED, INTERRUPTED = 0, 1, 130
+DEFAULT_COMMAND = "run"
+_SHOWN = 20
+_LINE_EVERY_S = 10.0
+
+
+class CampaignGroup(typer.core.TyperGroup):
+    """`xitl campaign PLAN.yaml` is `xitl campaign run PLAN.yaml`."""
+
+    default_command = DEFAULT_COMMAND
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As of click."""
+        if args and args[0] not in self.commands and args[0] not in ("-h", "--help"):
+            args = [DEFAULT_COMMAND, *args]
+        return super().parse_args(ctx, args)
+
+
+def run(
+    plan: Annotated[
+        str,
+        typer.Argument(metavar="PLAN", help="A plan: a YAML file, or the name of a shipped one (docs/campaigns.md)."),
+    ],
+    on: Annotated[
+        str | None,
+        typer.Option("--on", metavar="ADDRESS", help="A Dask scheduler, tls://host:8786; this machine if left out."),
+    ] = None,
+    tls_ca_file: Annotated[
+        Path | None,
+        typer.Option("--tls-ca-file", metavar="PEM", help="Authority of a tls:// scheduler's certificates."),
+    ] = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option("--tls-cert", metavar="PEM", help="This machine's certificate for --on.")
+    ] = None,
+    tls_key: Annotated[
+        Path | None, typer.Option("--tls-key", metavar="PEM", help="Key of --tls-cert, if another file holds it.")
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers", metavar="N", min=1, max=1024, help="Runs at once on this machine (default: a core each)."
+        ),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what an earlier one left; see --out.")] = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write a page with plots into the campaign's folder.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help=f"Do not ask when there are more than {MANY} runs.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Folder (default: runs/<plan>-<time>; with --resume the latest of the plan)."
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="List what would run, with its time and disk; run no more than seconds of it."),
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Run a plan: many runs of a profile on all cores, or on a Dask cluster.
+
+    Exit code: 0 all runs passed, or a search found every boundary; 1 not so; 2 something to put right; 130 interrupted,
+    --resume goes on.
+    """
+    from xitl_cli.plugins.campaign.cluster import check_installed
+    from xitl_cli.plugins.campaign.plan import find_plan, read_plan
+
+    found = read_plan(find_plan(plan))
+    if on is not None and workers is not None:
+        raise UserError("--workers is of this machine, --on is another's scheduler; give one of them")
+    if dry_run:
+        if found.search is not None or found.spec.sensitivity is not None:
+            check_installed()
+        with quiet_pipe():
+            _show_points(found, as_json, on, workers, out)
+        return
+    tls = _tls_files(on, tls_ca_file, tls_cert, tls_key)
+    table, complete = _carried_out(found, on, tls, workers, resume, yes, out)
+    page = _report(table) if report else None
+    with still_read():
+        if as_json:
+            typer.echo(json.dumps(result_document(table, complete, page), indent=2, allow_nan=False))
+        else:
+            show_table(terminal(), table, page)
+    if not complete:
+        raise typer.Exit(INTERRUPTED)
+    raise typer.Exit(PASSED if _fulfilled(table) else SOME_FAILED)
+
+
+def _fulfilled(table: ResultTable) -> bool:
+    """Whether all runs passed; of a search, whether it found what it was after."""
+    if (document := table.about.get("search")) is None:
+        return all(row["passed"] for row in table.rows)
+    from xitl_cli.plugins.campaign.bisection import Outcome
+    from xitl_cli.plugins.campaign.search import told_again
+    from xitl_cli.plugins.campaign.search_spec import Search
+
+    told = told_again(Search.read(document), table.rows)
+    return all(one.found is not None and one.found.outcome == Outcome.FOUND for one in told)
+
+
+def _tls_files(on: str | None, ca_file: Path | None, certificate: Path | None, key: Path | None) -> TlsFiles | None:
+    """The files for --on. Raises UserError when there are some without --on."""
+    paths = [None if path is None else str(path) for path in (ca_file, certificate, key)]
+    if on is None:
+        if any(paths):
+            raise UserError("--tls-ca-file, --tls-cert and --tls-key are for --on; own workers need no files")
+        return None
+    from xitl_cli.plugins.campaign.cluster import TlsFiles
+
+    return TlsFiles(*paths)
+
+
+def _carried_out(
+    plan: CampaignPlan,
+    on: str | None,
+    tls: TlsFiles | None,
+    workers: int | None,
+    resume: bool,
+    yes: bool,
+    out: Path | None,
+) -> tuple[ResultTable, bool]:
+    """The table, and whether all runs are there."""
+    from xitl_cli.plugins.campaign.cluster import check_installed, is_open
+
+    check_installed()
+    from xitl_cli.plugins.campaign.carry_out import carry_out, open_folder
+
+    total = _count(plan, yes)
+    folder = open_folder(plan, out, resume)
+    console = terminal(stderr=True)
+    many = f"up to {plan.most_runs()}" if plan.search is not None else total
+    say(console, f"{many} runs of {plan.base.name}, in {folder.path}")
+    if on is not None and is_open(on):
+        say(console, f"{on} is not encrypted: whoever reaches it runs programs there as its user (docs/campaigns.md)")
+    with _shown_progress(console) as watch, end_signals_handled(_interrupt):
+        try:
+            table = carry_out(plan, folder, on, workers, None if plan.search is not None else total, watch, tls)
+        except KeyboardInterrupt:
+            left = "" if plan.search is not None else f" with {total - len(folder.done)} of {total} runs left"
+            say(console, f"interrupted{left}; --resume --out {folder.path} goes on")
+            return folder.table(), False
+    return table, True
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _count(plan: CampaignPlan, yes: bool) -> int:
+    """How many runs there are; many of them only after a yes. Raises UserError for none, and without a yes."""
+    most = plan.most_runs()
+    if most > MANY and not yes:
+        _ask(plan, most)
+    _refuse_no_runs(plan)
+    return sum(1 for _ in plan.points())
+
+
+def _refuse_no_runs(plan: CampaignPlan) -> None:
+    if next(plan.points(), None) is None:
+        why = "no combination fulfils the constraints" if plan.constraints else "an axis has no values"
+        raise plan.problem("constraints" if plan.constraints else "axes", f"axes: the plan has no runs: {why}")
+
+
+def _ask(plan: CampaignPlan, most: int) -> None:
+    at_most = "up to " if plan.constraints else ""
+    factors = " × ".join([*(f"{len(axis.values) or axis.count} of {axis.key}" for axis in plan.axes)])
+    what = f"{at_most}{most} runs ({factors}{' × ' if factors else ''}{len(plan.seeds)} seeds)"
+    if not sys.stdin.isatty():
+        raise UserError(f"{plan.path}: has {what}; add --yes if that is meant")
+    if not typer.confirm(f"{plan.path}: has {what}. Run them all?", default=False, err=True):
+        raise UserError(f"{plan.path}: nothing was run; take fewer values, or combine: latin_hypercube with samples")
+
+
+class _Watch:
+    """Tells how far a campaign is: one line that changes at a terminal, one now and then elsewhere."""
+
+    def __init__(self, tell: Callable[[str], None], show: Callable[[str], None], every_s: float) -> None:
+        self._tell, self._show, self._every_s = tell, show, every_s
+        self._next_s = 0.0
+
+    def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
+        """Where runs are carried out, and how many at once."""
+        at = f"{threads} at once {'here' if on is None else f'on {on}'}"
+        self._tell(f"{at}, dashboard {dashboard}" if dashboard else at)
+
+    def __call__(self, progress: CampaignProgress) -> None:
+        if time.monotonic() < self._next_s and progress.done != progress.total:
+            return
+        self._next_s = time.monotonic() + self._every_s
+        self._show(progress_text(progress))
+
+
+def progress_text(progress: CampaignProgress) -> str:
+    """One line: how many of how many, rate, estimate of the end, failures so far by status."""
+    words = [f"{progress.done} of {progress.total} runs" if progress.total is not None else f"{progress.done} runs"]
+    if (rate_hz := progress.rate_hz) is not None:
+        words.append(f"{rate_hz:.1f} a second" if rate_hz >= 1 else f"{rate_hz * 60:.1f} a minute")
+    if (left_s := progress.left_s) is not None and progress.done != progress.total:
+        words.append(f"{duration_text(left_s)} left")
+    failed = progress.done - progress.passed
+    words.append(f"{failed} did not pass" if failed else "all passed" if progress.done else "none ended yet")
+    troubles = [f"{count} {status}" for status, count in sorted(progress.statuses.items()) if status != "completed"]
+    return ", ".join(words) + (f" ({', '.join(troubles)})" if troubles else "")
+
+
+def duration_text(seconds: float) -> str:
+    """`2 h 05 min`, `4 min 10 s`, `12 s`."""
+    whole = round(seconds)
+    if whole >= 3600:
+        return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+    return f"{whole // 60} min {whole % 60:02d} s" if whole >= 60 else f"{whole} s"
+
+
+@contextmanager
+def _shown_progress(console: Console) -> Iterator[_Watch]:
+    def tell(text: str) -> None:
+        say(console, text)
+
+    if not console.is_terminal:
+        yield _Watch(tell, tell, _LINE_EVERY_S)
+        return
+    from rich.text import Text
+
+    with console.status("starting workers") as status:
+        yield _Watch(tell, lambda text: status.update(Text(text)), 0.2)
+
+
+def _report(table: ResultTable) -> Path:
+    from xitl_cli.plugins.campaign.report import write_report
+
+    return write_report(table)
+
+
+def _show_points(plan: CampaignPlan, as_json: bool, on: str | None, workers: int | None, out: Path | None) -> None:
+    """`--dry-run`. Raises UserError for a plan without runs, or with a figure that its runs do not have."""
+    from xitl_cli.plugins.campaign.axes import value_text
+    from xitl_cli.plugins.campaign.carry_out import folders_of
+    from xitl_cli.plugins.campaign.estimate import run_cost
+
+    _refuse_no_runs(plan)
+    cost = run_cost(plan, folders_of(plan, out))
+    keys = (*plan.axis_keys, "seed")
+    points = plan.points()
+    if as_json:
+        for point in points:
+            row = {**plan.base_values, **point.values, "seed": point.seed, "command": plan.base.command(point)}
+            print(json.dumps({"number": point.number, **row}, default=list))
+        return
+    console, rows, total = terminal(), [], 0
+    for point in points:
+        total += 1
+        if total <= _SHOWN:
+            values = {**plan.base_values, **point.values, "seed": point.seed}
+            rows.append([str(point.number), *(value_text(values.get(key)) for key in keys)])
+        elif total > MANY:
+            total = plan.most_runs()
+            break
+    show_rows(console, ("run", *keys), rows, text=())
+    rest = f"{total - len(rows)} more; " if total > len(rows) else ""
+    if plan.search is not None:
+        say(
+            console, f"the first round of a search of up to {plan.most_runs()} runs; the next ones hang on its verdicts"
+        )
+    verdicts = ", ".join(verdict.text for verdict in plan.verdicts)
+    say(console, f"{rest}{total} runs in all. A run passes when: {verdicts}")
+    console.print(f"the first: {plan.base.command(next(plan.points()))}", soft_wrap=True)
+    say(console, cost_text(cost, total if plan.search is None else plan.most_runs(), plan.spec.recordings, on, workers))
+
+
+def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers: int | None) -> str:
+    """Wall time and disk of a campaign in a sentence each, and the basis of both."""
+    from xitl_cli.plugins.campaign.estimate import ROW_BYTES
+
+    about = "at most about" if cost.at_most else "about"
+    if cost.wall_s is None:
+        time_text = "wall time: unknown"
+    elif on is not None:
+        time_text = f"wall time: {about} {duration_text(runs * cost.wall_s)} over the workers of {on}"
+    else:
+        at_once = min(workers or os.cpu_count() or 1, runs)
+        whole_s = math.ceil(runs / at_once) * cost.wall_s
+        time_text = f"wall time: {about} {duration_text(whole_s)} with {at_once} at once"
+    rows_bytes = runs * ROW_BYTES
+    if recordings == "none":
+        disk_text = f"disk: about {size_text(rows_bytes)}, as no run is kept"
+    elif cost.folder_bytes is None:
+        disk_text = "disk: unknown"
+    else:
+        if_all = " if every run fails" if recordings == "failures" else ""
+        disk_text = f"disk: {about} {size_text(rows_bytes + runs * cost.folder_bytes)}{if_all}"
+    return f"{time_text}; {disk_text}. Basis: {cost.basis}"
+
+
+def size_text(size_bytes: float) -> str:
+    """`1.2 GB`, `350 MB`, `20 kB`: powers of ten, two digits or whole units."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6)):
+        if size_bytes >= factor:
+            return f"{size_bytes / factor:.{1 if size_bytes < 10 * factor else 0}f} {unit}"
+    return f"{max(1, round(size_bytes / 1e3))} kB"
+
+
+def result_document(table: ResultTable, complete: bool, page: Path | None) -> dict[str, Any]:
+    """What `--json` prints."""
+    from collections import Counter
+
+    from xitl_cli.commands.sections import sections_document
+    from xitl_cli.plugins.campaign.report import pass_rate, summary_sections
+
+    verdicts = []
+    for text in (*table.verdicts, "passed"):
+        held, share = pass_rate(table.rows, text)
+        verdicts.append({"verdict": text, "held": held, "runs": len(table), "low": share.low, "high": share.high})
+    return {
+        "campaign": table.about["name"],
+        "directory": str(table.folder),
+        "complete": complete,
+        "runs": len(table),
+        "statuses": dict(Counter(table.column("status"))),
+        "passed": sum(bool(row["passed"]) for row in table.rows),
+        "verdicts": verdicts,
+        "worst": [{key: row[key] for key in ("number", "status", "error", "command")} for row in table.worst()],
+        "report": None if page is None else str(page),
+        "sections": sections_document(summary_sections(table)),
+    }
+
+
+def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
+    """What a campaign comes to: statuses, verdicts with their intervals, the worst runs and how to repeat them."""
+    from collections import Counter
+
+    from xitl_cli.plugins.campaign.execution import RAN
+    from xitl_cli.plugins.campaign.report import pass_rate, summary_sections
+
+    count = len(table)
+    statuses = Counter(table.column("status"))
+    passed = sum(bool(row["passed"]) for row in table.rows)
+    told = ", ".join(f"{number} {status}" for status, number in statuses.most_common())
+    console.print()
+    say(console, f"{passed} of {count} runs passed ({told})", "green" if passed == count else "red")
+    rows = []
+    for text in (*table.verdicts, *(["all of them"] if len(table.verdicts) > 1 else [])):
+        column = "passed" if text == "all of them" else text
+        held, interval = pass_rate(table.rows, column)
+        rows.append(
+            [
+                text,
+                f"{held} of {count}",
+                f"{100 * held / max(count, 1):.1f} %",
+                f"{100 * interval.low:.1f} – {100 * interval.high:.1f} %",
+            ]
+        )
+    console.print()
+    show_rows(console, ("verdict", "held", "share", "95 % interval"), rows)
+    from xitl_cli.commands.sections import show_sections
+
+    show_sections(console, summary_sections(table))
+    worst = table.worst()
+    if worst:
+        console.print()
+        say(console, "worst runs", "bold")
+        for row in worst:
+            missed = [text for text in table.verdicts if row.get(text) is not True] if row["status"] in RAN else []
+            why = "; ".join(filter(None, (", ".join(missed), row["error"])))
+            say(console, f"{row['number']:>6}  {row['status']}: {why}")
+            console.print(f"        {row['command']}", soft_wrap=True)
+    console.print()
+    say(console, f"{table.folder}: results.jsonl, results.parquet" + (f", {page.name}" if page else ""))

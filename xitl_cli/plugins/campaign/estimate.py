@@ -1,0 +1,131 @@
+"""The wall time and the disk that a campaign takes: from rows of an earlier one, or from two short runs."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.campaign.engine import try_first_run
+from xitl_cli.plugins.campaign.execution import COMPLETED, INCOMPLETE, Row
+from xitl_cli.plugins.campaign.plan import CampaignPlan
+from xitl_cli.plugins.campaign.results import ResultTable, is_number
+from xitl_cli.plugins.campaign.warden import TEMPORARY
+from xitl_cli.profile.schema.agents import MissionSpec
+
+FIRST_S, SECOND_S = 0.1, 10.0
+"""Simulated time of the two short runs. The first shows that all figures exist, and the files of a run without time."""
+ROW_BYTES = 1000
+"""Of a row with a dozen figures in results.jsonl and results.parquet."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunCost:
+    """Of one run: wall time, and the size of its folder where it is kept. None where it is unknown. basis: its source.
+
+    at_most: the run is counted up to the profile's limit of time, so it may take less.
+    """
+
+    wall_s: float | None
+    folder_bytes: float | None
+    basis: str
+    at_most: bool = False
+
+
+def run_cost(plan: CampaignPlan, folders: Sequence[Path]) -> RunCost:
+    """Of the plan's runs. folders: campaigns, the latest one last, of which those of the same plan count.
+
+    Without a row there, the first run is carried out for two short times. Raises UserError where it does not run, or
+    does not have a figure of the plan.
+    """
+    first = _short(plan, FIRST_S)
+    if (known := _earlier(plan, folders)) is not None:
+        return known
+    simulated_s, at_most = _simulated_s(plan)
+    source = "clock.duration_s at most" if at_most else "the course over its speed"
+    length = f"{simulated_s:.3g} s of a run ({source})"
+    if first is None:
+        if plan.base.loaded.profile.run_profiles()[0].clock.mode == "realtime":
+            return RunCost(simulated_s, None, f"{length} in real time", at_most)
+        return RunCost(
+            None, None, "the first run cannot be tried here in a moment; carry out one and look at its wall_s"
+        )
+    second = _short(plan, SECOND_S)
+    if second is None or second.simulated_s <= first.simulated_s:
+        return RunCost(None, None, "the first run ends too soon to be measured; carry out one and look at its wall_s")
+    start_s = second.wall_s - second.loop_wall_s
+    speed = second.simulated_s / max(second.loop_wall_s, 1e-3)
+    bytes_a_s = (second.folder_bytes - first.folder_bytes) / (second.simulated_s - first.simulated_s)
+    return RunCost(
+        start_s + simulated_s / speed,
+        first.folder_bytes + simulated_s * max(bytes_a_s, 0.0),
+        f"{length} at {speed:.2g} times real time after {start_s:.2g} s of start, measured over "
+        f"{second.simulated_s:.3g} s of the first run",
+        at_most,
+    )
+
+
+def _earlier(plan: CampaignPlan, folders: Sequence[Path]) -> RunCost | None:
+    """The means of the latest campaign of the same plan that has rows."""
+    for folder in reversed(folders):
+        try:
+            table = ResultTable.read(folder)
+        except UserError:
+            continue
+        if table.about.get("digest") != plan.digest():
+            continue
+        walls = [float(row["wall_s"]) for row in table.rows if _ended(row) and is_number(row.get("wall_s"))]
+        kept = [Path(row["directory"]) for row in table.rows if row.get("directory")]
+        sizes = [folder_bytes(path) for path in kept if path.is_dir()]
+        if walls:
+            size = sum(sizes) / len(sizes) if sizes else None
+            return RunCost(sum(walls) / len(walls), size, f"the mean of {len(walls)} runs in {folder}")
+    return None
+
+
+def _ended(row: Row) -> bool:
+    return row.get("status") in (COMPLETED, INCOMPLETE)
+
+
+@dataclass(frozen=True, slots=True)
+class _ShortRun:
+    """loop_wall_s: of wall_s, without the start of the process and the composition of the run."""
+
+    simulated_s: float
+    wall_s: float
+    loop_wall_s: float
+    folder_bytes: int
+
+
+def _short(plan: CampaignPlan, duration_s: float) -> _ShortRun | None:
+    """The first run up to a simulated time; None where that is no matter of a moment, or it broke."""
+    with tempfile.TemporaryDirectory(prefix=TEMPORARY) as name:
+        row = try_first_run(plan, duration_s, Path(name))
+        if row is None or not _ended(row):
+            return None
+        summary = row["summary"]
+        times_s = (float(summary["duration_s"]), float(row["wall_s"]), float(summary["wall_s"]))
+        return _ShortRun(*times_s, folder_bytes(Path(name)))
+
+
+def folder_bytes(folder: Path) -> int:
+    """Of all files below a folder."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def _simulated_s(plan: CampaignPlan) -> tuple[float, bool]:
+    """How long the first run simulates, and whether that is the profile's limit, as there is no shorter course."""
+    point = next(plan.points())
+    runs = plan.base.check(point, {axis.key: axis.origin for axis in plan.axes}).profile.run_profiles()
+    limit_s = runs[0].clock.duration_s
+    longest_s = max((course_s(run.mission) for run in runs if run.driver.kind == "mission"), default=0.0)
+    return (longest_s, False) if 0.0 < longest_s < limit_s else (limit_s, True)
+
+
+def course_s(mission: MissionSpec) -> float:
+    """The length of its waypoints' course from the start over its speed; 0 without waypoints."""
+    places = [(mission.start.north_m, mission.start.east_m), *(place[:2] for place in mission.waypoints_ned_m)]
+    return sum(map(math.dist, places, places[1:])) / mission.speed_mps

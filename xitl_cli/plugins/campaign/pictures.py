@@ -1,0 +1,304 @@
+"""Plots of a campaign's page, as plotly has them, in the page's colours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from sim_core.keys import unit_of
+from xitl_cli.logs.model.sections import Plot
+from xitl_cli.plugins.campaign.bisection import BoundaryFinding
+from xitl_cli.plugins.campaign.compare import CampaignComparison
+from xitl_cli.plugins.campaign.search import SearchFinding
+from xitl_cli.plugins.campaign.search_spec import AxisRange, Search
+from xitl_cli.plugins.campaign.sensitivity import Sensitivity
+from xitl_cli.plugins.campaign.statistics import Floats, Interval, LogisticSurface, wilson_interval
+
+PASS, FAIL, MAIN, MUTED, LIMIT = "--fine", "--critical", "--trace1", "--muted", "--warning"
+_BAND = 0.16
+_SURFACE_POINTS = 60
+_RATE_BAR = {
+    "title": {"text": "pass rate", "side": "top"},
+    "thickness": 10,
+    "len": 0.7,
+    "outlinewidth": 0,
+    "tickformat": ".0%",
+}
+
+
+def _figure(key: str, title: str, data: list[dict[str, Any]], layout: dict[str, Any]) -> Plot:
+    return Plot(key, title, "", (), "figure", figure={"data": data, "layout": layout})
+
+
+def titled(key: str) -> str:
+    """A key or figure with its unit."""
+    unit = unit_of(key)
+    return f"{key} ({unit})" if unit else key
+
+
+def _axis(key: str, **more: Any) -> dict[str, Any]:
+    return {"title": {"text": titled(key), "standoff": 6}, **more}
+
+
+def _line(at: float, across: bool, colour: str, dash: str = "dash") -> dict[str, Any]:
+    """Over the whole plot, at a value of x, or of y with `across`."""
+    ends = (
+        {"xref": "paper", "x0": 0, "x1": 1, "y0": at, "y1": at}
+        if across
+        else {"yref": "paper", "y0": 0, "y1": 1, "x0": at, "x1": at}
+    )
+    return {"type": "line", "line": {"color": colour, "width": 1.5, "dash": dash}, **ends}
+
+
+def boxes(figure: str, axis: str, by_value: Mapping[str, Sequence[float]], limits: Sequence[float]) -> Plot:
+    """Quartiles, whiskers and every run, for each value of an axis."""
+    data = [
+        {
+            "type": "box",
+            "name": value,
+            "y": list(numbers),
+            "boxpoints": "all",
+            "jitter": 0.4,
+            "pointpos": 0,
+            "marker": {"size": 4, "opacity": 0.6, "color": MAIN},
+            "line": {"color": MAIN, "width": 1.4},
+            "fillcolor": "rgba(0,0,0,0)",
+            "hoverinfo": "y",
+        }
+        for value, numbers in by_value.items()
+    ]
+    layout = {
+        "xaxis": _axis(axis, type="category"),
+        "yaxis": _axis(figure),
+        "shapes": [_line(limit, True, LIMIT) for limit in limits],
+    }
+    return _figure(f"boxes.{figure}.{axis}", f"{figure} by {axis}", data, layout)
+
+
+def histogram(figure: str, values: Sequence[float], limits: Sequence[float]) -> Plot:
+    """Runs by a figure, and the limit of its verdict."""
+    data = [{"type": "histogram", "x": list(values), "marker": {"color": MAIN}, "opacity": 0.75, "nbinsx": 40}]
+    layout = {
+        "xaxis": _axis(figure),
+        "yaxis": {"title": {"text": "runs", "standoff": 6}},
+        "bargap": 0.04,
+        "shapes": [_line(limit, False, LIMIT) for limit in limits],
+    }
+    limit = f"; dashed: the limit {', '.join(f'{one:g}' for one in limits)}" if limits else ""
+    return _figure(f"histogram.{figure}", f"{figure}, all runs{limit}", data, layout)
+
+
+def boundary(key: str, search: Search, found: BoundaryFinding, fit: Floats, where: str) -> Plot:
+    """Pass rate at each point with its interval, the monotone fit, and the boundary with its band."""
+    axis, counts = search.ranges[0], found.counts
+    pairs = zip(counts.passed, counts.runs, strict=True)
+    intervals = [wilson_interval(int(passed), int(runs), search.spec.confidence) for passed, runs in pairs]
+    rates = counts.rates
+    data: list[dict[str, Any]] = [
+        {
+            "x": counts.at.tolist(),
+            "y": fit.tolist(),
+            "mode": "lines",
+            "name": "monotone fit",
+            "line": {"color": MUTED, "width": 1.5},
+            "hoverinfo": "skip",
+        },
+        {
+            "x": counts.at.tolist(),
+            "y": rates.tolist(),
+            "mode": "markers",
+            "name": "runs",
+            "text": [f"{p} of {n}" for p, n in zip(counts.passed.tolist(), counts.runs.tolist(), strict=True)],
+            "marker": {"size": (6 + 2 * np.sqrt(counts.runs / counts.runs.min())).tolist(), "color": MAIN},
+            "error_y": {
+                "type": "data",
+                "symmetric": False,
+                "array": [one.high - rate for one, rate in zip(intervals, rates, strict=True)],
+                "arrayminus": [rate - one.low for one, rate in zip(intervals, rates, strict=True)],
+                "color": MAIN,
+                "thickness": 1.2,
+                "width": 3,
+            },
+        },
+    ]
+    shapes: list[dict[str, Any]] = [_line(search.spec.pass_rate, True, MUTED, "dot")]
+    if found.estimate is not None:
+        low, high = _held(found.estimate.interval, axis)
+        band = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "x0": low, "x1": high, "layer": "below"}
+        shapes += [
+            {**band, "fillcolor": FAIL, "opacity": _BAND, "line": {"width": 0}},
+            _line(found.estimate.value, False, FAIL, "solid"),
+        ]
+    layout = {
+        "xaxis": _axis(axis.key, **({"type": "log"} if axis.log else {})),
+        "yaxis": {"title": {"text": "pass rate", "standoff": 6}, "range": [-0.04, 1.04], "tickformat": ".0%"},
+        "shapes": shapes,
+    }
+    sure = f"{100 * search.spec.confidence:g} %"
+    return _figure(key, f"Pass rate along {axis.key}{where}; red: the boundary and its {sure} interval", data, layout)
+
+
+def _held(interval: Interval, axis: AxisRange) -> tuple[float, float]:
+    """Its ends, within the axis."""
+    return min(max(interval.low, axis.low), axis.high), min(max(interval.high, axis.low), axis.high)
+
+
+def boundaries(search: Search, findings: Sequence[SearchFinding], names: Sequence[str]) -> Plot:
+    """The boundary of each group side by side."""
+    axis = search.ranges[0]
+    told = [
+        (name, one.found.estimate)
+        for name, one in zip(names, findings, strict=True)
+        if isinstance(one.found, BoundaryFinding) and one.found.estimate is not None
+    ]
+    ends = [_held(one.interval, axis) for _, one in told]
+    data = [
+        {
+            "x": [name for name, _ in told],
+            "y": [one.value for _, one in told],
+            "mode": "markers",
+            "marker": {"size": 9, "color": FAIL},
+            "error_y": {
+                "type": "data",
+                "symmetric": False,
+                "array": [high - one.value for (_, one), (_, high) in zip(told, ends, strict=True)],
+                "arrayminus": [one.value - low for (_, one), (low, _) in zip(told, ends, strict=True)],
+                "color": FAIL,
+                "thickness": 1.5,
+                "width": 5,
+            },
+        }
+    ]
+    layout = {"xaxis": {"type": "category"}, "yaxis": _axis(axis.key, range=[axis.low, axis.high])}
+    return _figure("boundaries", f"Boundary along {axis.key}", data, layout)
+
+
+def pass_map(
+    across: str,
+    up: str,
+    x: Floats,
+    y: Floats,
+    passed: Sequence[bool],
+    surface: LogisticSurface | None,
+    rate: float,
+    beside: str,
+) -> Plot:
+    """Runs that passed and failed over two axes, a cell of colours where several are at one place."""
+    places: dict[tuple[float, float], list[bool]] = {}
+    for one, other, each in zip(x.tolist(), y.tolist(), passed, strict=True):
+        places.setdefault((one, other), []).append(each)
+    rates = [sum(each) / len(each) for each in places.values()]
+    data: list[dict[str, Any]] = []
+    if surface is not None:
+        data += _contours(surface, x, y, rate)
+    data.append(
+        {
+            "x": [place[0] for place in places],
+            "y": [place[1] for place in places],
+            "mode": "markers",
+            "name": "runs",
+            "text": [f"{sum(each)} of {len(each)} passed" for each in places.values()],
+            "marker": {
+                "size": 12 if len(places) < 60 else 8,
+                "symbol": ["circle" if one >= rate else "x" for one in rates],
+                "color": rates,
+                "cmin": 0,
+                "cmax": 1,
+                "colorscale": [[0, FAIL], [0.5, LIMIT], [1, PASS]],
+                "line": {"width": 0},
+                "colorbar": _RATE_BAR,
+            },
+        }
+    )
+    layout = {"xaxis": _axis(across), "yaxis": _axis(up)}
+    line = f"; line: a pass rate of {100 * rate:g} % by a logistic surface, dotted its 95 % band" if surface else ""
+    return _figure("map", f"Pass and fail over {across} and {up}{beside}{line}", data, layout)
+
+
+def _contours(surface: LogisticSurface, x: Floats, y: Floats, rate: float) -> list[dict[str, Any]]:
+    share = np.linspace(0.0, 1.0, _SURFACE_POINTS)
+    across, up = np.meshgrid(share, share)
+    told = surface.rates(np.column_stack([across.ravel(), up.ravel()]))
+    ticks = {
+        "x": (x.min() + share * np.ptp(x)).tolist(),
+        "y": (y.min() + share * np.ptp(y)).tolist(),
+    }
+    drawn = []
+    for values, dash, width in zip(told, ("solid", "dot", "dot"), (2.0, 1.2, 1.2), strict=True):
+        grid = values.reshape(across.shape)
+        if float(grid.min()) < rate < float(grid.max()):
+            drawn.append(
+                {
+                    "type": "contour",
+                    **ticks,
+                    "z": np.round(grid, 4).tolist(),
+                    "contours": {"start": rate, "end": rate, "size": 1, "coloring": "none"},
+                    "line": {"color": MUTED, "width": width, "dash": dash, "smoothing": 0.6},
+                    "showscale": False,
+                    "hoverinfo": "skip",
+                }
+            )
+    return drawn
+
+
+def effects(told: Sensitivity) -> Plot:
+    """Bars of the total effects with their intervals, the strongest on top."""
+    shown = list(reversed(told.effects))
+    data = [
+        {
+            "type": "bar",
+            "orientation": "h",
+            "y": [one.axis for one in shown],
+            "x": [one.total for one in shown],
+            "marker": {"color": MAIN},
+            "opacity": 0.8,
+            "error_x": {
+                "type": "data",
+                "array": [one.total_interval.high - one.total for one in shown],
+                "color": MUTED,
+                "thickness": 1.3,
+                "width": 4,
+            },
+        }
+    ]
+    what = "total index" if told.method == "sobol" else f"mu* ({unit_of(told.figure) or 'over the whole range'})"
+    layout = {"xaxis": {"title": {"text": what, "standoff": 6}, "rangemode": "tozero"}, "yaxis": {"type": "category"}}
+    return _figure(f"effects.{told.figure}", f"{told.figure}: which axes matter", data, layout)
+
+
+def differences(told: CampaignComparison) -> list[Plot]:
+    """Standardised mean differences of all figures with their intervals, in one picture."""
+    known = [
+        (one.figure, one.difference)
+        for one in told.figures
+        if one.difference.effect and one.difference.interval is not None and math.isfinite(one.difference.effect)
+    ]
+    if not known:
+        return []
+    known.reverse()
+    # An interval in the figure's unit over the standard deviation of the differences.
+    arms = [of.effect * (of.interval.high - of.mean) / of.mean for _, of in known if of.effect and of.interval]
+    data = [
+        {
+            "x": [of.effect for _, of in known],
+            "y": [figure for figure, _ in known],
+            "mode": "markers",
+            "marker": {"size": 9, "color": MAIN},
+            "error_x": {
+                "type": "data",
+                "array": arms,
+                "color": MAIN,
+                "thickness": 1.5,
+                "width": 4,
+            },
+        }
+    ]
+    layout = {
+        "xaxis": {"title": {"text": "B - A in standard deviations of the difference (d_z)", "standoff": 6}},
+        "yaxis": {"type": "category"},
+        "shapes": [_line(0.0, False, MUTED)],
+    }
+    return [_figure("differences", "Differences with their intervals", data, layout)]

@@ -1,0 +1,381 @@
+"""A plan: the YAML file of a campaign, checked before anything runs.
+
+base: sitl
+set: {environment.wind.mean_mps: 6}
+axes:
+  environment.current.speed_mps: {from: 0, to: 0.6, count: 4}
+seeds: 1-20
+verdicts: [mission.cross_track_rms_m < 2, driver.completed]
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from sim_core.keys import Bounds, Positive, Seed, Specification, SpecificationError, ValueProblem
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.campaign import figures
+from xitl_cli.plugins.campaign.axes import EXTENDS, Axis, Combine, RunPoint, combinations, raw_count, read_axes
+from xitl_cli.plugins.campaign.base import BaseProfile
+from xitl_cli.plugins.campaign.expression import Expression, ExpressionError, parse_expression
+from xitl_cli.plugins.campaign.search_spec import Search, SearchSpec, SensitivitySpec, make_search
+from xitl_cli.profile.files.catalogue import SUFFIXES, shown_path
+from xitl_cli.profile.files.entry import Entry, Problem, ProfileError, shown
+from xitl_cli.profile.files.yaml_file import read_yaml
+from xitl_cli.profile.reader import read_group
+
+Recordings = Literal["none", "failures", "all"]
+_SEEDS = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")
+MOST_SEEDS = 1_000_000
+
+
+class PlanError(UserError):
+    """A plan that cannot be carried out. `str()` is the first problem and a count; `problems` holds all of them."""
+
+    def __init__(self, problems: tuple[Problem, ...]) -> None:
+        self.problems = problems
+        more = len(problems) - 1
+        places = ", ".join(dict.fromkeys(str(problem.origin) for problem in problems[1:4]))
+        super().__init__(f"{problems[0]}" + (f" (and {more} more: {places})" if more else ""))
+
+
+def _raw(value: object) -> str | None:
+    return None
+
+
+def _seeds_problem(value: object) -> str | None:
+    try:
+        if value is not None:
+            seeds_of(value)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def seeds_of(value: object) -> tuple[int, ...]:
+    """`1-20`, `1-5, 9`, a count (1 to so many) or a list. Raises ValueError to follow `seeds = value`."""
+    if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_SEEDS:
+        return tuple(range(1, value + 1))
+    if isinstance(value, str):
+        found: list[int] = []
+        for part in value.split(","):
+            match = _SEEDS.fullmatch(part.strip())
+            first = int(match[1]) if match else 0
+            last = int(match[2]) if match and match[2] else first
+            if not match or not first <= last or last - first >= MOST_SEEDS:
+                raise ValueError("is no range of seeds; write 1-20, a count or a list")
+            found += range(first, last + 1)
+        value = tuple(found)
+    if not isinstance(value, (tuple, list)) or not value or any(type(one) is not int or one < 0 for one in value):
+        raise ValueError("is no range of seeds; write 1-20, a count or a list")
+    if len(set(value)) < len(value):
+        raise ValueError("has a seed twice; give it once")
+    return tuple(value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LimitsSpec(Specification):
+    """What a run may take."""
+
+    time_s: Annotated[Positive, "of the wall clock"] = 3600.0
+    memory_mb: Annotated[Positive | None, "of all its processes together; null: no limit"] = 4096.0
+    attempts: Annotated[
+        int, Bounds(at_least=1, at_most=100), "of a run that crashes, hangs, takes too much memory or is killed"
+    ] = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanSpec(Specification):
+    """The keys of a plan."""
+
+    description: str = ""
+    base: Annotated[str, "profile that every run begins with: a shipped name, or a path from the plan"]
+    set: Annotated[dict[str, Any], ValueProblem(_raw), "keys of the profile, the same in all runs"] = None  # type: ignore[assignment]
+    axes: Annotated[dict[str, Any], ValueProblem(_raw), "keys of the profile with their values"] = None  # type: ignore[assignment]
+    seeds: Annotated[Any, ValueProblem(_seeds_problem), "1-20, a count or a list; null: the base's own"] = None
+    combine: Annotated[Combine, "how the axes make runs"] = "grid"
+    samples: Annotated[int | None, Bounds(at_least=1, at_most=10_000_000), "of a Latin hypercube"] = None
+    seed: Annotated[Seed, "of what the plan itself draws"] = 1
+    constraints: Annotated[tuple[str, ...], "over axes: only what fulfils all of them is run"] = ()
+    keep: Annotated[tuple[str, ...] | None, "figures of each summary; null: the usual ones"] = None
+    verdicts: Annotated[
+        tuple[str, ...] | None, "over figures: a run passes that fulfils all; null: driver.completed"
+    ] = None
+    recordings: Annotated[Recordings, "of which runs the folder is kept"] = "failures"
+    search: Annotated[SearchSpec | None, "looks for where runs begin to fail, instead of running all"] = None
+    sensitivity: Annotated[SensitivitySpec | None, "ranks the axes by what they do to figures"] = None
+    limits: LimitsSpec = LimitsSpec()
+
+
+SAME_RUNS = ("description", "limits", "recordings")
+"""Keys that a resumed campaign may have other values of."""
+
+
+@dataclass(frozen=True)
+class CampaignPlan:
+    """A checked plan. keep: figures by path; what verdicts need is kept too. entry: the file, for where keys stand."""
+
+    name: str
+    path: Path
+    spec: PlanSpec
+    entry: Entry
+    base: BaseProfile
+    axes: tuple[Axis, ...]
+    seeds: tuple[int, ...]
+    constraints: tuple[Expression, ...]
+    verdicts: tuple[Expression, ...]
+    keep: tuple[str, ...]
+
+    @property
+    def axis_keys(self) -> tuple[str, ...]:
+        """Columns of the table, one an axis."""
+        return tuple(axis.key for axis in self.axes)
+
+    def points(self) -> Iterator[RunPoint]:
+        """All runs in their order: for each combination of values every seed. Of a search those of its first round."""
+        spec = self.spec
+        if self.search is not None:
+            from xitl_cli.plugins.campaign.search import first_points
+
+            yield from first_points(self.search)
+            return
+        if spec.sensitivity is not None:
+            from xitl_cli.plugins.campaign.sensitivity import sensitivity_points
+
+            yield from sensitivity_points(spec.sensitivity, self.axes, self.seeds, spec.seed)
+            return
+        found = combinations(self.axes, spec.combine, spec.samples, spec.seed, self.constraints, self.base_values)
+        number = 0
+        for values in found:
+            for seed in self.seeds:
+                number += 1
+                yield RunPoint(number, values, seed)
+
+    def most_runs(self) -> int:
+        """How many runs there are before constraints, or may be in a search."""
+        if self.search is not None:
+            return self.search.most_runs
+        if self.spec.sensitivity is not None:
+            return self.spec.sensitivity.places(len(self.axes)) * len(self.seeds)
+        return raw_count(self.axes, self.spec.combine, self.spec.samples) * len(self.seeds)
+
+    @cached_property
+    def search(self) -> Search | None:
+        """What is searched for. Raises PlanError where the axes are not for it."""
+        if self.spec.search is None:
+            return None
+        try:
+            return make_search(self.spec.search, self.axes, self.base_values, self.seeds, self.spec.seed)
+        except SpecificationError as error:
+            keys = ("search", *error.path)
+            raise self.problem("/".join(map(str, keys)), f"{'.'.join(map(str, keys))} {error.text}") from None
+
+    def analysis(self) -> dict[str, Any]:
+        """What is to be told from the runs, as plain JSON for the campaign's folder."""
+        found: dict[str, Any] = {"base_values": dict(self.base_values)}
+        if self.search is not None:
+            found["search"] = self.search.document()
+        if self.spec.sensitivity is not None:
+            from xitl_cli.plugins.campaign.sensitivity import sample_places
+
+            rows = sample_places(self.spec.sensitivity, self.axes, self.spec.seed)[1]
+            found["sensitivity"] = {"spec": asdict(self.spec.sensitivity), "places": rows}
+        return found
+
+    @cached_property
+    def base_values(self) -> Mapping[str, Any]:
+        """What the base has at the keys of the axes."""
+        return {axis.key: self.base.value(axis.key) for axis in self.axes}
+
+    def document(self) -> dict[str, Any]:
+        """The plan as plain JSON, for what a campaign's folder says of itself."""
+        plain: Any = self.entry.plain()
+        return {**json.loads(json.dumps(plain)), "base_digest": self.base.digest}
+
+    def digest(self) -> str:
+        """Of all that decides which runs there are."""
+        kept = {key: value for key, value in self.document().items() if key not in SAME_RUNS}
+        return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
+
+    def problem(self, key: str, sentence: str) -> PlanError:
+        """An error about a key of the plan, where it is written."""
+        keys = tuple(int(part) if part.isdigit() else part for part in key.split("/"))
+        return PlanError((Problem(self.entry.nearest(keys)[0].origin, sentence),))
+
+
+def find_plan(name: str) -> Path:
+    """The file of a plan: a path, or the name of a shipped one. Raises UserError."""
+    from xitl_cli.shipped import campaigns_dir
+
+    path = Path(name).expanduser()
+    if path.is_file():
+        return path
+    shipped: dict[str, Path] = {}
+    try:
+        shipped = {one.stem: one for one in sorted(campaigns_dir().glob("*.yaml"))}
+    except UserError:
+        shipped = {}
+    if not name.endswith(SUFFIXES) and name in shipped:
+        return shipped[name]
+    what = "is a folder" if path.is_dir() else "does not exist"
+    known = f"; shipped plans: {', '.join(shipped)}" if shipped else ""
+    raise UserError(f"{shown_path(path)} {what}; check the path{known}")
+
+
+def read_plan(path: Path) -> CampaignPlan:
+    """The plan in a file, with its base loaded and every axis tried on it. Raises PlanError with every problem."""
+    try:
+        return _read(path)
+    except ProfileError as error:
+        raise PlanError(error.problems) from None
+
+
+def _read(path: Path) -> CampaignPlan:
+    entry = _with_seeds_at_top(read_yaml(path, shown_path(path)))
+    spec = read_group(entry, PlanSpec, path.name)
+    axes = read_axes(entry.child("axes"))
+    base = BaseProfile.load(spec.base, entry.child("base"), entry.child("set"), path.parent)
+    base.check_axes(axes)
+    seeds = base.own_seeds() if spec.seeds is None else seeds_of(spec.seeds)
+    constraints = _expressions(entry, "constraints", spec.constraints, [axis.key for axis in axes])
+    verdicts = _expressions(entry, "verdicts", spec.verdicts or (figures.COMPLETED,), ())
+    usual = figures.usual_figures(base.vessels)
+    keep = tuple(dict.fromkeys([*(usual if spec.keep is None else spec.keep), *_names(verdicts)]))
+    plan = CampaignPlan(path.stem, path, spec, entry, base, axes, seeds, constraints, verdicts, keep)
+    _check(plan)
+    return plan
+
+
+def _with_seeds_at_top(entry: Entry) -> Entry:
+    """`seeds` under `axes:` is the same as beside it."""
+    axes = entry.child("axes")
+    if axes is None or (seeds := axes.child("seeds")) is None:
+        return entry
+    assert isinstance(entry.value, dict)
+    assert isinstance(axes.value, dict)
+    if "seeds" in entry.value:
+        raise ProfileError([Problem(seeds.origin, "axes.seeds is given beside `seeds:`; keep one of them")], "")
+    rest = {key: below for key, below in axes.value.items() if key != "seeds"}
+    return Entry({**entry.value, "axes": Entry(rest, axes.origin), "seeds": seeds}, entry.origin)
+
+
+def _expressions(entry: Entry, key: str, texts: tuple[str, ...], known: Any) -> tuple[Expression, ...]:
+    found, problems = [], []
+    for number, text in enumerate(texts):
+        origin = entry.nearest((key, number))[0].origin
+        try:
+            expression = parse_expression(text, known)
+        except ExpressionError as error:
+            problems.append(Problem(origin, f"{key}: {shown(text)} {error}"))
+            continue
+        found.append(expression)
+        if not expression.names:
+            problems.append(Problem(origin, f"{key}: {shown(text)} names nothing that differs from run to run"))
+    if problems:
+        raise ProfileError(problems, "")
+    return tuple(found)
+
+
+def _names(expressions: tuple[Expression, ...]) -> list[str]:
+    return [name for expression in expressions for name in expression.names]
+
+
+def _check(plan: CampaignPlan) -> None:
+    """What keys of a plan must fulfil together. Raises PlanError."""
+    spec, keys = plan.spec, plan.axis_keys
+    draws = spec.combine == "latin_hypercube" or any(plan.entry.child(way) for way in ("search", "sensitivity"))
+    if not draws:
+        for axis in plan.axes:
+            axis.grid_values(spec.seed)
+    if spec.combine == "latin_hypercube":
+        if spec.samples is None:
+            raise plan.problem("combine", "combine: latin_hypercube needs `samples:`; say how many")
+        if not plan.axes:
+            raise plan.problem("combine", "combine: latin_hypercube needs axes; give some under `axes:`")
+    elif spec.samples is not None:
+        raise plan.problem("samples", "samples are of combine: latin_hypercube; write that, or leave samples out")
+    for number, constraint in enumerate(plan.constraints):
+        for name in constraint.names:
+            if name not in keys:
+                known = f"; axes: {', '.join(keys)}" if keys else ", as there is none"
+                raise plan.problem(f"constraints/{number}", f"constraints: {name} is no axis of this plan{known}")
+    for number, name in enumerate(spec.keep or ()):
+        if not re.fullmatch(r"[\w-]+(\.[\w-]+)*", name):
+            raise plan.problem(
+                f"keep/{number}", f"keep: {shown(name)} is no figure; write for example {figures.USUAL[1]}"
+            )
+    known_heads = base_heads()
+    for key, names in (("verdicts", _names(plan.verdicts)), ("keep", spec.keep or ())):
+        for name in names:
+            if name.split(".")[0] not in known_heads:
+                raise plan.problem(key, f"{key}: {name} is no figure of a summary; {_closest(name, known_heads)}")
+    _check_way(plan)
+    if EXTENDS in keys and any(key.startswith(f"{EXTENDS}.") for key in keys):
+        raise plan.problem("axes", "axes: extends and extends.NAME; give each a name")
+
+
+def _check_way(plan: CampaignPlan) -> None:
+    """That a plan says in one way only which runs there are. Raises PlanError."""
+    spec = plan.spec
+    ways = [way for way in ("search", "sensitivity") if getattr(spec, way) is not None]
+    if not ways:
+        return
+    if len(ways) > 1:
+        raise plan.problem("sensitivity", "search and sensitivity are two campaigns; give each a plan of its own")
+    if spec.combine != "grid":
+        raise plan.problem(
+            "combine", f"combine: {spec.combine} beside {ways[0]}, which chooses points itself; drop one"
+        )
+    if spec.constraints:
+        raise plan.problem("constraints", f"constraints mean nothing to {ways[0]}; narrow the axes instead")
+    if spec.sensitivity is not None:
+        if len(plan.axes) < 2:
+            raise plan.problem("axes", "axes: sensitivity ranks axes; give two or more")
+        for name in spec.sensitivity.figures:
+            if name not in plan.keep:
+                raise plan.problem("sensitivity/figures", f"sensitivity.figures: {name} is not kept; add it to `keep:`")
+    elif plan.search is not None:
+        plan.base.check_axes(_ends(plan.axes))
+
+
+def _ends(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
+    """Both ends of those that are searched, as axes with these values: a search goes there first."""
+    return tuple(replace(axis, values=axis.ends, ends=None) for axis in axes if axis.ends is not None)
+
+
+def base_heads() -> tuple[str, ...]:
+    """The sections that summaries have, those of fleets and encounters among them."""
+    from xitl_cli.run.summary import merged
+
+    top = (
+        "format",
+        "xitl",
+        "profile",
+        "technique",
+        "seed",
+        "clock",
+        "started_utc",
+        "ended",
+        "error",
+        "verdict",
+        "wdri",
+    )
+    more = ("duration_s", "wall_s", "real_time_factor", "driver", "vessels", "encounters")
+    return (*top, *more, *merged([]))
+
+
+def _closest(name: str, known: tuple[str, ...]) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name.split(".")[0], known, n=1)
+    rest = name.partition(".")[2]
+    if not close:
+        return "docs/recording.md lists them"
+    return f"did you mean {'.'.join(filter(None, (close[0], rest)))}?"

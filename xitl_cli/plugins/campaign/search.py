@@ -1,0 +1,149 @@
+"""Searches of a plan, carried out by whoever runs points, or told again from a table of results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from xitl_cli.plugins.campaign.axes import AxisValue, RunPoint
+from xitl_cli.plugins.campaign.bisection import Bisection, BoundaryFinding, bisect
+from xitl_cli.plugins.campaign.execution import RAN
+from xitl_cli.plugins.campaign.exploration import Exploration, ExplorationFinding, explore
+from xitl_cli.plugins.campaign.search_spec import MOST_RUNS_ONE_AXIS, MOST_RUNS_SEVERAL, Search
+
+Row = Mapping[str, Any]
+Submit = Callable[[Sequence[RunPoint]], Iterator[Row]]
+
+_POINTS_ONE_AXIS, _POINTS_SEVERAL = 5, 96
+_RUNS_ONE_AXIS, _RUNS_SEVERAL = 10, 3
+_WIDTH_SHARE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class SearchFinding:
+    """Of one group: its values of the axes that are not searched, and what was found; None while runs are missing."""
+
+    group: Mapping[str, AxisValue]
+    found: BoundaryFinding | ExplorationFinding | None
+
+
+class MissingRunError(LookupError):
+    """A table lacks a run that a search asks for."""
+
+
+def carry_out(search: Search, submit: Submit) -> list[SearchFinding]:
+    """Ask for points, round by round and for all groups at once, until every group has its finding.
+
+    Which points are asked for, with which numbers and seeds, follows from the verdicts alone. Runs that broke count
+    neither way.
+    """
+    going = [_Group(search, group) for group in search.groups]
+    number = 0
+    while live := [group for group in going if group.batch]:
+        points: list[RunPoint] = []
+        for group in live:
+            points += group.asked(number + len(points) + 1)
+        number += len(points)
+        passed = {row["number"]: verdict(row) for row in submit(points)}
+        answers = iter([passed.get(point.number) for point in points])
+        for group in live:
+            group.answer(answers)
+    return [SearchFinding(group.values, group.found) for group in going]
+
+
+def first_points(search: Search) -> Iterator[RunPoint]:
+    """Those that are asked for before anything is known."""
+    number = 1
+    for group in search.groups:
+        for point in _Group(search, group).asked(number):
+            yield point
+            number += 1
+
+
+def verdict(row: Row) -> bool | None:
+    """Whether a run passed; None where it broke: that says nothing of the vessel."""
+    return bool(row.get("passed")) if row.get("status") in RAN else None
+
+
+def told_again(search: Search, rows: Iterable[Row]) -> list[SearchFinding]:
+    """The same from a table; without a finding for groups whose runs are not all there yet."""
+    by_number = {row["number"]: row for row in rows}
+
+    def recorded(points: Sequence[RunPoint]) -> Iterator[Row]:
+        for point in points:
+            if point.number not in by_number:
+                raise MissingRunError(point.number)
+            yield by_number[point.number]
+
+    try:
+        return carry_out(search, recorded)
+    except MissingRunError:
+        return [SearchFinding(group, None) for group in search.groups]
+
+
+class _Group:
+    """One search under way. batch: places that it waits for, empty when it has found."""
+
+    def __init__(self, search: Search, values: Mapping[str, AxisValue]) -> None:
+        self.values = values
+        self.found: BoundaryFinding | ExplorationFinding | None = None
+        self._ranges = search.ranges
+        self._next_seed = search.first_seed
+        self._search: Generator[list[Any], Any, Any] = (
+            bisect(bisection(search)) if len(search.ranges) == 1 else explore(exploration(search))
+        )
+        self.batch: list[Any] = next(self._search)
+
+    def asked(self, first: int) -> list[RunPoint]:
+        """The runs of the batch, numbered from `first`."""
+        points = []
+        for number, place in enumerate(self.batch, first):
+            points.append(RunPoint(number, {**self.values, **self._at(place)}, self._next_seed))
+            self._next_seed += 1
+        return points
+
+    def _at(self, place: Any) -> dict[str, AxisValue]:
+        if len(self._ranges) == 1:
+            return {self._ranges[0].key: float(f"{place:.12g}")}
+        return {one.key: one.value(share) for one, share in zip(self._ranges, place, strict=True)}
+
+    def answer(self, passed: Iterator[bool | None]) -> None:
+        """Take as many answers as it has asked for."""
+        answers = [next(passed) for _ in self.batch]
+        try:
+            self.batch = self._search.send(answers)
+        except StopIteration as end:
+            self.batch, self.found = [], end.value
+
+
+def bisection(search: Search) -> Bisection:
+    """What a search over one axis is to do."""
+    spec, (axis,) = search.spec, search.ranges
+    return Bisection(
+        low=axis.low,
+        high=axis.high,
+        rate=spec.pass_rate,
+        confidence=spec.confidence,
+        width=spec.width or _WIDTH_SHARE * (axis.high - axis.low),
+        runs_per_point=spec.runs_per_point or _RUNS_ONE_AXIS,
+        points=spec.points or _POINTS_ONE_AXIS,
+        most_runs=spec.most_runs or MOST_RUNS_ONE_AXIS,
+        logarithmic=axis.log,
+    )
+
+
+def exploration(search: Search) -> Exploration:
+    """What a search over several axes is to do."""
+    spec = search.spec
+    return Exploration(
+        nominal=search.nominal,
+        rate=spec.pass_rate,
+        confidence=spec.confidence,
+        runs_per_point=spec.runs_per_point or _RUNS_SEVERAL,
+        points=spec.points or _POINTS_SEVERAL,
+        batch=spec.batch,
+        seed=search.seed,
+        width=spec.width or _WIDTH_SHARE,
+        most_runs=spec.most_runs or MOST_RUNS_SEVERAL,
+    )

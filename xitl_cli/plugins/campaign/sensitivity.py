@@ -1,0 +1,219 @@
+"""Which axes matter: samples and indices of Sobol and Morris by SALib, elasticities of one-at-a-time plans."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from xitl_cli.plugins.campaign.axes import Axis, AxisValue, RunPoint
+from xitl_cli.plugins.campaign.execution import RAN
+from xitl_cli.plugins.campaign.search_spec import SensitivitySpec
+from xitl_cli.plugins.campaign.statistics import Floats, Interval, mean_interval
+
+Method = Literal["sobol", "morris"]
+MORRIS_LEVELS = 4
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisEffect:
+    """What an axis does to a figure, its interval beside it.
+
+    sobol: `main` is the first-order index, `total` the total one, as shares of the variance. morris, of the elementary
+    effects in the figure's unit over the whole range: `main` is mu, their mean, `total` mu*, that of their magnitudes,
+    and `interaction` sigma, their deviation.
+    """
+
+    axis: str
+    total: float
+    total_interval: Interval
+    main: float
+    main_interval: Interval | None
+    interaction: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """Of one figure, the strongest axis first. used, dropped: groups of runs that belong together.
+
+    why: what kept it from being told; then there is no effect.
+    """
+
+    figure: str
+    method: str
+    effects: tuple[AxisEffect, ...]
+    used: int
+    dropped: int
+    why: str = ""
+
+
+def unit_sample(method: Method, axes: int, samples: int, seed: int) -> Floats:
+    """(R, axes) of shares in [0, 1]: R = samples·(axes + 2) of Sobol (Saltelli's scheme), samples·(axes + 1) of Morris.
+
+    Groups of axes + 2 or axes + 1 rows belong together. samples: a power of two for Sobol.
+    """
+    problem = _problem(axes)
+    if method == "sobol":
+        from SALib.sample import sobol  # type: ignore[import-untyped]
+
+        return np.asarray(sobol.sample(problem, samples, calc_second_order=False, seed=seed), dtype=np.float64)
+    from SALib.sample import morris
+
+    return np.asarray(morris.sample(problem, samples, num_levels=MORRIS_LEVELS, seed=seed), dtype=np.float64)
+
+
+def axis_effects(
+    figure: str, method: Method, axes: Sequence[str], sample: Floats, values: Floats, confidence: float, seed: int
+) -> Sensitivity:
+    """sample: as of `unit_sample`; values (R,): the figure at each, NaN where a run has none: its group is left out.
+
+    Intervals of Sobol are symmetric, from resampling; the index may go beyond [0, 1] by them.
+    """
+    group = len(axes) + (2 if method == "sobol" else 1)
+    whole = np.isfinite(values.reshape(-1, group)).all(axis=1)
+    used, dropped = int(whole.sum()), int((~whole).sum())
+    kept = np.repeat(whole, group)
+    values, sample = values[kept], sample[kept]
+
+    def without(why: str) -> Sensitivity:
+        return Sensitivity(figure, method, (), used, dropped, why)
+
+    if used < 2:
+        return without(f"only {used} of {used + dropped} groups of runs are whole")
+    if float(np.ptp(values)) == 0.0:
+        return without(f"it is {values[0]:g} in every run")
+    found = _analysed(method, len(axes), sample, values, confidence, seed)
+    effects = []
+    for number, axis in enumerate(axes):
+        if method == "sobol":
+            total, main = float(found["ST"][number]), float(found["S1"][number])
+            total_half, main_half = float(found["ST_conf"][number]), float(found["S1_conf"][number])
+            effects.append(AxisEffect(axis, total, _about(total, total_half), main, _about(main, main_half)))
+        else:
+            total, mean = float(found["mu_star"][number]), float(found["mu"][number])
+            half, sigma = float(found["mu_star_conf"][number]), float(found["sigma"][number])
+            effects.append(AxisEffect(axis, total, _about(total, half), mean, None, sigma))
+    return Sensitivity(figure, method, tuple(sorted(effects, key=lambda one: -one.total)), used, dropped)
+
+
+def _analysed(method: Method, axes: int, sample: Floats, values: Floats, confidence: float, seed: int) -> Any:
+    if method == "sobol":
+        from SALib.analyze import sobol  # type: ignore[import-untyped]
+
+        return sobol.analyze(
+            _problem(axes), values, calc_second_order=False, conf_level=confidence, num_resamples=1000, seed=seed
+        )
+    from SALib.analyze import morris
+
+    return morris.analyze(
+        _problem(axes), sample, values, conf_level=confidence, num_levels=MORRIS_LEVELS, num_resamples=1000, seed=seed
+    )
+
+
+def _problem(axes: int) -> dict[str, Any]:
+    return {"num_vars": axes, "names": [str(axis) for axis in range(axes)], "bounds": [[0.0, 1.0]] * axes}
+
+
+def _about(middle: float, half: float) -> Interval:
+    return Interval(middle - half, middle + half)
+
+
+def sample_places(
+    spec: SensitivitySpec, axes: Sequence[Axis], seed: int
+) -> tuple[list[dict[str, AxisValue]], list[int]]:
+    """The distinct places of a sample, and which of them each of its rows is: Morris repeats some."""
+    places: list[dict[str, AxisValue]] = []
+    known: dict[str, int] = {}
+    rows = []
+    for shares in unit_sample(spec.method, len(axes), spec.samples, seed):
+        values = {axis.key: axis.quantile(float(share)) for axis, share in zip(axes, shares, strict=True)}
+        number = known.setdefault(json.dumps(values), len(places))
+        if number == len(places):
+            places.append(values)
+        rows.append(number)
+    return places, rows
+
+
+def sensitivity_points(
+    spec: SensitivitySpec, axes: Sequence[Axis], seeds: Sequence[int], seed: int
+) -> Iterator[RunPoint]:
+    """Each place of the sample with every seed, the same ones everywhere: what seeds do is not taken for an axis."""
+    for number, values in enumerate(sample_places(spec, axes, seed)[0]):
+        for each, one in enumerate(seeds):
+            yield RunPoint(number * len(seeds) + each + 1, values, one)
+
+
+def sensitivities(
+    spec: SensitivitySpec,
+    axes: Sequence[str],
+    figures: Sequence[str],
+    rows: Iterable[Row],
+    places: Sequence[int],
+    seeds: int,
+    seed: int,
+) -> list[Sensitivity]:
+    """Of each figure, its mean over seeds. rows: by their numbers; places that lack one count as without a figure.
+
+    places: of each row of the sample, as of `sample_places`.
+    """
+    sample = unit_sample(spec.method, len(axes), spec.samples, seed)
+    by_number = {row["number"]: row for row in rows}
+    told = []
+    for figure in figures:
+        values = np.full((max(places) + 1, seeds), np.nan)
+        for number, row in by_number.items():
+            value = row.get(figure)
+            ran = row.get("status") in RAN
+            if ran and isinstance(value, (int, float)) and 1 <= number <= values.size:
+                values.flat[number - 1] = float(value)
+        of_sample = values.mean(axis=1)[np.asarray(places)]
+        told.append(axis_effects(figure, spec.method, axes, sample, of_sample, spec.confidence, seed))
+    return told
+
+
+@dataclass(frozen=True, slots=True)
+class Elasticity:
+    """Of a figure along an axis about nominal: by how many per cent it changes for one per cent of the axis.
+
+    elasticity: None where the axis or the figure is zero at nominal. slope: figure's unit over the axis' unit.
+    interval: of the elasticity, or of the slope where there is none; over seeds, None of a single one.
+    """
+
+    axis: str
+    elasticity: float | None
+    slope: float
+    interval: Interval | None
+    seeds: int
+
+
+def elasticities(
+    nominal: Mapping[str, float], series: Mapping[str, Mapping[int, Sequence[tuple[float, float]]]], confidence: float
+) -> list[Elasticity]:
+    """series: for each axis and seed the pairs of axis' value and figure, nominal among them. Strongest axis first.
+
+    A straight line is fitted for each seed, so that what seeds have in common cancels; its slope at nominal over the
+    mean of the figure there.
+    """
+    found = []
+    for axis, by_seed in series.items():
+        slopes, levels = [], []
+        for pairs in by_seed.values():
+            at, value = np.array(sorted(pairs), dtype=np.float64).T
+            if len(at) < 2 or float(np.ptp(at)) == 0.0:
+                continue
+            slope, constant = np.polyfit(at, value, 1)
+            slopes.append(float(slope))
+            levels.append(float(constant + slope * nominal[axis]))
+        if not slopes:
+            continue
+        level = float(np.mean(levels))
+        factor = nominal[axis] / level if level and nominal[axis] else None
+        told = np.array(slopes) * (1.0 if factor is None else factor)
+        slope = float(np.mean(slopes))
+        elasticity = None if factor is None else factor * slope
+        found.append(Elasticity(axis, elasticity, slope, mean_interval(told, confidence), len(slopes)))
+    return sorted(found, key=lambda one: -abs(one.elasticity if one.elasticity is not None else 0.0))

@@ -1,0 +1,176 @@
+"""`xitl logs analyze|plot`."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from xitl_cli.commands.options import From, Json, OpenPage, Raw, Until, Vessel, complete_section
+from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse, tell_vessels
+from xitl_cli.errors import UserError
+from xitl_cli.logs.model.text import printable
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.report.model import Report
+    from xitl_cli.logs.report.page import Replay
+
+
+def analyze(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="DataFlash .bin, .ulg, .tlog, .mcap or bag; several of one run are aligned. The directory of a run "
+            "stands for its recording and its autopilot's log.",
+        ),
+    ],
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="HTML", help="Write a page with plots and a map; it replaces an earlier one."),
+    ] = None,
+    sections: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--section",
+            metavar="NAME",
+            help="Only this analysis, such as scheduler. Repeatable.",
+            autocompletion=complete_section,
+        ),
+    ] = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="With a page, print here what is on it as well: all facts.")
+    ] = False,
+    vessel: Vessel = None,
+    with_replay: Annotated[
+        bool, typer.Option("--replay/--no-replay", help="With a page, put the 3D replay beside its map.")
+    ] = True,
+    as_json: Json = False,
+    open_it: OpenPage = False,
+) -> None:
+    """Analyse logs: findings first, each with its evidence and a next step.
+
+    Exit code: 0 analysed, whatever was found; 1 an analysis failed; 2 a file could not be read (the others are
+    analysed).
+    """
+    from xitl_cli.commands.terminal import progress
+    from xitl_cli.logs.report import html
+    from xitl_cli.logs.report.build import OVERVIEW, sections_named
+    from xitl_cli.logs.report.build import build_report as build
+    from xitl_cli.logs.report.json import document
+
+    wanted = sections_named(sections or ())
+    page = report or (_beside(files[0], "report") if open_it else None)
+    if page is not None:
+        html.refuse_other(page)
+    with progress("opening") as told:
+        found = build(files, wanted, told, vessel or "", signals_held=page is not None)
+        if page is not None and found.files:
+            replay = None
+            if with_replay and OVERVIEW in wanted:
+                told("3D replay")
+                replay = _replay(found, vessel)
+            told("page")
+            html.write(found, page, replay)
+    with quiet_pipe():
+        if as_json:
+            print(json.dumps(document(found), allow_nan=False, ensure_ascii=False))
+        elif found.files:
+            _show(found, page, verbose)
+    if page is not None and open_it and found.files:
+        open_in_browser(page)
+    if vessel is None:
+        tell_vessels(*((file.path, file.vessel, file.vessels) for file in found.files))
+    for file in found.files:
+        for failure in file.failures:
+            typer.echo(f"error: {file.name}: {failure.sentence}", err=True)
+    refuse([refusal.sentence for refusal in found.refusals])
+    raise typer.Exit(1 if found.failures else 0)
+
+
+def _replay(found: Report, vessel: str | None) -> Replay:
+    """The report's logs in 3D, by the plug-in that draws them, or a sentence on why there is none."""
+    from xitl_cli.logs.report.page import Replay
+    from xitl_cli.registry import LOG_REPLAYS, PluginError, load
+
+    try:
+        made: Replay = load(LOG_REPLAYS, "view")(found, vessel)
+    except PluginError as error:
+        return Replay(note=f"there is no 3D replay: {error}")
+    return made
+
+
+def plot(
+    arguments: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FILE... SIGNAL...",
+            help="Logs or directories of runs, then what to draw: ATT.Roll, 'IMU[1].AccX', RCOU, "
+            "'/truth/state.position_ned_m[0]', or expressions of these: 'wrap180(ATT.DesYaw - ATT.Yaw)', "
+            "'hypot(XKF1.VN, XKF1.VE)'.",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="HTML", help="The page (default: <log>.plot.html right here).")
+    ] = None,
+    from_time: From = None,
+    until_time: Until = None,
+    raw: Raw = False,
+    vessel: Vessel = None,
+    open_it: OpenPage = False,
+) -> None:
+    """Plot signals of logs, and expressions of them, on one page: a plot for each unit, all on one time line.
+
+    Exit code 2 when a file cannot be read (the others are drawn).
+    """
+    from xitl_cli.logs.model.text import parse_optional_seconds
+    from xitl_cli.logs.report import html
+    from xitl_cli.logs.report.signal_page import signal_page
+
+    files, signals = _files_and_signals(arguments)
+    from_s, until_s = parse_optional_seconds(from_time), parse_optional_seconds(until_time)
+    if from_s is not None and until_s is not None and until_s <= from_s:
+        raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
+    path = out or _beside(files[0], "plot")
+    html.refuse_other(path)
+    page, refusals = signal_page(files, signals, from_s, until_s, raw=raw, vessel=vessel)
+    html.write_page(page, path)
+    typer.echo(str(path))
+    for notice in page.notices[len(refusals) :]:
+        typer.echo(printable(notice), err=True)
+    for card in page.cards:
+        if card.degraded:
+            typer.echo(printable(f"{card.name}: degraded: {'; '.join(card.notes)}"), err=True)
+    if open_it:
+        open_in_browser(path)
+    refuse([refusal.sentence for refusal in refusals])
+
+
+def _files_and_signals(arguments: Sequence[str]) -> tuple[list[Path], list[str]]:
+    """Arguments up to the last one that exists are files; the rest are signals."""
+    there = [index for index, text in enumerate(arguments) if os.path.exists(text)]  # noqa: PTH110  never raises
+    if not there:
+        raise UserError(f"{arguments[0]}: does not exist; name a log first, then signals such as ATT.Roll")
+    files, signals = list(arguments[: there[-1] + 1]), list(arguments[there[-1] + 1 :])
+    if not signals:
+        raise UserError("no signal to draw; add some after the file, such as ATT.Roll or GPS.Spd")
+    return [Path(text) for text in files], signals
+
+
+def _show(found: Report, page: Path | None, verbose: bool) -> None:
+    """Findings; the facts of all sections where no page has them, or where they are asked for."""
+    from xitl_cli.commands.terminal import terminal
+    from xitl_cli.logs.report.terminal import show
+
+    show(terminal(), found, sections=verbose or page is None)
+    if page is not None:
+        typer.echo(f"\n{printable(str(page))}: every section with its plots; opens in any browser")
+
+
+def _beside(log: Path, what: str) -> Path:
+    """A page in the current directory: logs often lie where nothing can be written."""
+    return Path(f"{log.stem}.{what}.html")

@@ -1,0 +1,280 @@
+"""A log as a bag: recordings of ours by the table of outputs, bags of others as they are, logs of autopilots by what
+they tell of motion and sensors, and row by row.
+"""
+
+from __future__ import annotations
+
+import heapq
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.clocks.utc import in_utc, utc_offset
+from xitl_cli.logs.export.exporting import BagFormat, ExportResult, ExportSelection
+from xitl_cli.logs.export.mcap_export import TableMessages, type_names
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.query import merge_rows, rows_at_once
+from xitl_cli.logs.model.text import plural
+from xitl_cli.plugins.ros.bags import ROS1_SUFFIX, BagWriter, bag_in_place, bag_path
+from xitl_cli.plugins.ros.conversion import RosConversion
+from xitl_cli.plugins.ros.definitions import MessageTypes, known_types
+from xitl_cli.plugins.ros.log_messages import LogMessage, log_messages
+from xitl_cli.plugins.ros.outputs import QosKind
+from xitl_cli.profile.files.catalogue import PROFILE
+from xitl_cli.profile.load import recorded_profiles
+
+OWN_PACKAGE = "xitl_export"
+_BAGS = ("rosbag1", "rosbag2")
+
+
+class BagMessage(NamedTuple):
+    """One message of a bag. recorded: the topic of the recording that it is, or is made from, if any."""
+
+    topic: str
+    type_name: str
+    cdr: bytes
+    stamp_ns: int
+    qos: QosKind = "sensor"
+    recorded: str = ""
+
+
+def export_bag(
+    log: Log,
+    wanted: ExportSelection,
+    names: Sequence[str],
+    bag_format: BagFormat,
+    out: Path | None,
+    overwrite: bool,
+) -> ExportResult:
+    """Write the log as a bag. names: topics of ROS or messages of the log, all without any.
+
+    Raises UserError for an existing or unwritable place, for names that nothing is of, for one vessel of a bag, and for
+    a recording that is damaged.
+    """
+    if log.vessel and log.base != "simulation":
+        raise UserError(f"{log.path}: is a bag, whose topics keep their names; name those of {log.vessel} in full")
+    final = bag_path(log.path, bag_format, out)
+    if final.exists() and log.path.exists() and final.samefile(log.path):
+        raise UserError(f"{final}: is the log itself; choose another place with --out")
+    with bag_in_place(final, overwrite) as part:
+        if _is_bag(log):
+            counts, said = _converted(log, wanted, names, bag_format, part)
+        else:
+            counts, said = _written(log, wanted, names, bag_format, part)
+    what = f"{plural(counts[0], 'message')} of {plural(counts[1], 'topic')}"
+    return ExportResult((str(final),), counts[0], f"{final}: {what}; {said}")
+
+
+def _is_bag(log: Log) -> bool:
+    """Of others, so that all of it is messages of ROS already."""
+    return log.base != "simulation" and (log.format in _BAGS or log.facts.get("mcap_profile") == "ros2")
+
+
+def _converted(
+    log: Log, wanted: ExportSelection, names: Sequence[str], bag_format: BagFormat, part: Path
+) -> tuple[tuple[int, int], str]:
+    """By rosbags' own conversion, messages unchanged."""
+    from rosbags.convert.converter import ConverterError, convert
+    from rosbags.highlevel import AnyReader
+
+    if (wanted.from_ns, wanted.until_ns) != (None, None):
+        raise UserError(f"{log.path}: is a bag and is converted whole; leave out --from and --until")
+    storage = "sqlite3" if bag_format == "rosbag2-sqlite3" else "mcap"
+    topics = [table.name for table in wanted.tables] if names else []
+    known, ros1 = MessageTypes(), bag_format == "rosbag1"
+    types = None if ros1 == (log.format == "rosbag1") else known.ros1 if ros1 else known.ros2
+    made = part.with_suffix(ROS1_SUFFIX if ros1 else "")  # the ending tells the converter what to make
+    try:
+        with redirect_stdout(io.StringIO()):
+            convert([log.path], made, storage, 9, None, "none", known.ros2, types, [], topics, [], [])
+        with AnyReader([made]) as reader:
+            counts = reader.message_count, len(reader.topics)
+    except ConverterError as error:
+        raise UserError(f"{log.path}: rosbags cannot convert it ({error}); --format mcap does without") from error
+    if made != part:
+        made.rename(part)
+    return counts, "messages as they were"
+
+
+def _written(
+    log: Log, wanted: ExportSelection, names: Sequence[str], bag_format: BagFormat, part: Path
+) -> tuple[tuple[int, int], str]:
+    profiles = recorded_profiles(log.attachment(PROFILE)) if log.base == "simulation" else ()
+    if profiles:
+        conversion = RosConversion([one for one in profiles if not log.vessel or one.vessel == log.vessel])
+        others = tuple(f"/{name}/" for name in log.vessels if log.vessel and name != log.vessel)
+        types, messages = known_types(), _of_recording(log.path, conversion, wanted, others)
+        said = "times count from the run's start, as its /clock"
+    else:
+        rows = LogRows(log, wanted)
+        types, messages = rows.types, rows.messages()
+        said = rows.times
+    chosen = {name.strip("/") for name in names}
+    left = {name.strip("/"): name for name in names}
+    with BagWriter(part, bag_format, types) as bag:
+        for message in messages:
+            if names:
+                found = chosen & {message.topic.strip("/"), message.recorded.strip("/")}
+                if not found:
+                    continue
+                for name in found:
+                    left.pop(name, None)
+            bag.write(*message[:5])
+        if not bag.messages:
+            what = ", ".join(names) or "ROS"
+            raise UserError(f"{log.path}: has nothing of {what} in this time; leave the names out for all there is")
+    if bag.unfit:
+        unfit = ", ".join(f"{count} of {topic}" for topic, count in bag.unfit.items())
+        said += f"; left out as they do not fit their definition: {unfit}"
+    if left:
+        said += f"; nothing of {', '.join(left.values())}"
+    return (bag.messages, bag.topics), said
+
+
+def _of_recording(
+    path: Path, conversion: RosConversion, wanted: ExportSelection, others: tuple[str, ...]
+) -> Iterator[BagMessage]:
+    """What is latched comes at the beginning, also of a later stretch. others: what topics to leave out begin with."""
+    latched = {
+        (message.topic.name, message.vessel): BagMessage(
+            message.topic.full_name(message.vessel), message.topic.type, message.cdr, 0, message.topic.qos
+        )
+        for message in conversion.static()
+    }
+    begun = False
+    for topic, type_name, payload, stamp_ns in recorded_messages(path):
+        if topic.startswith(others):
+            continue
+        if wanted.until_ns is not None and stamp_ns > wanted.until_ns:
+            break
+        before = wanted.from_ns is not None and stamp_ns < wanted.from_ns
+        if not before and not begun:
+            begun = True
+            yield from (message._replace(stamp_ns=stamp_ns) for message in latched.values())
+        if type_name and not before:
+            yield BagMessage(topic, type_name, payload, stamp_ns, recorded=topic)
+        for message in conversion.convert(topic, payload, stamp_ns):
+            name, qos = message.topic.full_name(message.vessel), message.topic.qos
+            made = BagMessage(name, message.topic.type, message.cdr, stamp_ns, qos, topic)
+            if not before:
+                yield made
+            elif qos == "latched":
+                latched[message.topic.name, message.vessel] = made
+
+
+def recorded_messages(path: Path) -> Iterator[tuple[str, str, bytes, int]]:
+    """Topic, type (empty where it is none of ROS), payload and instant of each message, in the order of time."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    try:
+        with path.open("rb") as file:
+            for schema, channel, message in make_reader(file).iter_messages():
+                of_ros = schema is not None and channel.message_encoding == "cdr"
+                type_name = schema.name if of_ros and schema is not None else ""
+                yield channel.topic, type_name, message.data, message.log_time
+    except McapError as error:
+        raise UserError(f"{path}: is damaged ({error}); `xitl logs repair {path}` writes what can be read") from error
+
+
+class LogRows:
+    """Motion and sensors of a log as messages of ROS, and all its tables row by row."""
+
+    def __init__(self, log: Log, wanted: ExportSelection) -> None:
+        self._log, self._wanted = log, wanted
+        names = type_names(table.name for table in wanted.tables)
+        self._unchanged = ros_topics(log.path) if log.format == "mcap" else {}
+        self._tables = {
+            table.name: (
+                topic_token(table.name),
+                f"{OWN_PACKAGE}/msg/{names[table.name]}",
+                TableMessages(table, wanted.raw),
+            )
+            for table in wanted.tables
+            if table.name not in self._unchanged and table.columns
+        }
+        further = {kind: rows.definition for _, kind, rows in self._tables.values()}
+        self.types = MessageTypes(further | dict(self._unchanged.values()))
+        self._utc = utc_offset(log)
+        self.times = "the log tells no UTC" if self._utc is None else f"its times are UTC {self._utc.source}"
+
+    def messages(self) -> Iterator[BagMessage]:
+        """In the order of time, as far as the rows of the log are."""
+        shift_ns = 0 if self._utc is None else self._utc.offset_ns
+        told = (self._of_ros(messages, shift_ns) for messages in log_messages(self._log, shift_ns))
+        return heapq.merge(*told, self._messages_of_ros(), self._rows(), key=lambda message: message.stamp_ns)
+
+    def _messages_of_ros(self) -> Iterator[BagMessage]:
+        """Those that the log has as such."""
+        wanted = {table.name for table in self._wanted.tables} & self._unchanged.keys()
+        for topic, _, payload, stamp_ns in recorded_messages(self._log.path) if wanted else ():
+            if topic in wanted and self._inside(stamp_ns):
+                at_ns = int(in_utc(np.array([stamp_ns]), self._utc)[0])
+                yield BagMessage(topic_token(topic), self._unchanged[topic][0], payload, at_ns, recorded=topic)
+
+    def _inside(self, stamp_ns: int) -> bool:
+        first_ns, last_ns = self._wanted.from_ns, self._wanted.until_ns
+        return (first_ns is None or stamp_ns >= first_ns) and (last_ns is None or stamp_ns <= last_ns)
+
+    def _of_ros(self, messages: Iterator[LogMessage], shift_ns: int) -> Iterator[BagMessage]:
+        for topic, message, stamp_ns in messages:
+            if self._inside(stamp_ns - shift_ns):
+                cdr = self.types.serialize(message)
+                yield BagMessage(topic.full_name(), topic.type, cdr, max(stamp_ns, 0), topic.qos)
+
+    def _rows(self) -> Iterator[BagMessage]:
+        tables = [table for table in self._wanted.tables if table.name in self._tables]
+        of = [self._tables[table.name] for table in tables]
+        if not tables:
+            return
+        span, raw = (self._wanted.from_ns, self._wanted.until_ns), self._wanted.raw
+        for batch in merge_rows(tables, *span, None, 0, rows_at_once(self._log, tables), raw=raw):
+            waiting: list[Any] = []
+            for table, (_, _, rows), own in zip(tables, of, batch.rows, strict=True):
+                stamps = np.clip(in_utc(table.stamp_ns[own], self._utc), 0, None).tolist()
+                waiting.append(zip(stamps, rows.payloads(own), strict=True))
+            for owner in batch.order.tolist():
+                topic, kind, _ = of[owner]
+                for stamp_ns, payload in islice(waiting[owner], 1):
+                    yield BagMessage(topic, kind, payload, stamp_ns, recorded=tables[owner].name)
+
+
+def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
+    """Of an MCAP the topics in CDR: type and definition. Not those whose type is another one in ROS."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+    from rosbags.typesys import TypesysError, get_types_from_msg
+    from rosbags.typesys.msg import normalize_msgtype
+
+    found: dict[str, tuple[str, str]] = {}
+    store = MessageTypes().ros2
+    try:
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+    except McapError:
+        return {}
+    for channel in () if summary is None else summary.channels.values():
+        schema = summary.schemas.get(channel.schema_id) if summary is not None else None
+        if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+            continue
+        name, text = normalize_msgtype(schema.name), schema.data.decode("utf-8", "replace")
+        try:
+            store.register(get_types_from_msg(text, name))
+            store.generate_msgdef(name, ros_version=2)  # which finds what the definition lacks
+        except (TypesysError, LookupError, TypeError, ValueError):
+            continue
+        found[channel.topic] = name, text
+    return found
+
+
+def topic_token(name: str) -> str:
+    """A name as ROS takes it for a topic: `GPS[1]` is /GPS_1, `/link/agent/rx:ATTITUDE` /link/agent/rx_ATTITUDE."""
+    parts = [re.sub(r"[^A-Za-z0-9]+", "_", part).strip("_") for part in name.split("/")]
+    return "/" + "/".join(part if part[:1].isalpha() else f"m{part}" for part in parts if part)

@@ -1,0 +1,651 @@
+"""What the recorder writes as messages of ROS: recorded payload in, CDR out; see `outputs` for what comes of what.
+
+recorded topic ── its vessel ──> VesselConversion ── handler of the topic ──> RosMessages
+frames of MAVLink ── kind ──> a message of the sensor (`instruments`)
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from rosbags.typesys.stores.ros2_jazzy import (
+    builtin_interfaces__msg__Time as Time,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Point as Point,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Pose as Pose,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__PoseStamped as PoseStamped,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Quaternion as Quaternion,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Transform as Transform,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__TransformStamped as TransformStamped,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Vector3 as Vector3,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__Vector3Stamped as Vector3Stamped,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    nav_msgs__msg__Path as Path,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    rosgraph_msgs__msg__Clock as Clock,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    sensor_msgs__msg__JointState as JointState,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    sensor_msgs__msg__NavSatFix as NavSatFix,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    sensor_msgs__msg__NavSatStatus as NavSatStatus,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__Bool as Bool,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__Float64MultiArray as MultiArray,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__Header as Header,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__MultiArrayLayout as MultiArrayLayout,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    std_msgs__msg__String as String,
+)
+from rosbags.typesys.stores.ros2_jazzy import (
+    tf2_msgs__msg__TFMessage as TFMessage,
+)
+
+from agent.mavlink.modes import mode_name
+from agent.wire import codec, dialect
+from agent.wire.framing import MAGIC
+from sim_core.frames import ned_to_enu
+from sim_core.geodesy import LocalFrame
+from xitl_cli.plugins.ros import clouds, instruments
+from xitl_cli.plugins.ros.continuous_odometry import Array, ContinuousOdometry, rotated
+from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
+from xitl_cli.plugins.ros.diagnostics import Diagnostics
+from xitl_cli.plugins.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
+from xitl_cli.plugins.ros.outputs import (
+    ANSWERS_LINK,
+    DIAGNOSED,
+    ESTIMATE,
+    OUTPUTS,
+    SENSORS_LINK,
+    TICKS,
+    TRUE_FIX,
+    TRUE_STATE,
+    TRUTH,
+    RosTopic,
+)
+from xitl_cli.plugins.ros.robot_description import make_robot_description
+from xitl_cli.plugins.ros.thrusters import ThrusterLink, ThrusterState, state_of, thrusters_of
+from xitl_cli.plugins.ros.user_topics import LINK_NAME, UserTopic, named_topics, user_topics
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.foxglove_types import foxglove_type
+from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, UNKNOWN_VARIANCE, VESSEL_FRAME
+
+STATE_NS = 100_000_000
+KEPT_GYRO = 512
+"""Samples that an estimate which comes late is carried on by."""
+STALE_ESTIMATE_NS = 1_000_000_000
+VELOCITY_DEVIATION_MPS, POSITION_DEVIATION_M = 0.1, 1.0
+"""Of the estimate, where the autopilot does not say it."""
+RATE_DEVIATION_RADPS = 0.01
+_STAMP = struct.Struct("<iI")
+_HEADER_BYTES = 4
+_LEAST_FRAME = 12
+
+
+class RosMessage(NamedTuple):
+    """A message of `topic` of `vessel` ("" with one): CDR with its encapsulation, and the instant it is of."""
+
+    topic: RosTopic
+    vessel: str
+    cdr: bytes
+    stamp_ns: int
+
+
+class RosConversion:
+    """Of all vessels of a run. profiles: one of each, as the run or its recording has them.
+
+    It has state: topics are given to it in the order of the run.
+    """
+
+    def __init__(self, profiles: Sequence[RunProfile]) -> None:
+        self._named = named_topics(profiles[0].ros)
+        self._left_out = {name for name, asked in profiles[0].ros.topics.items() if not asked.publish}
+        self._vessels = [VesselConversion(profile, self._named, number == 0) for number, profile in enumerate(profiles)]
+        self._handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]] | None] = {}
+
+    def topics(self) -> Iterator[tuple[RosTopic, str]]:
+        """What there will be, each with its vessel ("" of all): all but what an autopilot may turn out to have."""
+        yield self._named["/tf_static"], ""
+        for vessel in self._vessels:
+            for topic in vessel.topics():
+                if topic.name not in self._left_out:
+                    yield topic, "" if topic.of_all else vessel.name
+
+    def wants(self, topic: str) -> bool:
+        """Whether anything comes of a recorded topic."""
+        return self._handler(topic) is not None
+
+    def static(self) -> Iterator[RosMessage]:
+        """What is said once, at the start: fixed frames of all vessels, descriptions, missions."""
+        return (message for message in self._all_static() if message.topic.name not in self._left_out)
+
+    def odom_in_map(self, vessel: str) -> tuple[float, float]:
+        """East and north of the origin of the vessel's `odom` in `map`, in metres."""
+        for each in self._vessels:
+            if each.name == vessel:
+                east_m, north_m, _ = each.odometry.origin_map_m.tolist()
+                return east_m, north_m
+        return 0.0, 0.0
+
+    def _all_static(self) -> Iterator[RosMessage]:
+        frames = [frame for vessel in self._vessels for frame in vessel.fixed_frames]
+        message = TFMessage(transforms=[_transform(frame, 0) for frame in frames])
+        yield RosMessage(self._named["/tf_static"], "", serialize(message), 0)
+        for vessel in self._vessels:
+            yield from vessel.static()
+
+    def convert(self, topic: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        """What becomes of one payload of a recorded topic, named as in the file: `/alpha/truth/odometry`."""
+        handler = self._handler(topic)
+        if handler is None:
+            return ()
+        messages = handler(payload, stamp_ns)
+        if not self._left_out:
+            return messages
+        return (message for message in messages if message.topic.name not in self._left_out)
+
+    def _handler(self, topic: str) -> Callable[[bytes, int], Iterable[RosMessage]] | None:
+        if topic not in self._handlers:
+            found = None
+            for vessel in self._vessels:
+                prefix = f"/{vessel.name}" if vessel.name else ""
+                if topic.startswith(f"{prefix}/"):
+                    found = found or vessel.handlers.get(topic.removeprefix(prefix))
+            if topic in DIAGNOSED:  # of the host, beside several vessels
+                found = found or self._vessels[0].handlers[topic]
+            self._handlers[topic] = found
+        return self._handlers[topic]
+
+
+class VesselConversion:
+    """Of one vessel. handlers: by recorded topic without the vessel's name. named: what topics are called.
+
+    first: it gives what there is one of for all, but transforms.
+    """
+
+    def __init__(self, profile: RunProfile, named: Mapping[str, RosTopic], first: bool) -> None:
+        self._named = named
+        self.name = profile.vessel
+        self._thrusters = thrusters_of(profile.vehicle)
+        self._turning = [each for each in self._thrusters if each.limit_rad]
+        self._profile = profile
+        self._first = first
+        self._estimated = profile.autopilot.kind != "none"
+        moved_by = {"auto": "estimate" if self._estimated else "truth"}
+        self._moved_by = moved_by.get(profile.ros.tf, profile.ros.tf)
+        self.odometry = ContinuousOdometry()
+        self.fixed_frames = tuple(named_frame(frame, self.name) for frame in self._resting_frames())
+        self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
+        sensors = profile.sensors
+        self._instruments = None if sensors is None else instruments.Instruments(sensors, self._framed)
+        self._attitude = AttitudeCarry()
+        self._diagnostics = Diagnostics()
+        self._estimate_ns = -1
+        self._state_ns = 0
+        self._mode: str | None = None
+        self._armed: bool | None = None
+        self._mission: UploadedMission = UploadedMission()
+        places = {frame.name: clouds.CloudFrame(frame) for frame in sensor_frames(profile)}
+        self._lidar, self._sonar = places.get(LIDAR_FRAME), places.get(SONAR_FRAME)
+        handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]]] = {
+            TRUTH: self._truth,
+            TRUE_FIX: self._true_fix,
+            ESTIMATE: self._estimate,
+            "/environment": self._environment,
+            "/ais": self._ais,
+            ANSWERS_LINK: self._answer,
+            TICKS: self._tick,
+            TRUE_STATE: self._state,
+            **{topic: partial(self._diagnose, topic) for topic in DIAGNOSED},
+        }
+        if self._instruments is not None:
+            handlers[SENSORS_LINK] = self._sensor_frame
+        if self._lidar is not None:
+            handlers["/lidar/points"] = self._lidar_cloud
+        if self._sonar is not None:
+            handlers["/sonar/points"] = self._sonar_cloud
+            handlers["/sonar/ping"] = self._ping
+        self._users: dict[str, list[UserTopic]] = {}
+        for user in user_topics(profile.ros):
+            self._users.setdefault(user.of, []).append(user)
+        for topic, users in self._users.items():
+            handlers[topic] = partial(self._with_users, handlers.get(topic), users)
+        self.handlers = handlers
+
+    def topics(self) -> Iterator[RosTopic]:
+        """What there will be of it."""
+        names = [
+            "mission",
+            "robot_description",
+            "ground_truth/odom",
+            "ground_truth/fix",
+            "wind",
+            "current",
+            "diagnostics",
+        ]
+        if self._first:
+            names += ["/clock", "/tf"]
+        if self._estimated:
+            names += ["odometry", "mode", "armed"]
+            if self.name:
+                names += ["ais/nmea"]
+        if self._turning:
+            names += ["joint_states"]
+        if self._instruments is not None:
+            names += self._instruments.topics
+        if self._lidar is not None:
+            names += ["points", "scan"]
+        if self._sonar is not None:
+            names += ["sonar/points", "sonar/echo"]
+        yield from (self._named[name] for name in names)
+        yield from (self._named["thrusters/{thruster}/state"].of(each.name) for each in self._thrusters)
+        if self._instruments is not None:
+            yield from (self._named[instruments.RANGE].of(part) for part in self._instruments.rangefinders)
+        yield from (user.topic for users in self._users.values() for user in users)
+
+    def _with_users(
+        self,
+        ours: Callable[[bytes, int], Iterable[RosMessage]] | None,
+        users: Sequence[UserTopic],
+        payload: bytes,
+        stamp_ns: int,
+    ) -> Iterable[RosMessage]:
+        """What we make of it, then what the user does."""
+        if ours is not None:
+            yield from ours(payload, stamp_ns)
+        for user in users:
+            cdr = payload if user.read is None else _field_cdr(user, payload)
+            if cdr is not None:
+                yield RosMessage(user.topic, "" if user.topic.of_all else self.name, cdr, stamp_ns)
+
+    def static(self) -> Iterator[RosMessage]:
+        """Description and mission of the vessel."""
+        start = self._profile.mission.start
+        places = [(start.north_m, start.east_m), *self._profile.mission.course_ned_m]
+        yield self._message("mission", self._path(0, places), 0)
+        yield self._message("robot_description", String(data=make_robot_description(self._profile)), 0)
+
+    def _resting_frames(self) -> Iterator[FixedFrame]:
+        if self._moved_by == "truth":  # which is continuous in the map
+            yield FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0))
+        yield from sensor_frames(self._profile)
+        yield from (each.frame for each in self._thrusters if not each.limit_rad)
+
+    # Recorded topics of ours
+
+    def _tick(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        if self._first:
+            yield self._message("/clock", Clock(clock=_time(stamp_ns)), stamp_ns)
+        array = self._diagnostics.due(stamp_ns, self._header(stamp_ns, ""))
+        if array is not None:
+            yield self._message("diagnostics", array, stamp_ns)
+
+    def _diagnose(self, topic: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        self._diagnostics.note(topic, deserialize(payload, TOPICS[topic].schema))
+        return ()
+
+    def _state(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        """Of thrusters, gears and rudders."""
+        if stamp_ns < self._state_ns:
+            return
+        self._state_ns = (stamp_ns // STATE_NS + 1) * STATE_NS
+        rotor = deserialize(payload, TOPICS[TRUE_STATE].schema).rotor.tolist()
+        density = self._profile.environment.water.density_kgpm3
+        states = {each.name: state_of(each, rotor, density) for each in self._thrusters}
+        for each in self._thrusters:
+            message = self._joint_state(stamp_ns, [each], states)
+            topic = self._named["thrusters/{thruster}/state"].of(each.name)
+            yield RosMessage(topic, self.name, serialize(message), stamp_ns)
+        if self._turning:
+            yield self._message("joint_states", self._joint_state(stamp_ns, self._turning, states), stamp_ns)
+            frames = [named_frame(each.turned(states[each.name].angle_rad), self.name) for each in self._turning]
+            transforms = [_transform(frame, stamp_ns) for frame in frames]
+            yield self._message("/tf", TFMessage(transforms=transforms), stamp_ns)
+
+    def _joint_state(self, stamp_ns: int, of: Sequence[ThrusterLink], states: Mapping[str, ThrusterState]) -> Any:
+        found = [states[each.name] for each in of]
+        return JointState(
+            header=self._header(stamp_ns, ""),
+            name=[self._framed(each.joint) for each in of],
+            position=np.array([state.angle_rad for state in found]),
+            velocity=np.array([state.speed_radps for state in found]),
+            effort=np.array([state.thrust_n for state in found]),
+        )
+
+    def _truth(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        yield RosMessage(self._named["ground_truth/odom"], self.name, payload, stamp_ns)
+        if self._moved_by == "truth":
+            odometry = deserialize(payload, OUTPUTS["odometry"].type)
+            yield self._moved(stamp_ns, odometry.pose.pose)
+
+    def _true_fix(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        place = foxglove_type("LocationFix").FromString(payload)
+        fix = NavSatFix(
+            header=self._header(stamp_ns, self._framed(VESSEL_FRAME)),
+            status=NavSatStatus(status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS),  # type: ignore[arg-type]  # as in Dashing
+            latitude=place.latitude,
+            longitude=place.longitude,
+            altitude=place.altitude,
+            position_covariance=np.zeros(9),
+            position_covariance_type=NavSatFix.COVARIANCE_TYPE_KNOWN,
+        )
+        yield self._message("ground_truth/fix", fix, stamp_ns)
+
+    def _estimate(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        """The recorder's estimate is in the map, with variances of what the autopilot reports."""
+        if stamp_ns <= self._estimate_ns:
+            return
+        self._estimate_ns = stamp_ns
+        odometry = deserialize(payload, OUTPUTS["odometry"].type)
+        odometry.header.frame_id = self._framed(ODOM_FRAME)
+        odometry.child_frame_id = self._framed(VESSEL_FRAME)
+        place, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
+        pose, twist = odometry.pose.covariance.reshape(6, 6).copy(), np.zeros((6, 6))
+        for axis in range(3):
+            if not 0.0 < pose[axis, axis] < UNKNOWN_VARIANCE:  # older recordings have 0 for "unknown"
+                pose[axis, axis] = POSITION_DEVIATION_M**2
+            pose[axis + 3, axis + 3] = instruments.ATTITUDE_DEVIATION_RAD[axis] ** 2
+            twist[axis, axis], twist[axis + 3, axis + 3] = VELOCITY_DEVIATION_MPS**2, RATE_DEVIATION_RADPS**2
+        odometry.pose.covariance, odometry.twist.covariance = pose.reshape(36), twist.reshape(36)
+        if math.isfinite(place.x) and math.isfinite(turn.w):
+            self._attitude.estimated(stamp_ns, (turn.w, turn.x, turn.y, turn.z))
+            self._into_odom(stamp_ns, odometry)
+        yield self._message("odometry", odometry, stamp_ns)
+        if self._moved_by == "estimate":
+            yield self._moved(stamp_ns, odometry.pose.pose, self.odometry.origin_map_m)
+
+    def _into_odom(self, stamp_ns: int, odometry: Any) -> None:
+        """Make the place in `map` one in `odom`."""
+        place, linear, turn = odometry.pose.pose.position, odometry.twist.twist.linear, odometry.pose.pose.orientation
+        velocity_map_mps = rotated((turn.w, turn.x, turn.y, turn.z), np.array([linear.x, linear.y, linear.z]))
+        place_map_m = np.array([place.x, place.y, place.z])
+        place.x, place.y, place.z = self.odometry.update(stamp_ns, place_map_m, velocity_map_mps).tolist()
+
+    def _environment(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        message = deserialize(payload, TOPICS["/environment"].schema)
+        for topic, velocity_ned_mps in (("wind", message.wind_ned_mps), ("current", message.current_ned_mps)):
+            vector = Vector3(*ned_to_enu(velocity_ned_mps).tolist())
+            yield self._message(
+                topic, Vector3Stamped(header=self._header(stamp_ns, MAP_FRAME), vector=vector), stamp_ns
+            )
+
+    def _ais(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        for sentence in deserialize(payload, TOPICS["/ais"].schema).sentences.splitlines():
+            yield self._message("ais/nmea", String(data=sentence), stamp_ns)
+
+    def _lidar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        assert self._lidar is not None
+        assert self._profile.sensors is not None
+        lidar = self._profile.sensors.lidar
+        assert lidar is not None
+        base_m, packed = clouds.recorded_points(cloud_data(payload), timed=True)
+        points_m = self._lidar.points(base_m)
+        header = self._header(stamp_ns, self._framed(LIDAR_FRAME))
+        yield self._message("points", clouds.point_cloud(header, points_m, packed["intensity"], packed["t"]), stamp_ns)
+        header = self._header(stamp_ns, self._framed(VESSEL_FRAME))
+        scan = clouds.scan_of_cloud(
+            header,
+            clouds.leveled(base_m, self._attitude.at_sample()),
+            self._profile.environment.water.level_m,  # as the body's origin floats at the map's zero
+            (lidar.min_range_m, lidar.max_range_m),
+            1.0 / lidar.rate_hz,
+        )
+        yield self._message("scan", scan, stamp_ns)
+
+    def _sonar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        assert self._sonar is not None
+        base_m, packed = clouds.recorded_points(cloud_data(payload), timed=False)
+        header = self._header(stamp_ns, self._framed(SONAR_FRAME))
+        cloud = clouds.point_cloud(header, self._sonar.points(base_m), packed["intensity"])
+        yield self._message("sonar/points", cloud, stamp_ns)
+
+    def _ping(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        assert self._profile.sensors is not None
+        sonar = self._profile.sensors.sonar
+        assert sonar is not None
+        ping = deserialize(payload, TOPICS["/sonar/ping"].schema)
+        intensity = np.asarray(ping.intensity, dtype=np.uint8)
+        sample_m = 0.5 * ping.sound_speed_mps * ping.sample_period_s
+        angle_rad = ping.angle_grad * math.tau / 400.0 - math.radians(sonar.heading_deg)
+        points_m = clouds.echo_points(angle_rad, (np.arange(len(intensity)) + 0.5) * sample_m)
+        header = self._header(stamp_ns, self._framed(SONAR_FRAME))
+        yield self._message("sonar/echo", clouds.point_cloud(header, points_m, intensity), stamp_ns)
+
+    # Frames of MAVLink
+
+    def _sensor_frame(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        assert self._instruments is not None
+        message = read_frame(payload, self._instruments.kinds | UploadedMission.kinds)
+        if message is None:
+            return
+        kind = message.get_msgId()
+        if kind in UploadedMission.kinds:
+            places = self._mission.handle(message)
+            if places is not None:
+                yield self._message("mission", self._path(stamp_ns, self._about_site(places)), stamp_ns)
+            return
+        if kind == dialect.MAVLINK_MSG_ID_XITL_IMU:
+            self._attitude.turned(message.time_usec * 1000, message.gyro)
+        for name, of, made, made_ns in self._instruments.messages(message, self._attitude):
+            topic = self._named[name] if not of else self._named[name].of(of)
+            yield RosMessage(topic, self.name, serialize(made), made_ns)
+
+    def _answer(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        message = read_frame(payload, _ANSWERS)
+        if message is None:
+            return
+        if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            if message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+                return
+            armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+            mode = mode_name(message.custom_mode, message.autopilot == dialect.MAV_AUTOPILOT_PX4)
+            if mode != self._mode:
+                self._mode = mode
+                yield self._message("mode", String(data=mode), stamp_ns)
+            if armed is not self._armed:
+                self._armed = armed
+                yield self._message("armed", Bool(data=armed), stamp_ns)
+        elif (battery := instruments.battery(message, self._header(stamp_ns, ""))) is not None:
+            yield self._message("battery", battery, stamp_ns)
+
+    # Pieces
+
+    def _framed(self, frame: str) -> str:
+        return frame_name(frame, self.name)
+
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        return Header(stamp=_time(stamp_ns), frame_id=frame)
+
+    def _message(self, topic: str, message: Any, stamp_ns: int) -> RosMessage:
+        named = self._named[topic]
+        return RosMessage(named, "" if named.of_all else self.name, serialize(message), stamp_ns)
+
+    def _moved(self, stamp_ns: int, pose: Any, origin_map_m: Array | None = None) -> RosMessage:
+        """`odom` → `base_link`, and `map` → `odom` where that moves; origin_map_m: place of `odom` in `map` (3,)."""
+        place = pose.position
+        transform = TransformStamped(
+            header=self._header(stamp_ns, self._framed(ODOM_FRAME)),
+            child_frame_id=self._framed(VESSEL_FRAME),
+            transform=Transform(translation=Vector3(place.x, place.y, place.z), rotation=pose.orientation),
+        )
+        transforms = [transform]
+        if origin_map_m is not None:
+            odom = FixedFrame(MAP_FRAME, ODOM_FRAME, (origin_map_m[0], origin_map_m[1], origin_map_m[2]))
+            transforms.append(_transform(named_frame(odom, self.name), stamp_ns))
+        return self._message("/tf", TFMessage(transforms=transforms), stamp_ns)
+
+    def _path(self, stamp_ns: int, places_ne_m: Iterable[tuple[float, float]]) -> Any:
+        """nav_msgs/Path: each place with the heading of the way to it."""
+        header, poses = self._header(stamp_ns, MAP_FRAME), []
+        before: tuple[float, float] | None = None
+        for north_m, east_m in places_ne_m:
+            yaw_rad = 0.0 if before is None else math.atan2(north_m - before[0], east_m - before[1])
+            turn = Quaternion(0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad))
+            poses.append(PoseStamped(header=header, pose=Pose(Point(east_m, north_m, 0.0), turn)))
+            before = north_m, east_m
+        if len(poses) > 1:
+            poses[0].pose.orientation = poses[1].pose.orientation
+        return Path(header=header, poses=poses)
+
+    def _about_site(self, places_deg: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        latitude, longitude = np.array(places_deg, dtype=np.float64).reshape(-1, 2).T
+        ned_m = self._frame.ned(latitude, longitude, np.full(len(latitude), self._profile.site.altitude_m))
+        return [(north_m, east_m) for north_m, east_m, _ in ned_m.tolist()]
+
+
+class AttitudeCarry:
+    """The attitude at the instant of a sample of the IMU: the newest estimate, carried on by the gyroscope since.
+
+    An estimate comes later than what it is of, so that the samples since are kept. In plain floats: numpy takes twenty
+    times as long for four numbers, several hundred times a second.
+    """
+
+    def __init__(self) -> None:
+        self._turn: tuple[float, float, float, float] | None = None  # w x y z, FLU to ENU
+        self._at_ns = 0
+        self._estimated_ns = 0
+        self._gyro: deque[tuple[int, Sequence[float]]] = deque(maxlen=KEPT_GYRO)
+
+    def estimated(self, stamp_ns: int, turn_wxyz: tuple[float, float, float, float]) -> None:
+        """An estimate, of an instant up to now and later than the one before it."""
+        self._turn, self._at_ns, self._estimated_ns = turn_wxyz, stamp_ns, stamp_ns
+        while self._gyro and self._gyro[0][0] <= stamp_ns:
+            self._gyro.popleft()
+        for sample_ns, gyro_frd_radps in self._gyro:
+            self._carry(sample_ns, gyro_frd_radps)
+
+    def turned(self, stamp_ns: int, gyro_frd_radps: Sequence[float]) -> None:
+        """A sample (3,) of the gyroscope, of the time up to its instant."""
+        self._gyro.append((stamp_ns, gyro_frd_radps))
+        self._carry(stamp_ns, gyro_frd_radps)
+
+    def at_sample(self) -> tuple[float, float, float, float] | None:
+        """w x y z at the newest sample, from FLU to ENU; None where no estimate is young enough."""
+        return None if self._at_ns - self._estimated_ns > STALE_ESTIMATE_NS else self._turn
+
+    def _carry(self, stamp_ns: int, gyro_frd_radps: Sequence[float]) -> None:
+        if self._turn is None or stamp_ns <= self._at_ns:
+            return
+        half_s = 0.5e-9 * (stamp_ns - self._at_ns)
+        forward, right, down = gyro_frd_radps
+        w, x, y, z = self._turn
+        angle = half_s * math.hypot(forward, right, down)
+        cosine, sine = math.cos(angle), half_s * (math.sin(angle) / angle if angle else 1.0)
+        roll, pitch, yaw = sine * forward, -sine * right, -sine * down
+        self._turn, self._at_ns = (
+            (
+                w * cosine - x * roll - y * pitch - z * yaw,
+                w * roll + x * cosine + y * yaw - z * pitch,
+                w * pitch - x * yaw + y * cosine + z * roll,
+                w * yaw + x * pitch - y * roll + z * cosine,
+            ),
+            stamp_ns,
+        )
+
+
+class UploadedMission:
+    """The places of a mission, read from the frames by which it goes to the autopilot."""
+
+    kinds = frozenset((dialect.MAVLINK_MSG_ID_MISSION_COUNT, dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT))
+
+    def __init__(self) -> None:
+        self._expected = 0
+        self._places: dict[int, tuple[float, float] | None] = {}
+
+    def handle(self, message: Any) -> list[tuple[float, float]] | None:
+        """Latitudes and longitudes once the last item was seen: home first, then what has a place."""
+        if message.mission_type != dialect.MAV_MISSION_TYPE_MISSION:
+            return None
+        if message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_COUNT:
+            self._expected, self._places = message.count, {}
+            return None
+        place = (message.x * 1e-7, message.y * 1e-7)
+        self._places[message.seq] = place if any(place) else None
+        if len(self._places) < self._expected or message.seq + 1 != self._expected:
+            return None
+        return [place for _, place in sorted(self._places.items()) if place is not None]
+
+
+_ANSWERS = frozenset((dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SYS_STATUS))
+
+
+def _field_cdr(user: UserTopic, payload: bytes) -> bytes | None:
+    """None for a frame of another message, and where the recorded message has no such element."""
+    assert user.read is not None
+    if user.message is not None:
+        message = read_frame(payload, frozenset((user.message,)))
+    else:
+        schema = TOPICS[LINK_NAME.sub(r"/link/{link}/\1", user.of)].schema
+        message = deserialize(payload, schema)
+    if message is None:
+        return None
+    try:
+        value = user.read(message)
+    except (AttributeError, IndexError, TypeError, ValueError):
+        return None
+    if user.topic.type == MultiArray.__msgtype__:
+        layout = MultiArrayLayout(dim=[], data_offset=0)
+        return serialize(MultiArray(layout=layout, data=np.array(value, dtype=np.float64)))
+    return serialize(ros2_types().types[user.topic.type](data=value))
+
+
+def read_frame(payload: bytes, kinds: frozenset[int]) -> Any:
+    """The MAVLink message in a recorded frame, None for one that is none of `kinds`."""
+    (size,) = struct.unpack_from("<I", payload, _HEADER_BYTES + _STAMP.size)
+    start = _HEADER_BYTES + _STAMP.size + 4
+    frame = payload[start : start + size]
+    if len(frame) < _LEAST_FRAME or frame[0] != MAGIC or int.from_bytes(frame[7:10], "little") not in kinds:
+        return None
+    return codec.decode(frame)
+
+
+def cloud_data(payload: bytes) -> bytes:
+    """The packed points of a foxglove.PointCloud."""
+    data: bytes = foxglove_type("PointCloud").FromString(payload).data
+    return data
+
+
+def _time(stamp_ns: int) -> Any:
+    return Time(*divmod(stamp_ns, 1_000_000_000))
+
+
+def _transform(frame: FixedFrame, stamp_ns: int) -> Any:
+    return TransformStamped(
+        header=Header(stamp=_time(stamp_ns), frame_id=frame.parent),
+        child_frame_id=frame.name,
+        transform=Transform(translation=Vector3(*frame.position_m), rotation=Quaternion(*frame.turn)),
+    )

@@ -1,0 +1,94 @@
+"""Frames of ROS: their names and the tree `map → odom → base_link → imu_link, lidar_link, …` (REP 105, REP 103).
+
+`map` is the site's ENU, `base_link` the vessel's origin, forward, left, up. The autopilot's estimate is of the map
+already, so that `map → odom` is at rest. With more than one vessel all but `map` begin with the vessel's name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_core.frames import euler_to_quat, frd_to_flu
+from sim_core.sensors.spec import LidarSpec, RangefinderSpec
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, vessel_name
+
+IMU_FRAME, GNSS_FRAME, LIDAR_FRAME, SONAR_FRAME = "imu_link", "gnss_link", "lidar_link", "sonar_link"
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""x y z w, as ROS has it."""
+
+NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class FixedFrame:
+    """A frame that stays where it is in another: its place there in metres, and the turn from it into that one."""
+
+    parent: str
+    name: str
+    position_m: Vector
+    turn: Quaternion = NO_TURN
+
+
+def frame_name(frame: str, vessel: str) -> str:
+    """As it is in a message: `alpha/base_link`, and `map` for all."""
+    return frame if frame == MAP_FRAME else vessel_name(frame, vessel)
+
+
+def rangefinder_frame(number: int) -> str:
+    """Of one of `sensors.rangefinders`; it looks along its x axis."""
+    return f"rangefinder_{number}_link"
+
+
+def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
+    """Of each sensor that the profile has, in `base_link`, at its mounting place; names without the vessel's."""
+    sensors = profile.sensors
+    if sensors is None:
+        return
+    yield _mounted(IMU_FRAME, sensors.imu.position_frd_m)
+    yield _mounted(GNSS_FRAME, sensors.gnss.antenna_frd_m)
+    for number, rangefinder in enumerate(sensors.rangefinders):
+        yield _mounted(rangefinder_frame(number), rangefinder.position_frd_m, looking_turn(rangefinder))
+    if sensors.lidar is not None:
+        yield _mounted(LIDAR_FRAME, sensors.lidar.position_frd_m, lidar_turn(sensors.lidar))
+    if sensors.sonar is not None:
+        heading_rad = math.radians(sensors.sonar.heading_deg)
+        yield _mounted(SONAR_FRAME, sensors.sonar.position_frd_m, flu_turn(0.0, 0.0, heading_rad))
+
+
+def named_frame(frame: FixedFrame, vessel: str) -> FixedFrame:
+    """As it is in messages."""
+    return replace(frame, parent=frame_name(frame.parent, vessel), name=frame_name(frame.name, vessel))
+
+
+def flu(vector_frd: Vector) -> Vector:
+    """Forward, right, down as forward, left, up."""
+    forward, left, up = frd_to_flu(np.asarray(vector_frd, dtype=np.float64)).tolist()
+    return forward, left, up
+
+
+def flu_turn(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
+    """Of what is turned by roll, pitch and yaw in FRD (starboard down, bow up, to starboard), in FLU."""
+    w, x, y, z = euler_to_quat(np.array([roll_rad, pitch_rad, yaw_rad])).tolist()
+    return x, -y, -z, w
+
+
+def lidar_turn(lidar: LidarSpec) -> Quaternion:
+    """From the lidar's axes into the body's, FLU."""
+    return flu_turn(math.radians(lidar.roll_deg), math.radians(lidar.pitch_deg), math.radians(lidar.yaw_deg))
+
+
+def looking_turn(rangefinder: RangefinderSpec) -> Quaternion:
+    """From axes whose x is where it looks into the body's, FLU: yaw, then pitch."""
+    forward, right, down = rangefinder.direction_frd
+    return flu_turn(0.0, math.atan2(-down, math.hypot(forward, right)), math.atan2(right, forward))
+
+
+def _mounted(name: str, position_frd_m: Vector, turn: Quaternion = NO_TURN) -> FixedFrame:
+    return FixedFrame(VESSEL_FRAME, name, flu(position_frd_m), turn)

@@ -1,0 +1,263 @@
+"""ROS beside a run: gives what is recorded to the process of the bridge, and has the operator do what nodes ask.
+
+The run waits for nothing: what the process does not take waits in a bounded queue, from which the oldest is dropped.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.ros.lockstep import RosLockstepNode
+from xitl_cli.plugins.ros.middleware import ros2_way
+from xitl_cli.plugins.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosClockAgain, RosEnd, RosStart
+from xitl_cli.plugins.ros.user_topics import check_topics
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.run.core.live_output import LiveOutput, LiveRun
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.core.side_process import SideProcess
+from xitl_cli.run.operator.node import OperatorNode
+
+SOURCE = "ros"
+OPENING_S = 60.0
+HAND_OVER_HZ = 100.0
+"""How often the process is given what is recorded, in simulation time."""
+HAND_OVER_S = 0.008
+"""By the clock on the wall: a run that goes faster than real time would else make many small batches."""
+SILENT_S = 5.0
+"""For which the process may take nothing before that is said."""
+END_S = 5.0
+MOST_REFUSALS = 50  # said, each once
+MOST_IN_PIPE_BYTES = 1 << 20
+"""Of the queue's: what is in the pipe can no longer be dropped."""
+
+
+class LiveRosNode(RunNode):
+    """The bridge of a run to ROS. One that dies or hangs leaves the run as it is.
+
+    profiles: of each vessel. tell: says something to the user. It is a mirror of the recording, see McapFile.
+    answers_ns: the /clock that each node has answered last, by its name. Where nodes are waited for, what they ask is
+    taken in while the run stands still alone (`poll`), so that it does not hang on the clock on the wall.
+    """
+
+    def __init__(self, profiles: Sequence[RunProfile], tell: Callable[[str], object]) -> None:
+        self._profiles = tuple(profiles)
+        self._spec = profiles[0].ros
+        self._tell = tell
+        self._operator: OperatorNode | None = None
+        self._bridge = SideProcess("xitl_cli.plugins.ros.process", self._on_loss, END_S)
+        self._recorder: Any = None
+        self._queue: deque[tuple[int, int, bytes]] = deque()
+        self._queued_bytes = 0
+        self._limit_bytes = round(self._spec.queue_mb * 1e6)
+        self._topics: list[str] = []
+        self._dropped: Counter[int] = Counter()
+        self._now_ns = 0
+        self._every = max(round(profiles[0].clock.physics_rate_hz / HAND_OVER_HZ), 1)
+        self._taken = (0, 0.0)
+        self._next_s = 0.0
+        self._silent = False
+        self._name = ""
+        self._counts: dict[str, dict[str, int]] = {}
+        self._problems: list[str] = []
+        self._actions = self._refused = 0
+        self._refusals: set[str] = set()
+        self._holds = self._spec.lockstep is not None
+        self.answers_ns: dict[str, int] = {}
+
+    def attach_operator(self, operator: OperatorNode) -> None:
+        """Have it carry out what nodes ask for, and be polled by it: while the run stands still too."""
+        self._operator = operator
+        operator.listen(self._listen)
+
+    def _listen(self) -> None:
+        if not self._holds or (self._operator is not None and self._operator.paused):
+            self.poll()
+
+    def prepare(self) -> None:
+        """Start the process, and wait until it is in the graph. Raises UserError when it cannot be."""
+        check_topics(self._spec)
+        if self._spec.master is None:
+            ros2_way(self._spec)
+        self._bridge.start()
+        self._bridge.send(RosStart(self._profiles, self._operator is not None))
+        self._await_opening()
+        self._tell(f"ros: {self._name}")
+
+    def _await_opening(self) -> None:
+        until_s = time.monotonic() + OPENING_S
+        while not self._name:
+            if time.monotonic() >= until_s:
+                raise UserError(f"ros: the bridge was not ready within {OPENING_S:g} s; try again")
+            for message in self._bridge.receive(0.1):
+                if "failed" in message:
+                    raise UserError(str(message["failed"]))
+                if "opened" in message:
+                    self._name = str(message["opened"])
+                else:
+                    self._take_in(message)
+
+    def mirror(self) -> LiveRosNode:
+        return self
+
+    def open_channel(
+        self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
+    ) -> Callable[[bytes, int], object] | None:
+        """A channel as the recording has it; what is returned queues a payload of an instant."""
+        if not self._wanted(topic):
+            return None
+        number = len(self._topics)
+        self._topics.append(topic)
+        self._bridge.send(RosChannel(number, topic))
+        append = self._queue.append
+
+        def queue(payload: bytes, stamp_ns: int) -> None:
+            append((number, stamp_ns, payload))
+            self._queued_bytes += len(payload)
+
+        return queue
+
+    @cached_property
+    def _wanted(self) -> Callable[[str], bool]:
+        from xitl_cli.plugins.ros.conversion import RosConversion
+
+        return RosConversion(self._profiles).wants
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+
+    def exchange(self, step: RunStep) -> None:
+        self._now_ns = step.now_ns
+        if self._operator is None:
+            self.poll()
+
+    def record(self, step: RunStep) -> None:
+        if step.number % self._every == 0 and self._queue and (self._holds or time.monotonic() >= self._next_s):
+            self._hand_over()
+
+    def _hand_over(self) -> None:
+        """Give the process what is queued, unless it has too much already; then drop what is too much."""
+        self._next_s = time.monotonic() + HAND_OVER_S
+        if not self._bridge.gone and self._bridge.waiting_bytes <= MOST_IN_PIPE_BYTES:
+            batch = RosBatch(tuple(self._queue))
+            self._queue.clear()
+            self._queued_bytes = 0
+            self._bridge.send(batch)
+        self._drop(0 if self._bridge.gone else self._limit_bytes)
+
+    def _drop(self, limit_bytes: int) -> None:
+        """The oldest of the queue, until it has `limit_bytes` at most."""
+        while self._queued_bytes > limit_bytes:
+            number, _, payload = self._queue.popleft()
+            self._queued_bytes -= len(payload)
+            self._dropped[number] += 1
+
+    @property
+    def lost(self) -> bool:
+        """Whether there is nobody any more that could ask or answer."""
+        return self._bridge.gone
+
+    def tell_clock_again(self) -> None:
+        """For a node that has missed it."""
+        self._bridge.send(RosClockAgain())
+
+    def poll(self, timeout_s: float = 0.0) -> None:
+        """Take in what nodes ask for, after at most `timeout_s`."""
+        if self._queue and time.monotonic() >= self._next_s:
+            self._hand_over()
+        for message in self._bridge.receive(timeout_s):
+            self._take_in(message)
+        self._watch()
+
+    def _take_in(self, message: Mapping[str, Any]) -> None:
+        if isinstance(action := message.get("action"), dict):
+            self._actions += 1
+            refusal = "nobody carries out actions in this run"
+            if self._operator is not None:
+                refused = self._operator.ask(action, SOURCE)
+                refusal = refused or ""
+                self._refused += refused is not None and "request" not in message
+            request = message.get("request")
+            if request is not None:
+                self._bridge.send(RosAnswer(int(request), refusal or None))
+            elif refusal and refusal not in self._refusals and len(self._refusals) < MOST_REFUSALS:
+                self._refusals.add(refusal)
+                self._warn(f"ros: {refusal}")
+                self._bridge.send(RosAnswer(None, refusal))
+        elif isinstance(ready := message.get("ready"), dict):
+            self.answers_ns[str(ready["node"])] = int(ready["stamp_ns"])
+        elif isinstance(counts := message.get("counts"), dict):
+            self._counts = counts
+        elif "problem" in message:
+            self._warn(str(message["problem"]))
+
+    def _watch(self) -> None:
+        """Whether the process still takes what it is given."""
+        now_s, taken_bytes = time.monotonic(), self._bridge.taken_bytes
+        if not self._bridge.waiting_bytes or taken_bytes != self._taken[0]:
+            self._taken, self._silent = (taken_bytes, now_s), False
+        elif now_s - self._taken[1] > SILENT_S and not self._silent:
+            self._silent = True
+            self._warn(f"ros: the bridge takes nothing since {SILENT_S:g} s; the run goes on, what is old is dropped")
+
+    def _warn(self, text: str) -> None:
+        self._problems.append(text)
+        self._tell(f"warning: {text}")
+        if self._recorder is not None:
+            self._recorder.log(self._now_ns, WARNING, SOURCE, text)
+
+    def _on_loss(self, why: str) -> None:
+        if not self._name:
+            raise UserError(f"ros: the bridge has ended at its start{why}")
+        self._warn(f"ros: the bridge has ended; the run goes on without it{why}")
+
+    def end(self) -> None:
+        """The process publishes what is left and tells its counts."""
+        if self._queue:
+            self._hand_over()
+        self._bridge.send(RosEnd())
+        for message in self._bridge.receive_last():
+            self._take_in(message)
+        self._drop(0)
+
+    def close(self) -> None:
+        self._bridge.close()
+
+    def report(self) -> dict[str, Any]:
+        """ros: way in, messages by topic, actions asked for, and what was not done, be it here or in the bridge."""
+        not_taken = self._counts.get("refused", {})
+        return {
+            "ros": {
+                "way": self._name,
+                "namespace": self._spec.namespace,
+                "published": self._counts.get("published", {}),
+                "dropped": {self._topics[number]: count for number, count in sorted(self._dropped.items())},
+                "not_read": self._counts.get("not_read", {}),
+                "refused_peers": self._counts.get("refused_peers", {}),
+                "received": self._counts.get("received", {}),
+                "superseded": self._counts.get("superseded", {}),
+                "not_taken": not_taken,
+                "actions": self._actions,
+                "refused": self._refused + sum(not_taken.values()),
+            },
+            "warnings": list(self._problems),
+        }
+
+
+class RosOutput(LiveOutput):
+    """ROS as a live output of a run; in lockstep it waits for the nodes that the profile names."""
+
+    def __init__(self, profiles: Sequence[RunProfile]) -> None:
+        self._profiles = profiles
+
+    def world_nodes(self, run: LiveRun) -> Sequence[RunNode]:
+        lead = self._profiles[0]
+        bridge = LiveRosNode(self._profiles, run.tell)
+        if lead.ros.lockstep is None:
+            return [bridge]
+        return [bridge, RosLockstepNode(lead.ros.lockstep, lead.clock, bridge, run.tell, run.interrupted)]

@@ -1,0 +1,203 @@
+"""ROS 2 by rclpy, where one is sourced: with the middleware, the types and the configuration of that ROS."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import rclpy
+import rclpy.context
+import rclpy.executors
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.serialization import deserialize_message, serialize_message
+
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.ros.discovery import (
+    GUID_BYTES,
+    LOCAL_VARIABLE,
+    RANGE_VARIABLE,
+    Commanders,
+    discovery_range,
+    full_node_name,
+)
+from xitl_cli.plugins.ros.middleware import (
+    LOOK_S,
+    NODE_NAME,
+    MiddlewareLosses,
+    QosProfile,
+    mismatch_text,
+    others_text,
+    type_text,
+)
+from xitl_cli.profile.schema.ros import RosSpec
+
+
+class RclpyMiddleware:
+    """A node in a context of its own: see Middleware."""
+
+    def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
+        reach = discovery_range(spec)
+        os.environ.pop(LOCAL_VARIABLE, None)  # deprecated, and stronger than the other
+        os.environ[RANGE_VARIABLE] = reach  # which rclpy reads
+        self._commanders = Commanders(spec.commanders)
+        self._context = rclpy.context.Context()
+        rclpy.init(args=[], context=self._context, domain_id=spec.domain)
+        self._node = rclpy.create_node(node_name, context=self._context, start_parameter_services=False)
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._problems: list[str] = []
+        self._published: list[str] = []
+        self._types: dict[str, str] = {}
+        self._shared: set[str] = set()
+        self._next_look_s = 0.0
+        self._told: set[tuple[str, str]] = set()
+        implementation = rclpy.get_rmw_implementation_identifier()
+        distribution = os.environ.get("ROS_DISTRO", "")
+        self.name = f"rclpy {distribution} ({implementation}), domain {self._context.get_domain_id()}, {reach}"
+        self.name = self.name.replace("  ", " ")
+
+    def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
+        """See Middleware."""
+        kind = self._type_of(topic, type_name)
+        if kind is None:
+            return lambda cdr: None
+        events = PublisherEventCallbacks(incompatible_qos=self._mismatch(topic, qos, True), use_default_callbacks=False)
+        self._published.append(topic)
+        self._types[topic] = type_name
+        publisher = self._node.create_publisher(kind, topic, _qos(qos), event_callbacks=events)
+        publish: Callable[[bytes], None] = publisher.publish
+        return publish
+
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+        """See Middleware."""
+        kind = self._type_of(topic, type_name)
+        if kind is None:
+            return
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=self._mismatch(topic, qos, False), use_default_callbacks=False
+        )
+        self._types[topic] = type_name
+
+        def take_checked(cdr: bytes, about: Mapping[str, Any]) -> None:
+            if self._commanders.admit(topic, self._sender(topic, about)):
+                take(cdr)
+
+        callback = take if self._commanders.everyone else take_checked
+        self._node.create_subscription(kind, topic, callback, _qos(qos), event_callbacks=events, raw=True)
+
+    def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
+        """See Middleware."""
+        kind = self._type_of(service, type_name)
+        if kind is None:
+            return
+
+        def serve(request: Any, response: Any) -> Any:
+            if not self._commanders.everyone:
+                requests = f"rq{self._node.resolve_service_name(service)}Request"
+                if not self._commanders.admit(service, self._unlisted(requests, no_mangle=True)):
+                    return response  # as the type has it: without success
+            return deserialize_message(answer(serialize_message(request)), kind.Response)
+
+        self._node.create_service(kind, service, serve)
+
+    def spin(self, timeout_s: float) -> None:
+        """See Middleware."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    def losses(self) -> MiddlewareLosses:
+        """See Middleware."""
+        return MiddlewareLosses(refused=dict(self._commanders.refused))
+
+    def problems(self) -> list[str]:
+        """See Middleware."""
+        problems, self._problems = self._problems, []
+        problems += self._commanders.problems()
+        now_s = time.monotonic()
+        if now_s >= self._next_look_s:
+            self._next_look_s = now_s + LOOK_S
+            others = [topic for topic in self._published if topic not in self._shared and self._is_shared(topic)]
+            self._shared.update(others)
+            if others:
+                problems.append(others_text(others, f"in domain {self._context.get_domain_id()}"))
+            problems.extend(self._other_types())
+        return problems
+
+    def _other_types(self) -> Iterator[str]:
+        for topic, kinds in self._node.get_topic_names_and_types():
+            ours = self._types.get(topic)
+            if ours is None:
+                continue
+            for theirs in kinds:
+                if theirs != ours and (topic, theirs) not in self._told:
+                    self._told.add((topic, theirs))
+                    yield type_text(topic, ours, theirs)
+
+    def _sender(self, topic: str, about: Mapping[str, Any]) -> str | None:
+        """Full name of the node that sent a message; from Kilted on rclpy tells its GID.
+
+        Before, that of any publisher that may not command, where there is one: then no message of the topic counts.
+        """
+        gid = about.get("publisher_gid")
+        if gid is None:
+            return self._unlisted(topic)
+        sender = bytes(gid["data"])[:GUID_BYTES]
+        for endpoint in self._node.get_publishers_info_by_topic(topic):
+            if bytes(endpoint.endpoint_gid)[:GUID_BYTES] == sender:
+                return full_node_name(endpoint.node_namespace, endpoint.node_name)
+        return None
+
+    def _unlisted(self, topic: str, no_mangle: bool = False) -> str | None:
+        """A publisher that may not command, else one that may; None where there is none."""
+        endpoints = self._node.get_publishers_info_by_topic(topic, no_mangle)
+        names = [full_node_name(one.node_namespace, one.node_name) for one in endpoints]
+        return min(names, key=self._commanders.listed, default=None)
+
+    def _type_of(self, name: str, type_name: str) -> Any:
+        """Its class; None, and said, where this ROS has none: the run goes on without the topic."""
+        try:
+            return message_type(type_name)
+        except UserError as error:
+            self._problems.append(f"ros: {name} is left out: {error}")
+            return None
+
+    def _is_shared(self, topic: str) -> bool:
+        shared: bool = self._node.count_publishers(topic) > 1
+        return shared
+
+    def close(self) -> None:
+        """See Middleware."""
+        if self._context.ok():
+            self._executor.shutdown()
+            self._node.destroy_node()
+            rclpy.shutdown(context=self._context)
+
+    def _mismatch(self, topic: str, qos: QosProfile, offers: bool) -> Callable[[Any], None]:
+        def note(event: Any) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
+            if (topic, policy) not in self._told:
+                self._told.add((topic, policy))
+                self._problems.append(mismatch_text(topic, policy, qos, offers))
+
+        return note
+
+
+def message_type(type_name: str) -> Any:
+    """The class of a message or service. Raises UserError where its package is not there."""
+    package, kind, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), name)
+    except (ImportError, AttributeError) as error:
+        raise UserError(f"{type_name}: is not in the ROS that is sourced; install its package {package}") from error
+
+
+def _qos(qos: QosProfile) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=qos.depth,
+        reliability=ReliabilityPolicy[qos.reliability.upper()],
+        durability=DurabilityPolicy[qos.durability.upper()],
+    )

@@ -1,0 +1,120 @@
+"""URDF of a vessel, from its vehicle file and the mounting places of its sensors.
+
+Hulls are boxes and cylinders: a mesh lies in a file that a viewer elsewhere does not have.
+"""
+
+from __future__ import annotations
+
+import math
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+import numpy as np
+
+from sim_core.frames import quat_to_euler
+from sim_core.vessel.spec import DemiHull, VesselSpec
+from xitl_cli.plugins.ros.frames import FixedFrame, Quaternion, Vector, flu, frame_name, sensor_frames
+from xitl_cli.plugins.ros.thrusters import ThrusterLink, thrusters_of
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.topics import VESSEL_FRAME
+
+_WHITE, _DARK, _SENSOR = "0.92 0.93 0.95 1", "0.2 0.22 0.25 1", "0.1 0.4 0.7 1"
+_SENSOR_M = 0.03
+_GUESS_SHARE = {"air": 0.25, "water": 0.08}
+"""Of the vessel's length, the diameter of a propeller where none is given."""
+_ANY_EFFORT, _ANY_RATE = "0", "0"
+
+
+def make_robot_description(profile: RunProfile) -> str:
+    """XML of the vessel; links and joints bear its name where there are several."""
+    vehicle, vessel = profile.vehicle, profile.vessel
+    robot = Element("robot", name=vessel or vehicle.name.replace(" ", "_"))
+    base = SubElement(robot, "link", name=frame_name(VESSEL_FRAME, vessel))
+    _inertial(base, vehicle)
+    for hull in vehicle.demi_hulls:
+        _hull(base, hull)
+    for thruster in thrusters_of(vehicle):
+        _thruster(robot, thruster, vehicle, vessel)
+    for frame in sensor_frames(profile):
+        link = SubElement(robot, "link", name=frame_name(frame.name, vessel))
+        _shape(link, "box", {"size": _numbers([_SENSOR_M] * 3)}, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), _SENSOR, solid=False)
+        _joint(robot, "fixed", frame.name.replace("_link", "_joint"), frame, vessel)
+    indent(robot)
+    return '<?xml version="1.0"?>\n' + tostring(robot, encoding="unicode") + "\n"
+
+
+def _inertial(link: Element, vehicle: VesselSpec) -> None:
+    """The products of inertia that go with one axis that is turned over change their sign."""
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "origin", xyz=_numbers(flu(vehicle.centre_of_gravity_frd_m)), rpy="0 0 0")
+    SubElement(inertial, "mass", value=_number(vehicle.mass_kg))
+    ixx, iyy, izz = vehicle.inertia_kgm2
+    ixy, ixz, iyz = vehicle.inertia_products_kgm2
+    entries = {"ixx": ixx, "ixy": ixy, "ixz": ixz, "iyy": iyy, "iyz": -iyz, "izz": izz}
+    SubElement(inertial, "inertia", {name: _number(value) for name, value in entries.items()})
+
+
+def _hull(link: Element, hull: DemiHull) -> None:
+    forward, left, up = flu(hull.keel_frd_m)
+    middle = (forward, left, up + 0.5 * hull.height_m)
+    if hull.prismatic and hull.section is not None and hull.section.radius_m is not None:
+        size = {"radius": _number(hull.section.radius_m), "length": _number(hull.length_m)}
+        _shape(link, "cylinder", size, middle, (0.0, 0.5 * math.pi, 0.0), _WHITE)
+    else:
+        size = {"size": _numbers((hull.length_m, hull.width_m, hull.height_m))}
+        _shape(link, "box", size, middle, (0.0, 0.0, 0.0), _WHITE)
+
+
+def _thruster(robot: Element, thruster: ThrusterLink, vehicle: VesselSpec, vessel: str) -> None:
+    link = SubElement(robot, "link", name=frame_name(thruster.frame.name, vessel))
+    propeller = thruster.propeller
+    if propeller is not None:
+        diameter_m = propeller.disc_diameter_m or _GUESS_SHARE[propeller.medium] * vehicle.length_m
+        size = {"radius": _number(0.5 * diameter_m), "length": _number(0.12 * diameter_m)}
+        _shape(link, "cylinder", size, (0.0, 0.0, 0.0), (0.0, 0.5 * math.pi, 0.0), _DARK, solid=False)
+    else:
+        rudder = vehicle.rudders[int(thruster.name.rpartition("_")[2])]
+        chord_m = math.sqrt(rudder.area_m2 / rudder.aspect_ratio)
+        size = {"size": _numbers((chord_m, 0.12 * chord_m, rudder.aspect_ratio * chord_m))}
+        _shape(link, "box", size, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), _DARK, solid=False)
+    if not thruster.limit_rad:
+        _joint(robot, "fixed", thruster.joint, thruster.frame, vessel)
+        return
+    joint = _joint(robot, "revolute", thruster.joint, thruster.frame, vessel)
+    SubElement(joint, "axis", xyz="0 0 1")
+    limit = _number(thruster.limit_rad)
+    SubElement(joint, "limit", lower=f"-{limit}", upper=limit, effort=_ANY_EFFORT, velocity=_ANY_RATE)
+
+
+def _joint(robot: Element, kind: str, name: str, frame: FixedFrame, vessel: str) -> Element:
+    joint = SubElement(robot, "joint", name=frame_name(name, vessel), type=kind)
+    SubElement(joint, "parent", link=frame_name(frame.parent, vessel))
+    SubElement(joint, "child", link=frame_name(frame.name, vessel))
+    SubElement(joint, "origin", xyz=_numbers(frame.position_m), rpy=_numbers(_euler(frame.turn)))
+    return joint
+
+
+def _shape(
+    link: Element, kind: str, size: dict[str, str], place: Vector, euler: Vector, colour: str, solid: bool = True
+) -> None:
+    """What is seen, and, of a solid one, what others bump into."""
+    for role in ("visual", "collision") if solid else ("visual",):
+        part = SubElement(link, role)
+        SubElement(part, "origin", xyz=_numbers(place), rpy=_numbers(euler))
+        SubElement(SubElement(part, "geometry"), kind, size)
+        if role == "visual":
+            SubElement(SubElement(part, "material", name=f"colour {colour}"), "color", rgba=colour)
+
+
+def _euler(turn: Quaternion) -> Vector:
+    """Roll, pitch and yaw about fixed axes, as URDF has them."""
+    x, y, z, w = turn
+    roll, pitch, yaw = quat_to_euler(np.array([w, x, y, z])).tolist()
+    return roll, pitch, yaw
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.9g}"
+
+
+def _numbers(values: Vector | list[float]) -> str:
+    return " ".join(map(_number, values))

@@ -1,0 +1,249 @@
+"""The master by XML-RPC, and what it is to know of a node: again whenever it comes back."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import socket
+import threading
+from typing import Any, Protocol
+from urllib.parse import urlsplit
+from xml.parsers.expat import ExpatError
+from xmlrpc.client import Error as XmlRpcError
+from xmlrpc.client import ServerProxy, Transport
+
+from xitl_cli.plugins.ros.tcpros.notes import NodeNotes
+
+URI_VARIABLE, USUAL_URI = "ROS_MASTER_URI", "http://localhost:11311"
+TIMEOUT_S = 3.0
+LOOK_S = 1.0
+SIM_TIME = "/use_sim_time"
+
+
+class MasterAwayError(Exception):
+    """It does not answer; the message says why."""
+
+
+class MasterRefusedError(Exception):
+    """It answers and does not do what was asked; the message is its own."""
+
+
+class _PatientTransport(Transport):
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = TIMEOUT_S
+        return connection
+
+
+def call(uri: str, method: str, *arguments: Any) -> Any:
+    """The value that a master or a node gives. Raises MasterAwayError, MasterRefusedError."""
+    try:
+        with ServerProxy(uri, transport=_PatientTransport(), allow_none=True) as proxy:
+            answer: Any = getattr(proxy, method)(*arguments)
+        code, status, value = answer
+    except XmlRpcError as error:
+        raise MasterRefusedError(str(error)[:200]) from error
+    except (OSError, http.client.HTTPException, ExpatError) as error:
+        raise MasterAwayError(str(error) or type(error).__name__) from error
+    except (TypeError, ValueError) as error:
+        raise nonsense(method) from error
+    if code != 1:
+        raise MasterRefusedError(str(status)[:200])
+    return value
+
+
+def nonsense(method: str) -> MasterRefusedError:
+    """Of a method that was answered otherwise than ROS has it."""
+    return MasterRefusedError(f"{method} was answered with what is no answer of ROS")
+
+
+def master_uri(master: str) -> str:
+    """Of a profile's `ros1://HOST:PORT`; of `ros1://` that of the environment."""
+    place = master.removeprefix("ros1://").strip("/")
+    if not place:
+        return os.environ.get(URI_VARIABLE) or USUAL_URI
+    return f"http://{place}" if ":" in place else f"http://{place}:11311"
+
+
+def own_host(uri: str) -> str:
+    """The name by which other nodes reach this machine, as ROS 1 chooses it."""
+    given = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
+    if given:
+        return given
+    place = urlsplit(uri)
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # nothing is sent
+            probe.connect((place.hostname or "localhost", place.port or 11311))
+            return str(probe.getsockname()[0])
+    except (OSError, ValueError):  # ValueError: of a port that is none
+        return "127.0.0.1"
+
+
+class Subscription(Protocol):
+    """What is told of the publishers of a topic, by their URIs."""
+
+    def registering(self) -> None:
+        """Before the master is asked."""
+
+    def registered(self, uris: list[str]) -> None:
+        """What it answered."""
+
+
+class Registrar:
+    """Has the master know the node's publishers, subscribers, services and parameters, from a thread of its own.
+
+    node: its name, which becomes another where that of a running node is the same.
+    """
+
+    def __init__(self, uri: str, node: str, notes: NodeNotes) -> None:
+        self.uri, self.node = uri, node
+        self.node_uri = ""
+        self._notes = notes
+        self._wanted: dict[tuple[str, ...], tuple[Any, Subscription | None]] = {}
+        self._known: set[tuple[str, ...]] = set()
+        self._left: list[str] = []
+        self._master_id: int | None = None
+        self._named = False
+        self._change = threading.Event()
+        self._over = threading.Event()
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._keep, name="ros master", daemon=True)
+
+    def start(self, node_uri: str) -> None:
+        """node_uri: where the node's own XML-RPC is."""
+        self.node_uri = node_uri
+        self._thread.start()
+
+    def add_publisher(self, topic: str, type_name: str) -> None:
+        self._want(("registerPublisher", topic, type_name), None)
+
+    def add_subscriber(self, topic: str, type_name: str, subscription: Subscription) -> None:
+        """subscription: is told which publishers there are."""
+        self._want(("registerSubscriber", topic, type_name), subscription)
+
+    def add_service(self, service: str, place: str) -> None:
+        """place: rosrpc://HOST:PORT."""
+        self._want(("registerService", service, place), None)
+
+    def set_parameter(self, name: str, value: Any) -> None:
+        """Also anew, with another value. It is taken away at the end."""
+        with self._lock:
+            self._wanted[("setParam", name)] = value, None
+            self._known.discard(("setParam", name))
+        self._change.set()
+
+    @property
+    def reached(self) -> bool:
+        """Whether the master answered when it was last asked."""
+        return self._master_id is not None
+
+    def stop(self, leave: bool = True) -> None:
+        """leave: have the master forget the node."""
+        self._over.set()
+        self._change.set()
+        if self._thread.is_alive() and threading.current_thread() is not self._thread:
+            self._thread.join(2 * TIMEOUT_S)
+        if not leave or not self.reached:
+            return
+        for method, name, *rest in sorted(self._known):
+            arguments = {
+                "registerPublisher": ("unregisterPublisher", name, self.node_uri),
+                "registerSubscriber": ("unregisterSubscriber", name, self.node_uri),
+                "registerService": ("unregisterService", name, *rest),
+                "setParam": ("deleteParam", name),
+            }[method]
+            try:
+                self._ask(*arguments)
+            except MasterRefusedError:
+                continue
+            except MasterAwayError:
+                return
+
+    def _want(self, key: tuple[str, ...], subscription: Subscription | None) -> None:
+        with self._lock:
+            self._wanted[key] = None, subscription
+        self._change.set()
+
+    def _keep(self) -> None:
+        while not self._over.is_set():
+            self._change.clear()
+            try:
+                self._look()
+            except MasterAwayError as error:
+                self._notes.tell(
+                    f"the ROS master at {self.uri} does not answer ({error}); start `roscore` there: it is asked again "
+                    "every second, and the run goes on",
+                    "away",
+                )
+                self._master_id = None
+            self._change.wait(LOOK_S)
+
+    def _look(self) -> None:
+        """Tell the master what it does not know yet."""
+        try:
+            master_id = self._ask("getPid")
+        except MasterRefusedError as error:  # a page of somebody else
+            raise MasterAwayError(str(error)) from error
+        if not self._named:
+            self._choose_name()
+        if master_id != self._master_id:
+            with self._lock:
+                self._known.clear()
+            self._notes.forget("away")
+        self._master_id = master_id
+        with self._lock:
+            pending = {key: value for key, value in self._wanted.items() if key not in self._known}
+        for key, (value, subscription) in pending.items():
+            if self._over.is_set():
+                return
+            try:
+                self._register(key, value, subscription)
+            except MasterRefusedError as error:
+                self._notes.tell(f"the ROS master refuses {key[0]} of {key[1]}: {error}")
+
+    def _register(self, key: tuple[str, ...], value: Any, subscription: Subscription | None) -> None:
+        method, name, *rest = key
+        if method == "setParam":
+            if name == SIM_TIME and self._ask("hasParam", name) and self._ask("getParam", name) is True:
+                return  # somebody else's: it stays at the end
+            self._known.add(key)
+            self._ask(method, name, value)
+            return
+        self._known.add(key)
+        if subscription is not None:
+            subscription.registering()
+        found = self._ask(method, name, *rest, self.node_uri)
+        if method == "registerPublisher":
+            self._look_for_others(name)
+        elif subscription is not None:
+            if not isinstance(found, list) or not all(isinstance(uri, str) for uri in found):
+                raise nonsense(method)
+            subscription.registered(found)
+
+    def _look_for_others(self, topic: str) -> None:
+        """Tell of other nodes that publish the same."""
+        try:
+            publishers, _, _ = self._ask("getSystemState")
+            others = sorted({str(node) for name, nodes in publishers if name == topic for node in nodes} - {self.node})
+        except (TypeError, ValueError) as error:
+            raise nonsense("getSystemState") from error
+        shared = topic in ("/tf", "/tf_static")  # for all who know a frame
+        if others and not shared:
+            self._notes.tell(
+                f"{topic} is published by {', '.join(others)} as well; give one of the two a namespace (ros.namespace)",
+                "others",
+            )
+
+    def _choose_name(self) -> None:
+        try:
+            there = str(self._ask("lookupNode", self.node))
+            call(there, "getPid", self.node)
+        except (MasterRefusedError, MasterAwayError):
+            there = ""  # nobody of this name, or one that is gone
+        if there:
+            taken, self.node = self.node, f"{self.node}_{os.getpid()}"
+            self._notes.tell(f"a node {taken} is at the ROS master already; this one is {self.node}")
+        self._named = True
+
+    def _ask(self, method: str, *arguments: Any) -> Any:
+        return call(self.uri, method, self.node, *arguments)

@@ -1,0 +1,367 @@
+"""A node of ROS 1: see Middleware."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rosbags.serde import SerdeError
+
+from xitl_cli.plugins.ros.definitions import deserialize, from_ros1, ros1_definition, service_md5, to_ros1
+from xitl_cli.plugins.ros.discovery import Commanders
+from xitl_cli.plugins.ros.middleware import NODE_NAME, MiddlewareLosses, QosProfile
+from xitl_cli.plugins.ros.tcpros.master import SIM_TIME, Registrar, master_uri, own_host
+from xitl_cli.plugins.ros.tcpros.notes import NodeNotes
+from xitl_cli.plugins.ros.tcpros.publishing import ANY, TopicPublisher
+from xitl_cli.plugins.ros.tcpros.slave import SlaveServer
+from xitl_cli.plugins.ros.tcpros.subscribing import HEADER_S, TopicSubscriber
+from xitl_cli.plugins.ros.tcpros.wire import (
+    MOST_MESSAGE,
+    Header,
+    Ros1Type,
+    TcprosError,
+    block,
+    encode_header,
+    receive_block,
+    receive_header,
+    shut,
+)
+from xitl_cli.profile.schema.ros import RosSpec
+
+MOST_CONNECTIONS, MOST_OF_HOST = 256, 64
+"""At once, of all hosts and of one. At the limit the connection that has been idle for longest is closed."""
+IDLE_S = 300.0
+"""After which an idle persistent call of a service is closed."""
+ANSWER_S = 15.0
+ACCEPT_AGAIN_S = 0.1
+DESCRIPTION = "robot_description"
+
+
+def ros1_name(type_name: str) -> str:
+    """`sensor_msgs/Imu` of `sensor_msgs/msg/Imu`."""
+    return type_name.replace("/msg/", "/").replace("/srv/", "/")
+
+
+def ros1_type(type_name: str) -> Ros1Type:
+    """Of a type as ROS 2 names it."""
+    definition, md5 = ros1_definition(type_name)
+    return Ros1Type(ros1_name(type_name), md5, definition)
+
+
+class PeerConnection:
+    """A connection to our port. idle_since_s: since when the peer has sent nothing; None while it waits for us."""
+
+    def __init__(self, end: socket.socket, host: str, port: int) -> None:
+        self.end, self.host = end, host
+        self.name = f"{host}:{port}"
+        self.idle_since_s: float | None = time.monotonic()
+
+    def close(self) -> None:
+        shut(self.end)
+
+
+class ServiceCall:
+    """One request that waits for its answer."""
+
+    def __init__(self, request: bytes) -> None:
+        self.request = request
+        self.answered = threading.Event()
+        self.given_up = False
+        self.response: bytes | None = None
+        self.error = "nobody answered in time"
+
+
+class OfferedService:
+    """type_name: `std_srvs/srv/Trigger`. answer: takes and gives CDR."""
+
+    def __init__(self, type_name: str, answer: Callable[[bytes], bytes]) -> None:
+        self.type_name = type_name
+        self.answer = answer
+        self.kind = ros1_name(type_name)
+        self.md5 = service_md5(type_name)
+
+
+class TcprosMiddleware:
+    """Publishers give out in threads of their own; messages and requests wait for `spin`."""
+
+    def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
+        uri = master_uri(spec.master or "ros1://")
+        host = own_host(uri)
+        bound = "127.0.0.1" if host in ("localhost", "127.0.0.1") else ""
+        self.name = f"ROS 1, master {uri}"
+        self._notes = NodeNotes()
+        self._commanders = Commanders(spec.commanders)
+        self._publishers: dict[str, TopicPublisher] = {}
+        self._subscribers: dict[str, TopicSubscriber] = {}
+        self._services: dict[str, OfferedService] = {}
+        self._inbox: deque[Callable[[], None]] = deque()
+        self._arrived = threading.Condition()
+        self._connections: set[PeerConnection] = set()
+        self._closed = False
+        self._host = host
+        self._listener = socket.create_server((bound, 0))
+        self._port: int = self._listener.getsockname()[1]
+        node = "/".join(part for part in (spec.namespace.strip("/"), node_name) if part)
+        self._registrar = Registrar(uri, f"/{node}", self._notes)
+        self._registrar.set_parameter(SIM_TIME, True)
+        self._slave = SlaveServer(host, bound, self, uri)
+        self._registrar.start(self._slave.uri)
+        threading.Thread(target=self._accept, name="tcpros", daemon=True).start()
+
+    @property
+    def node(self) -> str:
+        """Its name at the master."""
+        return self._registrar.node
+
+    def losses(self) -> MiddlewareLosses:
+        """See Middleware."""
+        return MiddlewareLosses(dict(self._notes.dropped), dict(self._notes.refused))
+
+    def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
+        """See Middleware. What is published on robot_description is a parameter of the same name as well."""
+        latching = qos.durability == "transient_local"
+        kind = ros1_type(type_name)
+        publisher = self._publishers[topic] = TopicPublisher(topic, kind, latching, qos.depth, self._notes)
+        self._registrar.add_publisher(topic, kind.name)
+        described = topic.rpartition("/")[2] == DESCRIPTION and type_name == "std_msgs/msg/String"
+
+        def publish(cdr: bytes) -> None:
+            if publisher.wanted:
+                publisher.publish(to_ros1(cdr, type_name))
+            if described:
+                self._registrar.set_parameter(topic, str(deserialize(cdr, type_name).data))
+
+        return publish
+
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+        """See Middleware. Of messages that wait more than `qos.depth` the oldest are dropped, and counted."""
+        waiting: deque[bytes] = deque()
+
+        def handle() -> None:
+            with self._arrived:
+                data = waiting.popleft() if waiting else None
+            if data is not None:
+                self._handle(topic, type_name, data, take)
+
+        def arrive(data: bytes) -> None:
+            with self._arrived:
+                waiting.append(data)
+                if len(waiting) > qos.depth:
+                    waiting.popleft()
+                    self._notes.drop(topic)
+                else:
+                    self._inbox.append(handle)
+                self._arrived.notify()
+
+        kind = ros1_type(type_name)
+        subscriber = TopicSubscriber(
+            topic, kind, arrive, lambda: self._registrar.node, self._notes, self._commanders.listed
+        )
+        self._subscribers[topic] = subscriber
+        self._registrar.add_subscriber(topic, kind.name, subscriber)
+
+    def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
+        """See Middleware."""
+        self._services[service] = OfferedService(type_name, answer)
+        self._registrar.add_service(service, f"rosrpc://{self._host}:{self._port}")
+
+    def spin(self, timeout_s: float) -> None:
+        """See Middleware."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: self._inbox, timeout_s)
+            due = list(self._inbox)
+            self._inbox.clear()
+        for handle in due:
+            handle()
+
+    def problems(self) -> list[str]:
+        """See Middleware."""
+        return self._notes.sentences()
+
+    def close(self) -> None:
+        """See Middleware."""
+        if self._closed:
+            return
+        self._closed = True
+        self._registrar.stop()
+        self._slave.stop()
+        self._stop_talking()
+
+    # What the Slave API asks: see SlaveNode
+
+    def publications(self) -> list[tuple[str, str]]:
+        return [(each.topic, each.kind.name) for each in tuple(self._publishers.values())]
+
+    def subscriptions(self) -> list[tuple[str, str]]:
+        return [(each.topic, each.kind.name) for each in tuple(self._subscribers.values())]
+
+    def connections(self) -> list[tuple[str, str, str]]:
+        out = [(peer, "o", each.topic) for each in tuple(self._publishers.values()) for peer in each.peers]
+        return out + [(peer, "i", each.topic) for each in tuple(self._subscribers.values()) for peer in each.peers]
+
+    def place_of(self, topic: str) -> tuple[str, int] | None:
+        return (self._host, self._port) if topic in self._publishers else None
+
+    def set_publishers(self, topic: str, uris: list[str]) -> None:
+        if topic in self._subscribers and not self._closed:
+            self._subscribers[topic].set_publishers(uris)
+
+    def asked_to_stop(self, reason: str) -> None:
+        self._notes.tell(
+            f"the ROS master has the node stop ({reason or 'no reason given'}); the run goes on without it"
+        )
+        self._closed = True
+        self._registrar.stop(leave=False)
+        self._stop_talking()
+        threading.Thread(target=self._slave.stop, daemon=True).start()  # not from a thread of its own
+
+    def _stop_talking(self) -> None:
+        shut(self._listener)
+        for subscriber in self._subscribers.values():
+            subscriber.close()
+        for publisher in self._publishers.values():
+            publisher.close()
+        for connection in tuple(self._connections):
+            connection.close()
+
+    # Connections of others, for topics and services
+
+    def _accept(self) -> None:
+        while not self._closed:
+            try:
+                connection, place = self._listener.accept()
+            except OSError:  # also of one that was gone again, or of too many open files
+                if not self._closed:
+                    time.sleep(ACCEPT_AGAIN_S)
+                continue
+            peer = PeerConnection(connection, *place[:2])
+            if not self._has_room(peer.host):
+                peer.close()
+                continue
+            self._connections.add(peer)
+            threading.Thread(target=self._greet, args=(peer,), name="tcpros peer", daemon=True).start()
+
+    def _has_room(self, host: str) -> bool:
+        """Whether a connection of the host may be added; closes the one that is idle for longest to make room."""
+        of_host = [peer for peer in tuple(self._connections) if peer.host == host]
+        limits = ((of_host, MOST_OF_HOST, f" of {host}"), (list(self._connections), MOST_CONNECTIONS, ""))
+        for peers, most, whose in limits:
+            if len(peers) < most:
+                continue
+            idle = [(since_s, peer) for peer in peers if (since_s := peer.idle_since_s) is not None]
+            if not idle:
+                self._notes.refuse("connections", f"more than {most} connections{whose} at once are refused")
+                return False
+            _, longest = min(idle, key=lambda one: one[0])
+            text = f"more than {most} connections{whose} at once: that of {longest.name}, idle for longest, is closed"
+            self._notes.refuse("connections", text)
+            self._connections.discard(longest)
+            longest.close()
+        return True
+
+    def _greet(self, peer: PeerConnection) -> None:
+        """Find out what the peer wants."""
+        asked: Header = {}
+        try:
+            peer.end.settimeout(HEADER_S)
+            peer.end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            asked = receive_header(peer.end)
+            if "service" in asked:
+                self._serve(peer, asked)
+            elif (topic := asked.get("topic", "")) in self._publishers:
+                self._publishers[topic].accept(peer.end, asked, self.node)
+                self._connections.discard(peer)  # the publisher's from here on
+                return
+            else:
+                raise TcprosError(f"it asked for the topic {topic!r}, which is not published here")
+        except TcprosError as error:
+            ours = (*self._publishers, *self._services)
+            about = next((name for key in ("topic", "service") if (name := asked.get(key)) in ours), "connections")
+            self._notes.refuse(about, f"{about}: the peer at {peer.name} is refused: {error}")
+            with contextlib.suppress(OSError):
+                peer.end.sendall(encode_header({"error": str(error)}))
+        except OSError:
+            pass
+        self._connections.discard(peer)
+        peer.close()
+
+    def _serve(self, peer: PeerConnection, asked: Header) -> None:
+        """Answer requests until the peer closes or is idle for too long, or one where it does not ask for more."""
+        service = self._services.get(asked["service"])
+        if service is None:
+            raise TcprosError(f"it asked for the service {asked['service']!r}, which is not offered here")
+        kind = service.kind
+        if asked.get("md5sum") not in (ANY, service.md5):
+            raise TcprosError(f"it called it as {asked.get('type', 'another type')}, it is {kind}")
+        probe, persistent = (asked.get(key) == "1" for key in ("probe", "persistent"))
+        if not probe and not self._commanders.listed(asked.get("callerid")):
+            raise TcprosError(f"{asked.get('callerid', 'a node without a name')} is not in ros.commanders")
+        peer.end.sendall(
+            encode_header(
+                {
+                    "callerid": self.node,
+                    "md5sum": service.md5,
+                    "request_type": f"{kind}Request",
+                    "response_type": f"{kind}Response",
+                    "service": asked["service"],
+                    "type": kind,
+                }
+            )
+        )
+        if probe:
+            return
+        peer.end.settimeout(IDLE_S if persistent else HEADER_S)
+        while (request := self._next_request(peer, asked["service"])) is not None:
+            peer.end.sendall(self._response(service, request))
+            if not persistent:
+                return
+
+    def _next_request(self, peer: PeerConnection, service: str) -> bytes | None:
+        """None where the peer has closed, or has asked for nothing for too long."""
+        peer.idle_since_s = time.monotonic()
+        try:
+            return receive_block(peer.end, MOST_MESSAGE)
+        except TimeoutError:
+            self._notes.refuse(service, f"{service}: the connection of {peer.name} was idle for too long and is closed")
+            return None
+        finally:
+            peer.idle_since_s = None
+
+    def _response(self, service: OfferedService, request: bytes) -> bytes:
+        """On the wire."""
+        waiting = ServiceCall(request)
+        with self._arrived:
+            self._inbox.append(partial(self._answer, service, waiting))
+            self._arrived.notify()
+        waiting.given_up = not waiting.answered.wait(ANSWER_S)
+        response = waiting.response
+        good = response is not None
+        return bytes([good]) + block(waiting.error.encode() if response is None else response)
+
+    def _answer(self, service: OfferedService, waiting: ServiceCall) -> None:
+        if waiting.given_up:  # the peer was told so
+            return
+        try:
+            request = from_ros1(waiting.request, f"{service.type_name}_Request")
+            waiting.response = to_ros1(service.answer(request), f"{service.type_name}_Response")
+        except MALFORMED as error:
+            waiting.error = f"the request is none of {service.kind} ({type(error).__name__})"
+        finally:
+            waiting.answered.set()
+
+    def _handle(self, topic: str, type_name: str, data: bytes, take: Callable[[bytes], None]) -> None:
+        try:
+            cdr = from_ros1(data, type_name)
+        except MALFORMED:
+            self._notes.refuse(topic, f"{topic}: a message of {len(data)} bytes is none of {ros1_name(type_name)}")
+            return
+        take(cdr)
+
+
+MALFORMED: tuple[Any, ...] = (SerdeError, ValueError, IndexError, AssertionError)

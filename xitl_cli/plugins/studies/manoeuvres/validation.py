@@ -1,0 +1,364 @@
+"""A vessel's manoeuvres beside their references: published figures and closed forms, each with the error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from operator import ge
+
+import numpy as np
+
+from sim_core.environment.spec import GRAVITY_MPS2, Water
+from sim_core.frames import Array
+from sim_core.vessel.spec import VesselSpec, Windage
+from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
+from xitl_cli.plugins.studies.manoeuvres import closed_forms
+from xitl_cli.plugins.studies.manoeuvres.closed_forms import HorizontalMotion, HorizontalRun, LinearSeakeeping
+from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG
+from xitl_cli.plugins.studies.manoeuvres.measures import decay, turning_circle, zig_zag
+from xitl_cli.plugins.studies.manoeuvres.published import (
+    FIGURES,
+    RUNS,
+    RUNS_S,
+    RUNS_WATER_KGPM3,
+    SAME_HEADING_DEG,
+    SAME_MODEL,
+)
+from xitl_cli.plugins.studies.manoeuvres.station import ESTIMATE_M, loiter_radius_m, station_keeping
+from xitl_cli.plugins.studies.manoeuvres.trials import (
+    APPROACH_THROTTLE,
+    LONGEST_S,
+    RELEASES,
+    SPIRAL_DEG,
+    SWINGS,
+    SeaTrials,
+    SteeringOrder,
+    TurnOrder,
+    ZigZagOrder,
+    turning_figures,
+    wave_numbers,
+    zig_zag_figures,
+)
+from xitl_cli.plugins.studies.manoeuvres.vessel_check import afloat_facts
+from xitl_cli.profile.schema.agents import AutopilotSpec
+
+ARCHIMEDES = "closed form: Archimedes and the second moments of the waterline"
+LINEAR = "closed form: linear equations of motion with the waterline's stiffness"
+SURGE_ALONE = "closed form: the equation of surge alone, level"
+HORIZONTAL = "equations of surge, sway and yaw alone, integrated on their own"
+STRIPS = "closed form: linear strip theory of relative motion"
+LONG_WAVES = "limit: a vessel follows waves that are long beside it (Newman 1977, ch. 6)"
+MIRRORED = "the same to the other side"
+LOITER = "LOIT_RADIUS of the embedded autopilot, which it keeps to by its own estimate"
+
+OF_WATERLINE, OF_BM, OF_LENGTH = 0.01, 0.02, 0.05
+"""To the fineness of the strips, which blunt a hull's ends; n of them leave out 1 / n2 of the longitudinal moment."""
+OF_PERIOD, OF_RATIO = 0.02, 0.10
+"""Lift is not quite linear in depth, and some damping grows with speed: neither is in the linear problem."""
+OF_SURGE = 0.05
+"""The vessel trims, which the equation of surge alone does not know."""
+OF_TURN, OF_DRIFT_DEG = 0.03, 0.5
+OF_ZIG_ZAG, OF_OVERSHOOT_DEG = 0.05, 0.5
+"""Reversals are noticed at samples, within which a boat turns by half a degree."""
+OF_MIRROR = 0.005
+OF_RESPONSE = 0.05
+"""Of amplitude or slope, and of the response where it is more: strips of a fifth of the length blur short waves.
+
+In roll, near resonance, what the tolerance of the waterline makes of it comes on top.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class FigureReference:
+    """What a figure should be, how far it may be off, in its own unit, and who says so."""
+
+    value: float
+    allowed: float
+    source: str
+    disputed: str = ""
+    at_most: bool = False
+    """Whether it may be less by any amount."""
+
+
+@dataclass(frozen=True, slots=True)
+class ValidatedFigure:
+    """One of a manoeuvre beside its reference, where there is one. value: None where it was not reached."""
+
+    manoeuvre: str
+    key: str
+    label: str
+    unit: str
+    value: float | None
+    reference: FigureReference | None
+
+    @property
+    def error(self) -> float | None:
+        """Less the reference."""
+        return None if self.value is None or self.reference is None else self.value - self.reference.value
+
+    @property
+    def agrees(self) -> bool | None:
+        """None where nothing is published, or what is published is disputed."""
+        if self.reference is None or self.reference.disputed:
+            return None
+        error = self.error
+        if error is None:
+            return False
+        return (error if self.reference.at_most else abs(error)) <= self.reference.allowed
+
+    @property
+    def error_text(self) -> str:
+        """As a share where that says something."""
+        if (error := self.error) is None or self.reference is None:
+            return ""
+        if self.reference.at_most and error <= 0:
+            return "within"
+        if self.unit in ("", "deg") or abs(self.reference.value) < 1e-6:
+            return f"{error:+.3f}" if not self.unit else f"{error:+.2f} {self.unit}"
+        return f"{100 * error / abs(self.reference.value):+.1f} %"
+
+
+@dataclass(frozen=True, slots=True)
+class VesselValidation:
+    """sections: with their plots, by key; figures in their order."""
+
+    vehicle: str
+    steered_by: str
+    sections: tuple[Section, ...]
+    figures: tuple[ValidatedFigure, ...]
+
+    @property
+    def differing(self) -> tuple[ValidatedFigure, ...]:
+        """Those that have a reference and are off it by more than is allowed."""
+        return tuple(figure for figure in self.figures if figure.agrees is False)
+
+
+def validate_vessel(
+    model: VesselSpec,
+    name: str,
+    water: Water | None = None,
+    autopilot: AutopilotSpec | None = None,
+    told: Callable[[str], None] = lambda _: None,
+) -> VesselValidation:
+    """name: under which figures are published. autopilot: for station keeping. told: is called with each manoeuvre.
+
+    Raises ValueError for a vessel that does not float upright.
+    """
+    water = water or Water()
+    told("afloat")
+    trials = SeaTrials(model, water)
+    sections = [Section("afloat", "Afloat at rest", tuple(afloat_facts(trials.rest)))]
+    if RUNS.get(name):
+        told("published runs")
+        sections.append(_published_runs(model, name))
+    for section in trials.sections():
+        told(section.title.lower())
+        sections.append(section)
+    told("station keeping")
+    top_mps = next(float(fact.value or 0.0) for one in sections for fact in one.facts if fact.key == "top_speed_mps")
+    sections.append(station_keeping(model, autopilot, water, top_mps, trials.rest.forward_n))
+    values = {
+        fact.key: float(fact.value)  # numpy's own numbers are no numbers for JSON
+        for section in sections
+        for fact in section.facts
+        if isinstance(fact.value, int | float) and not isinstance(fact.value, bool)
+    }
+    theory = _Theory(trials, values)
+    turning_m = 0.0 if trials.helm.by == "difference of thrust" else model.length_m  # others need room to turn round
+    theory.limit("station_radius_m", loiter_radius_m(autopilot), ESTIMATE_M + turning_m, LOITER)
+    sections = [theory.drawn(section) for section in sections]
+    published = {figure.key: figure for figure in FIGURES.get(name, ())}
+    figures: list[ValidatedFigure] = []
+    for section in sections:
+        for fact in section.facts:
+            references: list[FigureReference | None] = [*theory.references(fact.key), *_of_runs(name, fact.key)]
+            if (one := published.get(fact.key)) is not None:
+                references.append(FigureReference(one.value, one.tolerance * one.value, one.source, one.disputed))
+            value = values.get(fact.key)
+            figures += [
+                ValidatedFigure(section.title, fact.key, fact.label, fact.unit, value, reference)
+                for reference in references or [None]
+            ]
+    return VesselValidation(name, trials.helm.by, tuple(sections), tuple(figures))
+
+
+def _published_runs(model: VesselSpec, name: str) -> Section:
+    """In the published models' water, and without air."""
+    runs = RUNS[name]
+    trials = SeaTrials(replace(model, wind=Windage()), Water(density_kgpm3=RUNS_WATER_KGPM3[name]))
+    track = trials.runs([run.commands for run in runs], RUNS_S)
+    facts, traces = [], []
+    for vessel, run in enumerate(runs):
+        u, v, *_, r = track.velocity_frd[-1, vessel]
+        turned = track.euler_rad[:, vessel, 2] - track.euler_rad[0, vessel, 2]
+        heading = float(np.degrees(np.interp(10.0, track.time_s, turned)))
+        facts += [
+            Fact(f"run_{vessel}_surge_mps", f"surge, {run.name}", float(u), "m/s"),
+            Fact(f"run_{vessel}_sway_mps", f"sway, {run.name}", float(v), "m/s"),
+            Fact(f"run_{vessel}_rate_degps", f"rate of turn, {run.name}", math.degrees(r), "deg/s"),
+            Fact(f"run_{vessel}_heading_deg", f"heading after 10 s, {run.name}", heading, "deg"),
+        ]
+        traces.append(Trace(run.name, track.pos_ned_m[:, vessel, 1], track.pos_ned_m[:, vessel, 0]))
+    plot = Plot("runs", "Ways from rest, port and starboard propeller", "north (m)", tuple(traces), "map", "east (m)")
+    return Section("runs", "Published runs", tuple(facts), plots=(plot,))
+
+
+def _of_runs(name: str, key: str) -> Iterator[FigureReference]:
+    for number, run in enumerate(RUNS.get(name, ())):
+        for what, value, allowed in (
+            ("surge_mps", run.surge_mps, SAME_MODEL * abs(run.surge_mps)),
+            ("sway_mps", run.sway_mps, max(SAME_MODEL * abs(run.sway_mps), 1e-3)),
+            ("rate_degps", run.rate_degps, max(SAME_MODEL * abs(run.rate_degps), 0.05)),
+            ("heading_deg", run.heading_10_s_deg, SAME_HEADING_DEG),
+        ):
+            if key == f"run_{number}_{what}":
+                yield FigureReference(value, allowed, run.source)
+
+
+class _Theory:
+    """Closed forms of a vessel's figures. values: those measured, from which equations are solved on."""
+
+    def __init__(self, trials: SeaTrials, values: dict[str, float]) -> None:
+        self._found: dict[str, list[FigureReference]] = {}
+        self._curves: dict[str, Trace] = {}
+        self._trials, self._values = trials, values
+        model, water, rest = trials.model, trials.water, trials.rest
+        hydrodynamics = trials.simulation.vessel.hydrodynamics
+        stiffness = np.zeros((6, 6))
+        self._small = LinearSeakeeping(rest.about.mass, hydrodynamics.added_mass, rest.about.damping, stiffness)
+        if (afloat := closed_forms.waterline(model, water)) is not None:
+            stiffness[2:5, 2:5] = afloat.stiffness
+            self._add("draft_m", afloat.draft_m, OF_WATERLINE * afloat.draft_m, ARCHIMEDES)
+            self._add("trim_deg", math.degrees(afloat.trim_rad), 0.1, ARCHIMEDES)
+            self._add("gm_transverse_m", afloat.gm_transverse_m, OF_BM * afloat.bm_transverse_m, ARCHIMEDES)
+            self._add("gm_longitudinal_m", afloat.gm_longitudinal_m, OF_LENGTH * afloat.gm_longitudinal_m, ARCHIMEDES)
+            for axis, (name, _, _) in RELEASES.items():
+                modes = rest.modes.values()
+                time_s = np.arange(0.0, SWINGS * max(mode.period_s for mode in modes), trials.step_s)
+                if (found := decay(time_s, self._small.released(axis, time_s))) is not None:
+                    off = OF_PERIOD + (
+                        0.5 * OF_BM * afloat.bm_transverse_m / afloat.gm_transverse_m if axis == 3 else 0.0
+                    )
+                    self._add(f"{name}_period_s", found.period_s, off * found.period_s, LINEAR)
+                    self._add(f"{name}_damping_ratio", found.damping_ratio, OF_RATIO * found.damping_ratio, LINEAR)
+            self._waves(afloat)
+        self._straight()
+        self._turns()
+
+    def references(self, key: str) -> list[FigureReference]:
+        """Of a figure; none where theory has nothing to say."""
+        return self._found.get(key, [])
+
+    def limit(self, key: str, value: float, allowed: float, source: str) -> None:
+        """What a figure may not be above."""
+        self._found.setdefault(key, []).append(FigureReference(value, allowed, source, at_most=True))
+
+    def drawn(self, section: Section) -> Section:
+        """With what theory has to be drawn beside what was measured."""
+        plots = tuple(
+            replace(plot, traces=(*plot.traces, self._curves[plot.key])) if plot.key in self._curves else plot
+            for plot in section.plots
+        )
+        return replace(section, plots=plots)
+
+    def _add(self, key: str, value: float, allowed: float, source: str) -> None:
+        if math.isfinite(value):
+            self._found.setdefault(key, []).append(FigureReference(float(value), float(allowed), source))
+
+    def _straight(self) -> None:
+        trials, surge = self._trials, closed_forms.surge_run
+        model, water = trials.model, trials.water
+        propellers = len(model.propellers)
+
+        def fractions(throttle: float) -> Array:
+            return trials.helm.command(throttle)[:propellers]
+
+        still, full, approach, astern = (fractions(throttle) for throttle in (0.0, 1.0, APPROACH_THROTTLE, -1.0))
+        top = closed_forms.steady_speed_mps(model, water, full)
+        at_first = closed_forms.steady_speed_mps(model, water, approach)
+        self._add("top_speed_mps", top, OF_SURGE * top, SURGE_ALONE)
+        self._add("approach_speed_mps", at_first, OF_SURGE * at_first, SURGE_ALONE)
+        to_speed_s, _ = surge(model, water, still, full, 0.0, lambda speed: speed >= 0.95 * top)
+        self._add("time_to_95_percent_s", to_speed_s, OF_SURGE * to_speed_s, SURGE_ALONE)
+        for key, wanted, left in (("crash_stop", astern, 0.0), ("coasting", still, 0.1)):
+            least = left * at_first
+            time_s, way_m = surge(model, water, approach, wanted, at_first, partial(ge, least))
+            self._add(f"{key}_time_s", time_s, OF_SURGE * time_s, SURGE_ALONE)
+            self._add(f"{key}_track_reach_m", way_m, OF_SURGE * way_m, SURGE_ALONE)
+
+    def _turns(self) -> None:
+        trials, values = self._trials, self._values
+        if trials.helm.by not in ("difference of thrust", "gear"):
+            return
+        motion = HorizontalMotion(trials.model, trials.water, self._small)
+        straight = trials.helm.command(APPROACH_THROTTLE)
+        speed = closed_forms.steady_speed_mps(trials.model, trials.water, motion.wanted(straight)[0])
+        for angle in (angle for angle in SPIRAL_DEG if angle > 0):
+            key = f"spiral_at_{angle:.0f}_degps"
+            guess = (speed, -0.1 * speed, math.radians(values.get(key, 10.0)))  # which of several turns it is
+            if (found := motion.steady(trials.helm.command(APPROACH_THROTTLE, angle), guess)) is not None:
+                degps = math.degrees(found[2])
+                self._add(key, degps, OF_TURN * abs(degps), HORIZONTAL)
+
+        def sailed(order: SteeringOrder, step_s: float) -> HorizontalRun:
+            def command(angle: float) -> Array:
+                return trials.helm.command(APPROACH_THROTTLE, angle)
+
+            return motion.run(straight, speed, order.steering, command, lambda: order.done, LONGEST_S, step_s)
+
+        turn = sailed(TurnOrder(FULL_STEERING_DEG), 0.05)
+        circle = turning_circle(turn.time_s, turn.north_m, turn.east_m, turn.yaw_rad, turn.velocity[:, :2])
+        for name, _, value, unit in turning_figures(circle):
+            if value is not None:
+                allowed = OF_DRIFT_DEG if unit == "deg" else OF_TURN * abs(value)
+                self._add(f"turn_starboard_{name}", value, allowed, HORIZONTAL)
+        self._curves["turning"] = Trace("theory, to starboard", turn.east_m, turn.north_m)
+        for angle in (10.0, 20.0):
+            zig = sailed(ZigZagOrder(angle), 0.02)
+            along = np.hypot(zig.velocity[:, 0], zig.velocity[:, 1])
+            try:
+                measured = zig_zag(zig.time_s, zig.yaw_rad, along, zig.steering_deg)
+            except ValueError:
+                continue
+            for name, _, value, unit in zig_zag_figures(measured, angle):
+                if value is not None:
+                    allowed = OF_OVERSHOOT_DEG + OF_TURN * abs(value) if unit == "deg" else OF_ZIG_ZAG * abs(value)
+                    self._add(name, value, allowed, HORIZONTAL)
+            heading = np.degrees(zig.yaw_rad)
+            self._curves[f"zig_zag_{angle:.0f}"] = Trace("theory", zig.time_s, heading)
+        if self._mirrored():
+            for key, value in values.items():
+                if key.startswith("turn_port_") and (other := values.get(key.replace("port", "starboard"))) is not None:
+                    other = math.copysign(other, value)
+                    self._add(key, other, OF_MIRROR * abs(other), MIRRORED)
+
+    def _mirrored(self) -> bool:
+        """Whether port and starboard are alike."""
+        model = self._trials.model
+        places = [propeller.position_frd_m[:2] for propeller in model.propellers if propeller.position_frd_m[1]]
+        paired = all((x, -y) in places for x, y in places)
+        return paired and not model.centre_of_gravity_frd_m[1] and abs(self._values.get("heel_deg", 1.0)) < 0.01
+
+    def _waves(self, afloat: closed_forms.Waterline) -> None:
+        trials = self._trials
+        wavelengths, number, omega = wave_numbers(trials.model, trials.water)
+        blunt = self._small.stiffness.copy()
+        blunt[3, 3] -= trials.model.mass_kg * GRAVITY_MPS2 * OF_BM * afloat.bm_transverse_m
+        blunter = replace(self._small, stiffness=blunt)
+        for heading, motions in (("head", (("heave", 2), ("pitch", 4))), ("beam", (("heave", 2), ("roll", 3)))):
+            theory, with_less = (
+                closed_forms.wave_theory(trials.model, trials.water, afloat, small, heading, number, omega)
+                for small in (self._small, blunter)
+            )
+            for motion, axis in motions:
+                per = 1.0 if axis == 2 else number
+                sizes, less = np.abs(theory[axis]) / per, np.abs(with_less[axis]) / per
+                key = f"{motion}_{heading}"
+                self._curves[key] = Trace("strip theory", np.array(wavelengths), sizes)
+                for ratio, size, other in zip(wavelengths, sizes.tolist(), less.tolist(), strict=True):
+                    self._add(f"{key}_{ratio:g}", size, OF_RESPONSE * max(1.0, size) + abs(other - size), STRIPS)
+                slowness = (trials.rest.modes[motion].period_s * omega.min() / (2.0 * math.pi)) ** 2
+                if slowness < 0.5 * OF_RESPONSE:  # else it swings in the longest too
+                    self._add(f"{key}_{max(wavelengths):g}", 1.0, OF_RESPONSE, LONG_WAVES)

@@ -1,0 +1,625 @@
+"""What a vessel does, from its data alone: afloat, in small motions, under way, turning and stopping; what looks wrong.
+
+Every figure is one of the simulation in still water and still air; the wind of the vessel's own speed acts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_core.environment.environment import Environment
+from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water
+from sim_core.frames import Array, matrix_to_euler
+from sim_core.simulation import Simulation
+from sim_core.vessel.spec import VesselSpec
+from xitl_cli.logs.model.sections import Fact, Severity, Value
+from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG, Helm
+from xitl_cli.plugins.studies.manoeuvres.measures import stopping, time_to_95_percent
+from xitl_cli.plugins.studies.manoeuvres.small_motion import NaturalMode, Plane, SmallMotion, small_motion
+from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spread, start, steady, still_water
+
+THROTTLES = (0.25, 0.5, 0.75, 1.0)
+_STEP_S = (0.01, 0.005, 0.0025, 0.001, 0.0005)
+"""The longest that follows the vessel's fastest motion is used: what is asked for here is slow."""
+_STEPS_PER_RADIAN = 8.0
+_LONGEST_S = 240.0
+_FULL = len(THROTTLES) - 1
+
+
+@dataclass(frozen=True, slots=True)
+class VesselFinding:
+    """What looks wrong. key: of the profile that it is about; rule: stable name for programs."""
+
+    rule: str
+    key: str
+    severity: Severity
+    sentence: str
+    next_step: str
+
+
+@dataclass(frozen=True, slots=True)
+class VesselCheck:
+    """Figures by heading, each with a stable key that ends in its unit, and what looks wrong, the worst first."""
+
+    vehicle: str
+    figures: tuple[tuple[str, tuple[Fact, ...]], ...]
+    findings: tuple[VesselFinding, ...]
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """Figures by key."""
+        return {fact.key: fact.value for _, facts in self.figures for fact in facts}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demands:
+    """What the vessel is to be used for, as far as the file says it."""
+
+    environment: EnvironmentSpec | None = None
+    mission_speed_mps: float | None = None
+    physics_rate_hz: float = 400.0
+
+
+def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselCheck:
+    """Raises ValueError, with the number that is wrong, for a vessel that does not float upright."""
+    demands = demands or Demands()
+    rest = AtRest(model, demands.environment.water if demands.environment else Water())
+    runs = _Runs(rest)
+    figures = (
+        ("Afloat at rest", tuple(afloat_facts(rest))),
+        ("Small motions about rest", tuple(_small(rest))),
+        ("Under way", tuple(_under_way(rest, runs))),
+        ("Turning at full throttle", tuple(_turning(runs))),
+        ("Stopping from top speed", tuple(_stopping(runs))),
+    )
+    values = {fact.key: fact.value for _, facts in figures for fact in facts}
+    found = [*rest_findings(rest, demands), *_way_findings(rest, demands, values)]
+    findings = sorted(found, key=lambda finding: -finding.severity)
+    return VesselCheck(model.name, figures, tuple(findings))
+
+
+class AtRest:
+    """A vessel that floats, and small motions about that. Raises ValueError where it does not, or does not upright."""
+
+    def __init__(self, model: VesselSpec, water: Water) -> None:
+        self.model, self.water = model, water
+        self.environment = still_water(Environment(water=water))
+        finest = Simulation.from_spec(model, self.environment, _STEP_S[-1])
+        self.state = start(finest, 1).vessel
+        self.about: SmallMotion = small_motion(finest, self.state)
+        self.modes = {mode.name: mode for mode in self.about.modes()}
+        self.floating = finest.vessel.rest
+        self.added_mass = np.diag(finest.vessel.hydrodynamics.added_mass)
+        self.helm = Helm.from_spec(model)
+        thrusts = [propeller.static_thrust_n(water.density_kgpm3) for propeller in model.propellers]
+        self.full_n: tuple[Array, Array] = tuple(np.array(thrusts).T)  # (P,) ahead and (P,) astern of each
+        self.forward_n, self.reverse_n = (float(np.abs(self.helm.ahead) @ full) for full in self.full_n)
+
+        def drag_n(velocity: Array) -> Array:
+            """(N, 6) force of the water against (N, 6) velocities, at the depth of rest."""
+            hydrodynamics = finest.vessel.hydrodynamics
+            force: Array = np.concatenate(hydrodynamics.terms(velocity), axis=1) @ hydrodynamics.wrench
+            return -force
+
+        self.drag_n = drag_n
+
+    @property
+    def step_s(self) -> float:
+        """The longest that follows its fastest motion."""
+        most = 1.0 / (_STEPS_PER_RADIAN * self.about.fastest_radps)
+        return next((dt_s for dt_s in _STEP_S if dt_s <= most), _STEP_S[-1])
+
+
+class _Runs:
+    """All runs of a check: to speed at several throttles and astern, then turns and stops from full speed."""
+
+    def __init__(self, afloat: AtRest) -> None:
+        helm, simulation = afloat.helm, Simulation.from_spec(afloat.model, afloat.environment, afloat.step_s)
+        spot = helm.spot_turn(*afloat.full_n)
+        self.turns_on_the_spot = bool(np.any(spot))
+        others = [helm.command(-1.0), spot]
+
+        def ahead(_time_s: float, now: Instant) -> Array:
+            """The several throttles ahead on a straight course, then the others."""
+            yaw, rate = now.euler_rad[:, 2], now.velocity_frd[:, 5]
+            rows = [helm.straight(throttle, yaw[row], rate[row]) for row, throttle in enumerate(THROTTLES)]
+            return np.array([*rows, *others])
+
+        vessels = len(THROTTLES) + len(others)
+        at_rest = start(simulation, vessels, spread(afloat.state, [0] * vessels))
+        reached, self.ahead = sail(simulation, at_rest, ahead, _LONGEST_S, until=steady)
+        self.at_speed = [small_motion(simulation, reached.vessel, vessel) for vessel in range(len(THROTTLES))]
+
+        full_ahead = start(simulation, 2, spread(reached.vessel, [_FULL, _FULL]))
+        turning = np.array([helm.command(1.0, angle) for angle in (FULL_STEERING_DEG, -FULL_STEERING_DEG)])
+        self.turns: Track | None = None
+        if helm.by != "nothing":
+            _, self.turns = sail(simulation, full_ahead, lambda _t, _m: turning, _LONGEST_S, until=_turned)
+        stopping = np.array([helm.command(-1.0), helm.command(0.0)])
+        _, self.stops = sail(simulation, full_ahead, lambda _t, _m: stopping, _LONGEST_S, until=_stopped, look_s=1.0)
+
+
+def _turned(track: Track) -> bool:
+    """Once round, and steady."""
+    return bool(np.all(np.abs(track.euler_rad[-1, :, 2] - track.euler_rad[0, :, 2]) > 2 * np.pi)) and steady(track)
+
+
+def _stopped(track: Track) -> bool:
+    """The one astern has stopped, the other is down to a tenth."""
+    along = track.velocity_frd[:, :, 0]
+    return bool(along[-1, 0] <= 0.0 and along[-1, 1] <= 0.1 * along[0, 1])
+
+
+def afloat_facts(rest: AtRest) -> Iterator[Fact]:
+    """Draft, freeboard, trim, heel and metacentric heights."""
+    model, motion = rest.model, rest.state.motion
+    rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
+    keels = np.array([hull.keel_frd_m for hull in model.demi_hulls])
+    drafts = keels @ rotation[2] + depth_m
+    decks = np.array([hull.height_m for hull in model.demi_hulls]) * rotation[2, 2]
+    roll, pitch, _ = np.degrees(matrix_to_euler(rotation)).tolist()
+    yield Fact("displacement_kg", "displacement", model.mass_kg, "kg")
+    yield Fact("draft_m", "draft amidships", _rounded(drafts.max()), "m")
+    yield Fact("freeboard_m", "freeboard amidships", _rounded((decks - drafts).min()), "m")
+    yield Fact("trim_deg", "trim, bow up positive", _rounded(pitch), "deg")
+    yield Fact("heel_deg", "heel, to starboard positive", _rounded(roll), "deg")
+    yield Fact("gm_transverse_m", "metacentric height, transverse", _rounded(rest.floating.gm_transverse_m), "m")
+    yield Fact("gm_longitudinal_m", "metacentric height, longitudinal", _rounded(rest.floating.gm_longitudinal_m), "m")
+
+
+def _small(rest: AtRest) -> Iterator[Fact]:
+    for name in ("heave", "roll", "pitch"):
+        mode: NaturalMode = rest.modes[name]
+        yield Fact(f"{name}_period_s", f"{name}, natural period", _rounded(mode.period_s), "s")
+        yield Fact(f"{name}_damping_ratio", f"{name}, damping ratio", _rounded(mode.damping_ratio), "")
+    drag, mass = rest.about.damping, rest.about.mass
+    for axis, name in ((0, "surge"), (1, "sway"), (5, "yaw")):
+        constant = mass[axis, axis] / drag[axis, axis] if drag[axis, axis] > 0 else None
+        yield Fact(f"{name}_time_constant_s", f"{name}, time constant", _rounded(constant), "s")
+
+
+def _under_way(rest: AtRest, runs: _Runs) -> Iterator[Fact]:
+    track, full = runs.ahead, _FULL
+    speeds = [float(speed) for speed in track.velocity_frd[-1, :, 0]]
+    top = speeds[full]
+    per_froude = math.sqrt(GRAVITY_MPS2 * rest.model.length_m)
+    weight_n = rest.model.mass_kg * GRAVITY_MPS2
+    yield Fact("thrust_n", "full thrust ahead at rest", _rounded(rest.forward_n), "N")
+    yield Fact("thrust_to_weight", "thrust over weight", _rounded(rest.forward_n / weight_n), "")
+    yield Fact("top_speed_mps", "top speed", _rounded(top), "m/s")
+    yield Fact("top_speed_froude", "Froude number at top speed", _rounded(top / per_froude), "")
+    for throttle, speed in zip(THROTTLES[:full], speeds, strict=False):
+        name = f"{round(100 * throttle)}"
+        yield Fact(f"speed_at_{name}_percent_mps", f"speed at {name} % throttle", _rounded(speed), "m/s")
+    astern = -float(track.velocity_frd[:, full + 1, 0].min())  # before an unstable course is lost
+    yield Fact("astern_speed_mps", "top speed astern", _rounded(astern), "m/s")
+    time_s = time_to_95_percent(track.time_s, track.velocity_frd[:, full, 0], top) if top > 0 else None
+    yield Fact("time_to_95_percent_s", "time to 95 % of top speed", _rounded(time_s), "s")
+    yield Fact("trim_at_top_speed_deg", "trim there", _rounded(math.degrees(track.euler_rad[-1, full, 1])), "deg")
+    stabilities: tuple[tuple[Plane, str, str], ...] = (
+        ("across", "course_stability", "course"),
+        ("upright", "trim_stability", "trim"),
+    )
+    for plane, key, label in stabilities:
+        grows = [speed for speed, motion in zip(speeds, runs.at_speed, strict=False) if motion.growth(plane) > 1e-4]
+        text = f"unstable from {min(grows):.2f} m/s" if grows else "stable at all speeds"
+        yield Fact(key, f"{label}, actuators held", text)
+
+
+def _turning(runs: _Runs) -> Iterator[Fact]:
+    if (track := runs.turns) is not None:
+        for vessel, side in enumerate(("starboard", "port")):
+            one = track[vessel]
+            rate = float(one.velocity_frd[-1, 0, 5])
+            speed = float(one.speed_mps[-1, 0])
+            diameter = 2.0 * speed / abs(rate) if abs(rate) > 1e-4 else None
+            yield Fact(
+                f"turn_rate_{side}_degps", f"steady rate of turn to {side}", _rounded(math.degrees(rate)), "deg/s"
+            )
+            yield Fact(f"turn_diameter_{side}_m", f"steady diameter to {side}", _rounded(diameter), "m")
+        heel = np.degrees(track.euler_rad[:, :, 0])
+        most = float(heel.flat[np.abs(heel).argmax()])
+        yield Fact("turn_speed_mps", "speed in the steady turn", _rounded(float(track.speed_mps[-1, 0])), "m/s")
+        yield Fact("turn_heel_deg", "most heel on the way in", _rounded(abs(most)), "deg")
+    if runs.turns_on_the_spot:
+        rate = math.degrees(float(runs.ahead.velocity_frd[-1, -1, 5]))
+        yield Fact("spot_turn_rate_degps", "steady rate of turn on the spot", _rounded(rate), "deg/s")
+
+
+def _stopping(runs: _Runs) -> Iterator[Fact]:
+    track = runs.stops
+    for vessel, left, name, text, until in (
+        (0, 0.0, "crash_stop", "full astern", "until it stands"),
+        (1, 0.1, "coasting", "propellers stopped", "until a tenth is left"),
+    ):
+        north, east = track.pos_ned_m[:, vessel, :2].T
+        found = stopping(track.time_s, north, east, track.velocity_frd[:, vessel, 0], left)
+        yield Fact(f"{name}_distance_m", f"{text}, distance {until}", _rounded(found.track_reach_m), "m")
+        yield Fact(f"{name}_time_s", f"{text}, time", _rounded(found.time_s), "s")
+
+
+def _rounded(value: float | None) -> float | None:
+    """To four digits: more would be noise of the steps. None for what is no number."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.4g}") + 0.0
+
+
+def rest_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
+    """What can be seen without a run."""
+    yield from _afloat_findings(rest)
+    yield from _body_findings(rest)
+    yield from _place_findings(rest)
+    yield from _small_findings(rest, demands)
+
+
+def _wrong(rule: str, key: str, sentence: str, next_step: str) -> VesselFinding:
+    return VesselFinding(rule, key, Severity.WARNING, sentence, next_step)
+
+
+def _odd(rule: str, key: str, sentence: str, next_step: str) -> VesselFinding:
+    return VesselFinding(rule, key, Severity.NOTICE, sentence, next_step)
+
+
+def _number(values: dict[str, Value], key: str) -> float:
+    value = values.get(key)
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+SMALL_GM_OF_WIDTH = 0.03
+"""Merchant ships have 0.04 and more (Rawson and Tupper 2001, ch. 4), small craft several times that."""
+
+
+def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
+    model = rest.model
+    hulls = f"vehicle.{model.hulls_key}"
+    transverse = rest.floating.gm_transverse_m
+    if transverse < SMALL_GM_OF_WIDTH * model.width_m:
+        yield _wrong(
+            "stability.small",
+            "vehicle.centre_of_gravity_frd_m",
+            f"the metacentric height is {transverse:.3f} m, {100 * transverse / model.width_m:.1f} % of the width: "
+            "little wind or turning heels it far",
+            f"lower the centre of gravity, or check the width and places of {hulls}",
+        )
+    values = {fact.key: fact.value for fact in afloat_facts(rest)}
+    freeboard, height = _number(values, "freeboard_m"), min(hull.height_m for hull in model.demi_hulls)
+    if freeboard < 0.15 * height:
+        where = "under water" if freeboard < 0 else f"{100 * freeboard:.1f} cm above the water"
+        yield _wrong(
+            "deck.low",
+            "vehicle.mass_kg",
+            f"the deck is {where} at rest; what carries the vessel ends there",
+            f"check vehicle.mass_kg = {model.mass_kg:g} against the volume of {hulls}",
+        )
+    for name, text, most in (("trim_deg", "trim", 3.0), ("heel_deg", "heel", 1.0)):
+        if abs(angle := _number(values, name)) > most:
+            yield _wrong(
+                f"rest.{text}",
+                "vehicle.centre_of_gravity_frd_m",
+                f"at rest it has a {text} of {angle:.1f} degrees",
+                "move the centre of gravity over the centre of buoyancy, or the hulls under it",
+            )
+    motion = rest.state.motion
+    rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
+    for number, propeller in enumerate(model.propellers):
+        deep_m = float(np.dot(propeller.position_frd_m, rotation[2])) + depth_m
+        if propeller.medium == "air" and deep_m > 0:
+            yield _wrong(
+                "propeller.drowned",
+                f"vehicle.propellers.{number}.position_frd_m",
+                f"the air propeller {number} is {deep_m:.2f} m under water at rest",
+                "give its third coordinate a value further up (smaller), or `medium: water`",
+            )
+        elif propeller.medium == "water" and deep_m < 0:
+            yield _wrong(
+                "propeller.dry",
+                f"vehicle.propellers.{number}.position_frd_m",
+                f"the propeller {number} is {-deep_m:.2f} m above the water at rest",
+                "give its third coordinate a value further down (larger), or `medium: air`",
+            )
+    for number, rudder in enumerate(model.rudders):
+        if (deep_m := float(np.dot(rudder.position_frd_m, rotation[2])) + depth_m) < 0:
+            yield _wrong(
+                "rudder.dry",
+                f"vehicle.rudders.{number}.position_frd_m",
+                f"the rudder {number} is {-deep_m:.2f} m above the water at rest",
+                "give its third coordinate a value further down (larger)",
+            )
+
+
+GYRATION_OF_SIZE = {"x": (0.20, 0.55), "y": (0.15, 0.40), "z": (0.15, 0.45)}
+"""Radii of gyration: of the width about x, 0.33 to 0.45 for ships and more where the mass is in two hulls; of the
+length about y and z, 0.25 for ships (ITTC 7.5-02-07-02.1), and the width's share for a wide catamaran about z."""
+
+
+def _body_findings(rest: AtRest) -> Iterator[VesselFinding]:
+    model = rest.model
+    for axis, name, size_m in ((0, "x", model.width_m), (1, "y", model.length_m), (2, "z", model.length_m)):
+        least, most = GYRATION_OF_SIZE[name]
+        if name == "z":
+            most = max(most, 0.55 * math.hypot(model.length_m, model.width_m) / model.length_m)
+        radius_m = math.sqrt(model.inertia_kgm2[axis] / model.mass_kg)
+        if not least <= radius_m / size_m <= most:
+            usual = 0.5 * (least + most)
+            yield _wrong(
+                f"inertia.{name}",
+                f"vehicle.inertia_kgm2.{axis}",
+                f"the radius of gyration about {name} is {radius_m:.2f} m, {radius_m / size_m:.2f} of the "
+                f"{'width' if name == 'x' else 'length'}; hulls have {least:g} to {most:.2g}",
+                f"check it against the mass: {model.mass_kg * (usual * size_m) ** 2:.3g} kg m2 would be usual",
+            )
+    added = rest.added_mass
+    names = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+    missing = [name for name, value in zip(names, added, strict=True) if value <= 0]
+    if missing:
+        yield _wrong(
+            "added_mass.none",
+            "vehicle.added_mass",
+            f"the added mass is 0 in {_listed(missing)}, which no hull's is",
+            "a start: 5 % of the mass in surge, all of it in sway, twice it in heave, and these times the squared "
+            "levers in the moments",
+        )
+    weight_n = model.mass_kg * GRAVITY_MPS2
+    if not 0.005 <= rest.forward_n / weight_n <= 0.8:
+        yield _wrong(
+            "thrust.weight",
+            "vehicle.propellers",
+            f"all propellers ahead push with {rest.forward_n:.3g} N, {rest.forward_n / weight_n:.3g} of the "
+            "weight; boats have 0.01 to 0.5",
+            "check the thrusts, in N, and vehicle.mass_kg",
+        )
+    if model.wind.lateral_area_m2 == 0 or model.wind.frontal_area_m2 == 0:
+        yield _odd(
+            "windage.none",
+            "vehicle.wind",
+            "it has no windage: wind will not move it",
+            "give the areas above the water, from ahead and from abeam, and their coefficients",
+        )
+
+
+def _listed(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+LITTLE_DAMPING, MUCH_DAMPING = 0.05, 2.0
+"""Bare hulls at rest roll with 0.03 to 0.1 of critical damping, catamarans and hulls with skegs with 0.1 to 0.4 (Himeno
+1981; Faltinsen 2005, ch. 7)."""
+
+
+AHEAD_OF_BOW, BEHIND_STERN, OUTSIDE = 0.02, 0.25, 1.05
+"""Shares of the hulls' length, and of half their width, that propellers and rudders reach beyond the hulls' extents.
+
+Outboards hang on brackets behind the stern; nothing hangs ahead of the bow.
+"""
+
+
+def _place_findings(rest: AtRest) -> Iterator[VesselFinding]:
+    """Propellers and rudders beyond the hulls' extents."""
+    model = rest.model
+    bow_m = max(hull.keel_frd_m[0] + 0.5 * hull.length_m for hull in model.demi_hulls)
+    stern_m, half_m = bow_m - model.length_m, 0.5 * model.width_m
+    ahead_m, behind_m = bow_m + AHEAD_OF_BOW * model.length_m, stern_m - BEHIND_STERN * model.length_m
+    for kind, places in (
+        ("propeller", [propeller.position_frd_m for propeller in model.propellers]),
+        ("rudder", [rudder.position_frd_m for rudder in model.rudders]),
+    ):
+        for number, (x_m, y_m, _) in enumerate(places):
+            key = f"vehicle.{kind}s.{number}.position_frd_m"
+            if x_m > ahead_m or x_m < behind_m:
+                where = (
+                    f"{x_m - bow_m:.2f} m ahead of the bow"
+                    if x_m > ahead_m
+                    else f"{stern_m - x_m:.2f} m behind the stern"
+                )
+                yield _wrong(
+                    f"{kind}.place",
+                    f"{key}.0",
+                    f"the {kind} {number} is {where}; the hulls reach from x = {stern_m:.2f} to {bow_m:.2f} m",
+                    f"give its first coordinate a value from {behind_m:.2f} to {ahead_m:.2f}; forward is positive",
+                )
+            if abs(y_m) > OUTSIDE * half_m:
+                yield _wrong(
+                    f"{kind}.place",
+                    f"{key}.1",
+                    f"the {kind} {number} is {abs(y_m) - half_m:.2f} m outside the hulls of {half_m:.2f} m half width",
+                    f"give its second coordinate a value from {-OUTSIDE * half_m:.2f} to {OUTSIDE * half_m:.2f}",
+                )
+
+
+YAW_OF_CLARKE = (0.1, 10.0)
+"""Yaw damping as a share of Clarke's regression. The shipped vessels have 0.4 to 2.3. Multihulls and small craft are
+outside the ships that the regression is of, hence the wide range."""
+_TURN = 0.5
+"""Lengths over radius of the turn at top speed whose rate is looked at: that of a turn of two lengths."""
+
+
+def clarke_yaw_damping_nmps(rest: AtRest, speed_mps: float) -> float:
+    """-N_r of the hulls in N m s about amidships, at a speed through the water.
+
+    Clarke, Gedling and Hine 1983, The application of manoeuvring criteria in hull design using linear theory:
+    -N_r' = pi (T / L)^2 (1 / 4 + 0.039 B / T - 0.56 B / L), made dimensional by rho L^4 U / 2. The bracket is at least
+    0.1, as it is negative for hulls far wider than ships.
+    """
+    motion = rest.state.motion
+    rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
+    total = 0.0
+    for hull in rest.model.demi_hulls:
+        draft_m, length_m = float(np.dot(hull.keel_frd_m, rotation[2])) + depth_m, hull.length_m
+        if draft_m > 0.0:
+            bracket = 0.25 + 0.039 * hull.width_m / draft_m - 0.56 * hull.width_m / length_m
+            total += math.pi * (draft_m / length_m) ** 2 * max(bracket, 0.1) * length_m**4
+    return 0.5 * rest.water.density_kgpm3 * speed_mps * total
+
+
+def _yaw_findings(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
+    """The damping of a turn on the spot against Clarke's regression at top speed: a turn ends without way too."""
+    if not top_mps > 0.0:
+        return
+    rate = _TURN * top_mps / rest.model.length_m
+    turning = np.zeros((2, 6))
+    turning[:, 5] = rate, -rate
+    moment = rest.drag_n(turning)[:, 5]
+    has, usual = 0.5 * float(moment[0] - moment[1]) / rate, clarke_yaw_damping_nmps(rest, top_mps)
+    least, most = (share * usual for share in YAW_OF_CLARKE)
+    if has <= 0.0 or least <= has <= most:  # without any, `damping.yaw` says so
+        return
+    yield _wrong(
+        f"damping.yaw.{'little' if has < least else 'much'}",
+        _damping_key(rest.model, "yaw"),
+        f"at {math.degrees(rate):.0f} deg/s the water brakes a turn on the spot with {has:.3g} N m s per rad, which is "
+        f"{has / usual:.2g} of the {usual:.3g} that the regression of Clarke (1983) has for these hulls at "
+        f"{top_mps:.2f} m/s; {least:.2g} to {most:.3g} are plausible",
+        "check the unit of linear and quadratic yaw damping, N m s and N m s2, and the power of ten; turning on the "
+        "spot measures both",
+    )
+
+
+def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
+    waves = demands.environment.waves if demands.environment else None
+    for name, mode in rest.modes.items():
+        key = _damping_key(rest.model, name)
+        if mode.damping_ratio < LITTLE_DAMPING:
+            yield _wrong(
+                f"damping.{name}",
+                key,
+                f"the damping ratio in {name} is {mode.damping_ratio:.3f}: it goes on for "
+                f"{math.log(10) / (2 * math.pi * max(mode.damping_ratio, 1e-4)):.0f} periods until a tenth is left",
+                f"raise the damping of {name}; 0.1 to 0.4 is usual for small multihulls, see decay tests of such hulls",
+            )
+        elif mode.damping_ratio > MUCH_DAMPING:
+            yield _odd(
+                f"damping.{name}",
+                key,
+                f"the damping ratio in {name} is {mode.damping_ratio:.2g}: it creeps back without swinging",
+                f"check the damping of {name}",
+            )
+        if waves is not None and waves.spectrum != "none" and name != "heave" and mode.damping_ratio < 0.3:
+            ratio = mode.period_s / waves.peak_period_s
+            if 0.8 < ratio < 1.25:
+                yield _odd(
+                    f"resonance.{name}",
+                    "environment.waves.peak_period_s",
+                    f"the natural period in {name}, {mode.period_s:.2f} s, is near that of the waves, "
+                    f"{waves.peak_period_s:g} s: it will {name} with them",
+                    "nothing, if it is meant; else another sea, or check inertia and metacentric height",
+                )
+    drag, at_one_mps = rest.about.damping, np.diag(rest.drag_n(np.eye(6)))
+    if at_one_mps[1] < at_one_mps[0]:
+        yield _wrong(
+            "damping.sway",
+            _damping_key(rest.model, "sway"),
+            f"at 1 m/s the water holds it back with {at_one_mps[1]:.3g} N sideways and {at_one_mps[0]:.3g} N ahead",
+            "check that surge and sway are not exchanged",
+        )
+    for axis, name in ((0, "surge"), (1, "sway"), (5, "yaw")):
+        if drag[axis, axis] < 0 or at_one_mps[axis] <= 0:
+            yield _wrong(
+                f"damping.{name}",
+                _damping_key(rest.model, name),
+                f"nothing slows it in {name}",
+                f"give a damping of {name}, linear, quadratic or by a derivative",
+            )
+    fastest = rest.about.fastest_radps / demands.physics_rate_hz
+    if fastest > 0.5:
+        yield _wrong(
+            "steps.long",
+            "clock.physics_rate_hz",
+            f"its fastest motion goes on by {fastest:.2g} rad a step at {demands.physics_rate_hz:g} Hz; "
+            f"{'the simulation diverges' if fastest > 1.9 else 'more than 0.5 is inexact'}",
+            "raise clock.physics_rate_hz, or check dampings and added masses: one is large beside its mass",
+        )
+
+
+FROUDE_OF_HUMP = 0.5
+"""Where the main hump of the wave resistance is (Faltinsen 2005, ch. 4); a slender demi-hull has a low one."""
+
+
+def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> Iterator[VesselFinding]:
+    top, froude = _number(values, "top_speed_mps"), _number(values, "top_speed_froude")
+    if top <= 0:
+        yield _wrong(
+            "thrust.astern",
+            "vehicle.propellers",
+            "full ahead drives it astern, or nowhere",
+            "check angle_deg of the propellers and the sign of the dampings",
+        )
+    yield from _yaw_findings(rest, top)
+    if froude > FROUDE_OF_HUMP:
+        yield _odd(
+            "froude.high",
+            "vehicle.damping_quadratic.surge",
+            f"at its top speed of {top:.2f} m/s the Froude number is {froude:.2f}: drag that grows as u and u2 knows "
+            f"neither the hump at {FROUDE_OF_HUMP} ({FROUDE_OF_HUMP * top / froude:.2f} m/s) nor planing",
+            "trust speeds above that only as far as the drag was measured there",
+        )
+    wanted = demands.mission_speed_mps
+    if wanted is not None and wanted > 0.95 * top:
+        needed = float(rest.drag_n(np.array([[wanted, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0, 0])
+        yield _wrong(
+            "thrust.mission",
+            "mission.speed_mps",
+            f"the mission asks for {wanted:g} m/s and full thrust brings {top:.2f} m/s in still water",
+            f"lower it, or give the propellers more than {needed:.3g} N together",
+        )
+    if (trim := abs(_number(values, "trim_at_top_speed_deg"))) > 6:
+        yield _wrong(
+            "trim.speed",
+            "vehicle.propellers",
+            f"at top speed it trims by {trim:.1f} degrees",
+            "check the height of the propellers against the drag, and vehicle.stern_force",
+        )
+    reverse = rest.reverse_n / max(rest.forward_n, 1e-9)
+    if rest.reverse_n <= 0:
+        yield _odd(
+            "thrust.reverse",
+            "vehicle.propellers",
+            "its propellers cannot push astern: it stops by drag alone",
+            "give max_reverse_thrust_n or open_water.reverse_share, if they can",
+        )
+    elif reverse > 1.05:
+        yield _odd(
+            "thrust.reverse",
+            "vehicle.propellers",
+            f"full astern pushes {reverse:.2f} times as hard as full ahead",
+            "check max_thrust_n and max_reverse_thrust_n",
+        )
+    if rest.helm.by == "nothing":
+        yield _wrong(
+            "steering.none",
+            "vehicle.propellers",
+            "nothing turns it: it has no rudder, no steered propeller and none off its centreline",
+            "give vehicle.rudders, a propeller's steering, or two propellers side by side",
+        )
+    for what, names in (("course", "N_v, Y_r and N_r"), ("trim", "M_w, Z_q and M_q")):
+        if str(stability := values[f"{what}_stability"]).startswith("unstable"):
+            yield _odd(
+                f"{what}.unstable",
+                "vehicle.stern_force",
+                f"its {what} is {stability}: a small disturbance grows until something else stops it",
+                f"check {names} against the Munk moment, which follows from the added masses",
+            )
+    if (heel := _number(values, "turn_heel_deg")) > 15:
+        yield _wrong(
+            "turn.heel",
+            "vehicle.centre_of_gravity_frd_m",
+            f"it heels {heel:.0f} degrees in a turn at full throttle",
+            "check the metacentric height and the roll damping",
+        )
+    for side, sign in (("starboard", 1), ("port", -1)):
+        if _number(values, f"turn_rate_{side}_degps") * sign < 0:
+            yield _wrong(
+                "steering.reversed",
+                "vehicle.propellers",
+                f"steering to {side} turns it the other way",
+                "check the places of propellers and rudders: x forward, y to starboard",
+            )
+
+
+def _damping_key(model: VesselSpec, name: str) -> str:
+    """Where the damping of an axis is written."""
+    if model.damping_linear_matrix is not None:
+        return "vehicle.damping_linear_matrix"
+    return "vehicle.derivatives" if model.derivatives else f"vehicle.damping_linear.{name}"

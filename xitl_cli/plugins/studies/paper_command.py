@@ -1,0 +1,259 @@
+"""`xitl paper`: the paper's experiments, its values beside ours."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from xitl_cli.commands.options import Json, Overwrite, RunsDuration, RunsSeed
+from xitl_cli.commands.output import still_read
+from xitl_cli.commands.terminal import say, show_rows, terminal
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from xitl_cli.experiment.report import ExperimentReport
+    from xitl_cli.experiment.setup import ExperimentSetup
+
+COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
+TABLE = "table.json"
+
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="For runs, figures and table.json (default: runs/paper-…-<time>)."),
+]
+Page = Annotated[bool, typer.Option("--report", help="Write one page with tables and figures: DIR/paper.html.")]
+Firmware = Annotated[
+    str | None,
+    typer.Option("--firmware", metavar="PATH", help="ardurover to start (default: the one that is found)."),
+]
+Real = Annotated[
+    Path | None,
+    typer.Option(
+        "--real", metavar="LOG", help="Of a real boat, with servo outputs and positions: a .bin, .tlog or MCAP file."
+    ),
+]
+Board = Annotated[
+    str | None,
+    typer.Option("--board", metavar="URL", help="Agent on a board: udp://192.168.7.2:14660; else a process here."),
+]
+
+
+def section_4_1(
+    real: Real = None,
+    from_s: Annotated[
+        float | None, typer.Option("--from", metavar="S", help="Replay from here of LOG's time (default: first armed).")
+    ] = None,
+    until_s: Annotated[
+        float | None, typer.Option("--until", metavar="S", help="Replay up to here of LOG's time (default: its end).")
+    ] = None,
+    vehicle: Annotated[
+        str, typer.Option("--vehicle", metavar="NAME", help="What the outputs drive: a shipped vehicle, or a .yaml.")
+    ] = "asv-third",
+    out: Out = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
+    report: Page = False,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Drive the 1/3 scale vessel by recorded motor outputs: positions, speeds and errors against the recording's.
+
+    Without --real the recording is that of a run with other parameters, disturbances and noisy sensors.
+    Exit code: 0 when the replay was completed, 1 when not, 2 something to put right.
+    """
+    setup = _setup(out, "4.1", seed, duration, overwrite, real=real, from_s=from_s, until_s=until_s, vehicle=vehicle)
+    _carry_out(("4.1",), setup, report, as_json)
+
+
+def section_4_2(
+    firmware: Firmware = None,
+    out: Out = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
+    report: Page = False,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Compare how soon ArduPilot departs with its own simulated sensors and with ours, in the paper's environments.
+
+    Without an ardurover the embedded autopilot departs, and says so.
+    Exit code: 0 when the vessel moved in all runs, 1 when not, 2 something to put right.
+    """
+    _carry_out(("4.2",), _setup(out, "4.2", seed, duration, overwrite, firmware=firmware), report, as_json)
+
+
+def section_4_3(
+    board: Board = None,
+    firmware: Firmware = None,
+    out: Out = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
+    report: Page = False,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Compare one mission in software in the loop and in hardware in the loop: path, channels, timing, maps.
+
+    The second run keeps real time. Exit code: 0 when both completed the mission, 1 when not, 2 something to put right.
+    """
+    setup = _setup(out, "4.3", seed, duration, overwrite, board=board, firmware=firmware)
+    _carry_out(("4.3",), setup, report, as_json)
+
+
+def section_4_4(
+    out: Out = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
+    report: Page = False,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Fuse lidar and sonar before a half-submerged branch and an obstacle under water.
+
+    Exit code: 0 when both sensors saw what they are there for, 1 when not, 2 something to put right.
+    """
+    _carry_out(("4.4",), _setup(out, "4.4", seed, duration, overwrite), report, as_json)
+
+
+def wdri(out: Out = None, report: Page = False, overwrite: Overwrite = False, as_json: Json = False) -> None:
+    """Compute the eight realism indices of the paper and draw their graphs.
+
+    Exit code: 0 when all are as printed, 1 when not.
+    """
+    _carry_out(("wdri",), _setup(out, "wdri", 1, None, overwrite), report, as_json)
+
+
+def all_sections(
+    real: Real = None,
+    board: Board = None,
+    firmware: Firmware = None,
+    out: Out = None,
+    seed: RunsSeed = 1,
+    duration: RunsDuration = None,
+    report: Page = False,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Carry out all of them, one after the other: some ten minutes, of which one run keeps real time.
+
+    What cannot be done here is left out and said. Exit code: 0 when all were completed, 1 when one was not, 2 when
+    there is something to put right, 130 interrupted; what is done is kept.
+    """
+    from xitl_cli.plugins.studies.experiments.catalogue import EXPERIMENTS
+
+    setup = _setup(out, "", seed, duration, overwrite, real=real, board=board, firmware=firmware)
+    _carry_out(tuple(EXPERIMENTS), setup, report, as_json)
+
+
+def _setup(
+    out: Path | None, section: str, seed: int, duration_s: float | None, overwrite: bool, **more: Any
+) -> ExperimentSetup:
+    from xitl_cli.experiment.setup import ExperimentSetup, default_directory
+
+    return ExperimentSetup(out or default_directory(section), seed, duration_s, overwrite, **more)
+
+
+def _carry_out(sections: Sequence[str], setup: ExperimentSetup, page: bool, as_json: bool) -> None:
+    """One after the other, each shown and written when it is done."""
+    from xitl_cli.experiment.setup import InterruptedRunError
+    from xitl_cli.plugins.studies.experiments.catalogue import carry_out
+    from xitl_cli.plugins.studies.experiments.figures import check_figures_installed
+
+    console = terminal(stderr=as_json, soft_wrap=True)
+    if page:
+        check_figures_installed()
+    setup = replace(setup, tell=lambda line: console.print(line, markup=False))
+    done: list[ExperimentReport] = []
+    refused: dict[str, str] = {}
+    interrupted = False
+    for section in sections:
+        own = setup if len(sections) == 1 else replace(setup, out=setup.out / section)
+        if len(sections) > 1:
+            console.print(f"\n{section}: {len(done) + len(refused) + 1} of {len(sections)}", style="bold")
+        try:
+            found: ExperimentReport | None = carry_out(section, own)
+        except (InterruptedRunError, KeyboardInterrupt) as stop:
+            interrupted = True
+            found = stop.done if isinstance(stop, InterruptedRunError) else None
+        except UserError as error:
+            if len(sections) == 1:
+                raise
+            refused[section] = str(error)
+            say(console, f"{section} is left out: {error}", "yellow")
+            continue
+        if found is not None:
+            done.append(found)
+            _keep(console, found, own.out, as_json)
+        if interrupted:
+            break
+    written = _page(done, setup.out) if page and done else None
+    with still_read():
+        if as_json:
+            typer.echo(_document(done, refused, written, len(sections) > 1))
+        elif written is not None:
+            console.print(f"page: {written}", markup=False)
+    if interrupted:
+        say(console, f"interrupted; what is done is kept in {setup.out}")
+        raise typer.Exit(INTERRUPTED)
+    if refused:
+        raise typer.Exit(USER_ERROR)
+    raise typer.Exit(COMPLETED if all(one.completed for one in done) else INCOMPLETE)
+
+
+def _page(done: Sequence[ExperimentReport], directory: Path) -> Path:
+    from xitl_cli.plugins.studies.experiments.figures import PAGE, write_page
+
+    write_page(done, directory / PAGE)
+    return directory / PAGE
+
+
+def _keep(console: Console, found: ExperimentReport, directory: Path, as_json: bool) -> None:
+    """Its table, its files and where they are."""
+    from xitl_cli.experiment.setup import write_file
+    from xitl_cli.extras import FIGURES
+    from xitl_cli.plugins.studies.experiments.figures import write_figures
+
+    write_file(directory / TABLE, json.dumps(found.as_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    if not as_json:
+        _show(console, found)
+    if not found.figures:
+        drawn = ""
+    elif FIGURES.missing:
+        drawn = ""
+        say(console, f"No figures without {', '.join(FIGURES.missing)}: {FIGURES.pip_line}", "yellow")
+    else:
+        drawn = ", ".join(path.name for path in write_figures(found, directory)) + ", "
+    if not as_json:
+        console.print(f"{directory}: {drawn}{TABLE}{', and the runs' if found.runs else ''}", markup=False)
+
+
+def _show(console: Console, found: ExperimentReport) -> None:
+    from xitl_cli.experiment.report import told_text
+
+    console.print()
+    say(console, f"{found.section}: {found.title}", "bold")
+    for note in found.notes:
+        say(console, note)
+    console.print()
+    rows = [
+        [row.quantity, told_text(row.paper, row.unit), told_text(row.ours, row.unit), row.difference]
+        for row in found.rows
+    ]
+    show_rows(console, ("quantity", "paper", "ours", "difference"), rows, text=(0, 3))
+    console.print()
+
+
+def _document(done: Sequence[ExperimentReport], refused: dict[str, str], page: Path | None, several: bool) -> str:
+    told: dict[str, Any] = {"page": None if page is None else str(page)}
+    if several:
+        told = {"experiments": [one.as_json() for one in done], "left_out": refused, **told}
+    else:
+        told = {**(done[0].as_json() if done else {}), **told}
+    return json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False)

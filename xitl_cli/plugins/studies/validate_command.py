@@ -1,0 +1,200 @@
+"""`xitl validate`: standard manoeuvres of vessels beside published figures and closed forms."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from xitl_cli.commands.options import Json, OpenPage, complete_vehicle
+from xitl_cli.commands.output import open_in_browser, quiet_pipe
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rich.console import Console
+
+    from xitl_cli.plugins.studies.manoeuvres.validation import ValidatedFigure, VesselValidation
+    from xitl_cli.profile import Profile
+
+PAGE = "validation.html"
+
+
+def validate(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="VEHICLE...",
+            help="Names or files of vehicles, or profiles with one; all shipped vehicles if none.",
+            autocompletion=complete_vehicle,
+        ),
+    ] = None,
+    report: Annotated[
+        bool, typer.Option("--report", help=f"Write a page with all plots and tables: {PAGE} right here, or see --out.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="HTML", help="Where the page goes; it replaces an earlier one.")
+    ] = None,
+    as_json: Json = False,
+    open_it: OpenPage = False,
+) -> None:
+    """Sail the standard manoeuvres with vessels and hold each figure against its reference.
+
+    Turning circles, zig-zags, spiral, acceleration, crash stop, decays, responses to waves. A figure that nothing is
+    published of says so and counts for nothing. Each difference comes with whether it matters and which key to change.
+
+    Exit code: 0 all with a reference agree; 1 some differ; 2 something to put right.
+    """
+    from xitl_cli.commands.terminal import progress
+    from xitl_cli.logs.report import html
+    from xitl_cli.plugins.studies.manoeuvres.validation_page import validation_page
+    from xitl_cli.profile import load_profile
+    from xitl_cli.profile.files.catalogue import shipped_profiles
+
+    wanted = list(names or ())
+    if (report or out) and wanted and wanted[-1].endswith((".html", ".htm")) and out is None:
+        out = Path(wanted.pop())  # `--report page.html`
+    page = out or (Path(PAGE) if report or open_it else None)
+    if page is not None:
+        html.refuse_other(page)
+    wanted = wanted or [name for name in shipped_profiles() if name.startswith("vehicles/")]
+    loaded = [(name, vessel) for name in wanted for vessel in load_profile(name).one_a_vehicle]
+    for name, profile in loaded:
+        if profile.vehicle is None:
+            raise UserError(f"{name}: has no vehicle; name a file with a group `vehicle`")
+    with progress("loading") as told:
+        validations = _validated([profile for _, profile in loaded], told)
+        if page is not None:
+            told("page")
+            html.write_page(validation_page(validations), page)
+    with quiet_pipe():
+        if as_json:
+            import json
+
+            document = {"vehicles": [_document(one) for one in validations]}
+            print(json.dumps(document, ensure_ascii=False, allow_nan=False))
+        else:
+            _show(validations, page)
+    if page is not None and open_it:
+        open_in_browser(page)
+    raise typer.Exit(1 if any(one.differing for one in validations) else 0)
+
+
+def _validated(profiles: Sequence[Profile], told: Callable[[str], None]) -> list[VesselValidation]:
+    """Several at once, as many as the machine has processors. Raises UserError for a vessel that does not float."""
+    if len(profiles) == 1 or (processors := os.cpu_count() or 1) == 1:
+        return [_one(profile, told) for profile in profiles]
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from multiprocessing import get_context
+
+    with ProcessPoolExecutor(min(processors, len(profiles)), get_context("spawn")) as pool:
+        begun = [pool.submit(_one, profile) for profile in profiles]
+        for number, _ in enumerate(as_completed(begun), 1):
+            told(f"{number} of {len(profiles)} vessels done")
+        return [one.result() for one in begun]
+
+
+def _one(profile: Profile, told: Callable[[str], None] = lambda _: None) -> VesselValidation:
+    from xitl_cli.plugins.studies.manoeuvres.validation import validate_vessel
+
+    vehicle = profile.vehicle
+    assert vehicle is not None
+    water = profile.environment.water if profile.environment else None
+    try:
+        return validate_vessel(
+            vehicle, vehicle.name, water, profile.autopilot, lambda text: told(f"{vehicle.name}: {text}")
+        )
+    except ValueError as error:
+        raise UserError(f"{vehicle.name}: {error}") from None
+
+
+def _document(validation: VesselValidation) -> dict[str, Any]:
+    return {
+        "vehicle": validation.vehicle,
+        "steered_by": validation.steered_by,
+        "figures": [_figure(figure) for figure in validation.figures],
+    }
+
+
+def _figure(figure: ValidatedFigure) -> dict[str, Any]:
+    from xitl_cli.plugins.studies.manoeuvres.advice import advice
+
+    reference = figure.reference
+    return {
+        "manoeuvre": figure.manoeuvre,
+        "key": figure.key,
+        "label": figure.label,
+        "unit": figure.unit,
+        "value": figure.value,
+        "reference": None if reference is None else reference.value,
+        "allowed": None if reference is None else reference.allowed,
+        "error": figure.error,
+        "agrees": figure.agrees,
+        "advice": advice(figure) or None,
+        "source": None if reference is None else reference.source,
+        "disputed": (reference.disputed or None) if reference is not None else None,
+    }
+
+
+def _show(validations: Sequence[VesselValidation], page: Path | None) -> None:
+    from xitl_cli.commands.terminal import say, show_facts, terminal
+    from xitl_cli.plugins.studies.manoeuvres.advice import advice
+    from xitl_cli.plugins.studies.manoeuvres.validation_page import NO_REFERENCE, counts
+
+    console = terminal()
+    sources = list(
+        dict.fromkeys(
+            figure.reference.source for one in validations for figure in one.figures if figure.reference is not None
+        )
+    )
+    for validation in validations:
+        say(console, f"{validation.vehicle}, steered by {validation.steered_by}", "bold")
+        _show_figures(console, validation, sources)
+        agree, differ, unknown = counts(validation)
+        verdict = f"{agree} agree with their reference, {differ} differ, {unknown} have {NO_REFERENCE}"
+        say(console, verdict, "red" if differ else "green")
+        if validation.differing:
+            show_facts(console, [(f"  {one.label}", advice(one), "yellow") for one in validation.differing])
+        console.print()
+    say(console, "References", "bold")
+    show_facts(console, [(f"  {number}", source) for number, source in enumerate(sources, 1)])
+    if page is not None:
+        console.print()
+        say(console, f"{page}: all plots; opens in any browser")
+
+
+def _show_figures(console: Console, validation: VesselValidation, sources: Sequence[str]) -> None:
+    from rich.text import Text
+
+    from xitl_cli.commands.terminal import say
+    from xitl_cli.logs.report.wording import UNKNOWN, value_text
+    from xitl_cli.plugins.studies.manoeuvres.validation_page import NO_REFERENCE, rounded
+
+    labels = {figure: figure.label + (f" ({figure.unit})" if figure.unit else "") for figure in validation.figures}
+    width = max(map(len, labels.values()))
+    say(console, f"{'':{width}}  {'ours':>9} {'reference':>10} {'error':>11}", "bold")
+    for section in validation.sections:
+        say(console, section.title, "bold")
+        for figure, label in labels.items():
+            if figure.manoeuvre != section.title:
+                continue
+            line = f"  {label:<{width}}{UNKNOWN if figure.value is None else value_text(rounded(figure.value)):>9}"
+            if (reference := figure.reference) is None:
+                line += f"  {NO_REFERENCE}"
+            else:
+                number = sources.index(reference.source) + 1
+                line += f" {value_text(rounded(reference.value)):>10} {figure.error_text:>11} [{number}]"
+                line += " disputed" if reference.disputed else "" if figure.agrees else " differs"
+            style = "red" if figure.agrees is False else "dim" if reference is None else ""
+            console.print(Text(line, style=style), soft_wrap=True)
+        for lack in section.lacks:
+            say(console, f"  {lack}", "yellow")
+    for figure in validation.figures:
+        if figure.reference is not None and figure.reference.disputed:
+            say(
+                console, f"{figure.label}: {figure.reference.source} is disputed: {figure.reference.disputed}", "yellow"
+            )

@@ -1,0 +1,217 @@
+"""Where each browser looks from: behind a vessel, round it, from above, or wherever its user goes.
+
+What the user does with the mouse is kept: it changes distance and direction, and the camera stays at the vessel.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xitl_cli.plugins.view.model import Array, VesselInstant, ViewInstant, ViewScene
+
+if TYPE_CHECKING:
+    import viser
+
+FOLLOW, ORBIT, ABOVE, FREE = "follow", "orbit", "from above", "free"
+MODES = (FOLLOW, ORBIT, ABOVE, FREE)
+DISTANCE_LENGTHS = 3.6
+"""Of the camera from the vessel, in its lengths; LEAST_M of a small one."""
+LEAST_M = 5.5
+TURN_RADPS = 0.12
+"""Round the vessel in orbit."""
+HEADING_S = 2.5
+"""How slowly the camera turns after the vessel's heading."""
+PLACE_S = 0.25
+"""How slowly it goes after its place: waves and gusts do not shake the picture."""
+HANDS_OFF_S = 0.4
+"""After the mouse moved it, until the camera is led again."""
+SENT_KEPT = 1000
+"""Places that a browser is known to have been sent: one that is slow reports them long after."""
+SAME = 1e-4
+"""How far a reported place is from the one that was sent, in distances from the vessel, if it is the same."""
+NEAR_M, FAR_M, FIELD_OF_VIEW_RAD = 0.15, 2600.0, 0.9
+
+
+@dataclass(slots=True)
+class CameraPose:
+    """Distance, direction from the subject to the camera against a reference, and height over the horizon."""
+
+    distance_m: float
+    azimuth_rad: float
+    elevation_rad: float
+
+    @classmethod
+    def of(cls, offset_m: Array, reference_rad: float) -> CameraPose:
+        """Of a camera so far from its subject."""
+        east, north, up = offset_m.tolist()
+        level = math.hypot(east, north)
+        turn = math.remainder(math.atan2(north, east) - reference_rad, math.tau)
+        return cls(max(math.hypot(level, up), 0.2), turn, math.atan2(up, level))
+
+    def offset_m(self, reference_rad: float) -> Array:
+        """The same as a vector."""
+        level, turn = self.distance_m * math.cos(self.elevation_rad), reference_rad + self.azimuth_rad
+        up = self.distance_m * math.sin(self.elevation_rad)
+        return np.array([level * math.cos(turn), level * math.sin(turn), up])
+
+
+def usual_pose(mode: str, length_m: float) -> CameraPose:
+    """With which a mode begins for a vessel of this length."""
+    distance_m = max(DISTANCE_LENGTHS * length_m, LEAST_M)
+    if mode == ABOVE:
+        return CameraPose(5.0 * distance_m, -0.5 * math.pi, 1.55)
+    return CameraPose(distance_m * (1.5 if mode == ORBIT else 1.0), math.pi - 0.45, 0.24)
+
+
+@dataclass(slots=True)
+class _Looker:
+    """One browser's camera. sent: places that it was sent, position and what it looks at of each; heard: it has
+    reported one of them, so that what it reports from now on is no older. stamp: of its last report that was looked at.
+    """
+
+    mode: str
+    subject: str
+    pose: CameraPose
+    place_m: Array | None = None
+    heading_rad: float = 0.0
+    turned_rad: float = 0.0
+    sent: deque[tuple[float, ...]] = field(default_factory=lambda: deque(maxlen=SENT_KEPT))
+    heard: bool = False
+    stamp: float = 0.0
+    touched_s: float = field(default=-math.inf)
+
+    def start_again(self, mode: str, subject: str, length_m: float) -> None:
+        """With another mode or vessel."""
+        self.mode, self.subject, self.pose = mode, subject, usual_pose(mode, length_m)
+        self.place_m, self.turned_rad = None, 0.0
+        self.sent.clear()
+        self.heard = False
+
+    def moved_by_hand(self, place: tuple[float, ...]) -> bool:
+        """Whether a place that the browser reports is its user's: neither sent nor from before anything was."""
+        if not np.isfinite(place).all():
+            return False
+        near_m = SAME * self.pose.distance_m
+        if any(math.dist(place, sent) < near_m for sent in reversed(self.sent)):
+            self.heard = True
+            return False
+        return self.heard
+
+
+class Cameras:
+    """Leads the camera of every browser that looks at a server; `update` with each instant that is drawn."""
+
+    def __init__(
+        self, server: viser.ViserServer, scene: ViewScene, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._server = server
+        self._scene = scene
+        self._now_s = now_s
+        self._names = list(scene.vessels) or [""]
+        self._lookers: dict[int, _Looker] = {}
+        self._last_s: float | None = None
+        self._aim_at_start()
+        server.on_client_connect(self._join)
+        server.on_client_disconnect(self._leave)
+
+    def _aim_at_start(self) -> None:
+        camera = self._server.initial_camera
+        camera.near, camera.far, camera.fov = NEAR_M, FAR_M, FIELD_OF_VIEW_RAD
+        name = self._names[0]
+        vessel = self._scene.vessels.get(name)
+        places = vessel.mission_enu_m if vessel is not None else np.empty((0, 3))
+        start = places[0] if len(places) else np.array([*self._scene.water.centre_en_m, self._scene.water.level_m])
+        ahead = places[1] - places[0] if len(places) > 1 else np.array([1.0, 0.0, 0.0])
+        offset = usual_pose(FOLLOW, self._length_m(name)).offset_m(math.atan2(ahead[1], ahead[0]))
+        camera.position, camera.look_at = tuple(start + offset), tuple(start)
+
+    def _length_m(self, name: str) -> float:
+        vessel = self._scene.vessels.get(name)
+        return 2.0 if vessel is None else vessel.length_m
+
+    def _join(self, client: Any) -> None:
+        looker = _Looker(FOLLOW, self._names[0], usual_pose(FOLLOW, self._length_m(self._names[0])))
+        self._lookers[client.client_id] = looker
+        modes = client.gui.add_dropdown("Camera", MODES, initial_value=FOLLOW, order=1.0)
+        subjects = None
+        if len(self._names) > 1:
+            subjects = client.gui.add_dropdown("of", tuple(self._names), initial_value=self._names[0], order=1.1)
+
+        def choose(event: object) -> None:
+            subject = self._names[0] if subjects is None else subjects.value
+            looker.start_again(modes.value, subject, self._length_m(subject))
+
+        modes.on_update(choose)
+        if subjects is not None:
+            subjects.on_update(choose)
+
+    def _leave(self, client: Any) -> None:
+        self._lookers.pop(client.client_id, None)
+
+    def update(self, instant: ViewInstant) -> None:
+        """Lead every camera to where the vessels are now."""
+        now_s = self._now_s()
+        elapsed_s = min(now_s - self._last_s, 1.0) if self._last_s is not None else 0.0
+        self._last_s = now_s
+        clients = self._server.get_clients()
+        for number, looker in list(self._lookers.items()):
+            vessel = instant.vessels.get(looker.subject)
+            if number in clients and vessel is not None and looker.mode != FREE and _is_finite(vessel):
+                place = np.array([*vessel.position_enu_m[:2], self._scene.water.level_m + 0.1])
+                self._lead(clients[number], looker, place, _heading_rad(vessel.attitude_wxyz), now_s, elapsed_s)
+
+    def _lead(
+        self, client: Any, looker: _Looker, place_m: Array, heading_rad: float, now_s: float, elapsed_s: float
+    ) -> None:
+        camera = client.camera
+        if looker.place_m is None:
+            looker.place_m, looker.heading_rad = place_m, heading_rad
+        else:
+            share = 1.0 - math.exp(-elapsed_s / PLACE_S)
+            if math.dist(place_m, looker.place_m) > 100.0:
+                share = 1.0
+            looker.place_m = looker.place_m + share * (place_m - looker.place_m)
+            turn = math.remainder(heading_rad - looker.heading_rad, math.tau)
+            looker.heading_rad += (1.0 - math.exp(-elapsed_s / HEADING_S)) * turn
+        reference = {FOLLOW: looker.heading_rad, ORBIT: looker.turned_rad, ABOVE: 0.0}[looker.mode]
+        stamp, seen = camera.update_timestamp, _place(camera)
+        if stamp != looker.stamp and stamp == camera.update_timestamp:  # no other report came between
+            looker.stamp = stamp
+            if looker.moved_by_hand(seen):
+                looker.pose = CameraPose.of(np.array(seen[:3]) - np.array(seen[3:]), reference)
+                looker.touched_s = now_s
+        if now_s - looker.touched_s < HANDS_OFF_S:
+            return
+        if looker.mode == ORBIT:
+            looker.turned_rad += TURN_RADPS * elapsed_s
+            reference = looker.turned_rad
+        position = looker.place_m + looker.pose.offset_m(reference)
+        with client.atomic():
+            for name, place in (("position", position), ("look_at", looker.place_m)):
+                with suppress(ValueError):  # viser's own, after a report of what is not finite
+                    setattr(camera, name, place)
+        looker.sent.append(_place(camera))
+        looker.stamp = camera.update_timestamp
+
+
+def _is_finite(vessel: VesselInstant) -> bool:
+    return bool(np.isfinite(vessel.position_enu_m).all() and np.isfinite(vessel.attitude_wxyz).all())
+
+
+def _place(camera: Any) -> tuple[float, ...]:
+    """Position, and what it looks at."""
+    return (*camera.position.tolist(), *camera.look_at.tolist())
+
+
+def _heading_rad(attitude_wxyz: Array) -> float:
+    """Of the bow, from east to north."""
+    w, x, y, z = np.asarray(attitude_wxyz).tolist()
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -1,0 +1,545 @@
+"""A scene and its instants as nodes of a viser server: used beside a run, of recordings, and for pages.
+
+drawing = SceneDrawing(server, scene)
+drawing.draw(instant)
+
+Nodes that are there already are moved and not made anew: that is what a browser can follow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_core.frames import quat_multiply
+from xitl_cli.plugins.view import shapes
+from xitl_cli.plugins.view.model import (
+    Array,
+    BodyInstant,
+    Colour,
+    Points,
+    SceneMesh,
+    SceneVessel,
+    SceneWater,
+    SceneWaves,
+    VesselInstant,
+    ViewInstant,
+    ViewScene,
+)
+from xitl_cli.plugins.view.scene import plain_vessel
+from xitl_cli.plugins.view.water import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
+
+if TYPE_CHECKING:
+    import viser
+
+MOST_POINTS = 30_000
+"""Of one sensor's cloud: more would take a browser without a graphics card seconds."""
+TRACK_STEP_M = 0.3
+TRACK_PIECE = 100
+TRACK_PIECES = 60
+SPIN_RADPS = 18.0
+"""Of a propeller at full command, as drawn: so slow that one sees which way it turns."""
+MOST_SPIN_RAD = 0.9
+"""Between two pictures: below half of what brings the next blade into the place of the last."""
+WIND_M_PER_MPS, CURRENT_M_PER_MPS = 0.25, 1.5
+"""Length of the arrows of a vessel of 1 m. It grows with the square root of the vessel's length: `stream_size`."""
+LEAST_STREAM_MPS = 0.01
+"""A slower wind or current has no arrow."""
+ESTIMATE: Colour = (0, 190, 170)
+MISSION: Colour = (250, 190, 40)
+REACHED: Colour = (60, 180, 90)
+TRACK: Colour = (255, 120, 40)
+TARGET: Colour = (240, 70, 60)
+GUIDED: Colour = (215, 60, 200)
+OBSTACLE: Colour = (235, 50, 60)
+WIND: Colour = (245, 245, 250)
+CURRENT: Colour = (40, 150, 255)
+CLOUDS: Mapping[str, Colour] = {"lidar": (255, 90, 60), "sonar": (40, 220, 255), "map": (190, 120, 255)}
+OTHER_CLOUD: Colour = (240, 240, 90)
+
+
+@dataclass(frozen=True, slots=True)
+class Lighting:
+    """Light and colours around the scene. The sky goes from zenith down to haze, which everything far away fades to."""
+
+    zenith: Colour
+    haze: Colour
+    water: Colour
+    sun: Colour
+    sun_intensity: float
+    sky_light: Colour
+    sky_intensity: float
+    ground_light: Colour
+
+
+DAY = Lighting(
+    (88, 148, 205), (214, 227, 236), (30, 96, 118), (255, 244, 224), 2.1, (214, 227, 236), 2.3, (150, 152, 140)
+)
+NIGHT = Lighting(
+    (10, 16, 30), (46, 61, 82), (72, 116, 128), (190, 208, 255), 0.95, (150, 172, 205), 1.15, (84, 94, 110)
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StreamArrow:
+    """An entry of the legend: an arrow points to where its stream goes, m_per_mps metres long for each m/s."""
+
+    name: str
+    colour: Colour
+    m_per_mps: float
+
+
+def stream_size(length_m: float) -> float:
+    """Factor on the arrows of a vessel of this length."""
+    return math.sqrt(max(length_m, 0.3))
+
+
+def stream_arrows(length_m: float) -> tuple[StreamArrow, ...]:
+    """The arrows that are drawn at a vessel of this length."""
+    size = stream_size(length_m)
+    return StreamArrow("wind", WIND, WIND_M_PER_MPS * size), StreamArrow("current", CURRENT, CURRENT_M_PER_MPS * size)
+
+
+class SceneDrawing:
+    """Draws what does not move at once, and everything else at each instant.
+
+    tracks: draw where vessels have been. water: how fine its surface is. dark: by night.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        scene: ViewScene,
+        *,
+        dark: bool = False,
+        tracks: bool = True,
+        water: WaterResolution = SCREEN_WATER,
+    ) -> None:
+        self.scene = scene
+        self._server = server
+        self._tracks = tracks
+        self._time_s = math.nan
+        self._vessels: dict[str, _VesselDrawing] = {}
+        self._bodies: dict[int, Any] = {}
+        api = server.scene
+        api.configure_environment_map(None)
+        api.configure_default_lights(False)
+        api.world_axes.visible = False
+        for number, mesh in enumerate(scene.meshes):
+            _add_mesh(api, f"/surroundings/{number} {mesh.name}", mesh)
+        self._water = _WaterDrawing(api, scene.water, water)
+        self.dark = dark
+        for name, vessel in scene.vessels.items():
+            self._vessels[name] = _VesselDrawing(api, name, vessel, scene.water)
+
+    @property
+    def dark(self) -> bool:
+        """By night."""
+        return self._dark
+
+    @dark.setter
+    def dark(self, dark: bool) -> None:
+        self._dark = dark
+        lighting = NIGHT if dark else DAY
+        show_lighting(self._server.scene, lighting)
+        self._water.colour(lighting.water)
+
+    def draw(self, instant: ViewInstant) -> None:
+        """Everything as it is at an instant, in one go. Of an earlier one than the last tracks begin anew."""
+        with self._server.atomic():
+            if instant.time_s < self._time_s:
+                for drawn in self._vessels.values():
+                    drawn.forget_track()
+            elapsed_s = instant.time_s - self._time_s if math.isfinite(self._time_s) else 0.0
+            self._time_s = instant.time_s
+            for name in instant.vessels:
+                if name not in self._vessels:
+                    self._vessels[name] = _VesselDrawing(self._server.scene, name, plain_vessel(), self.scene.water)
+            for name, vessel in instant.vessels.items():
+                self._vessels[name].draw(vessel, elapsed_s, self._tracks)
+            self._draw_bodies(instant.bodies)
+            if instant.vessels:
+                first = next(iter(instant.vessels))
+                place = instant.vessels[first].position_enu_m
+                if instant.waves is not None and instant.waves is not self._water.waves:
+                    self._water.change(instant.waves)
+                self._water.draw(instant.time_s, place[:2])
+                self._vessels[first].draw_streams(place, instant.wind_en_mps, instant.current_en_mps)
+
+    def show_estimates(self, shown: bool) -> None:
+        """The ghosts of where autopilots take themselves to be."""
+        for vessel in self._vessels.values():
+            vessel.show_estimate = shown
+
+    def show_clouds(self, shown: bool) -> None:
+        """What lidar and sonar see."""
+        for vessel in self._vessels.values():
+            vessel.show_clouds = shown
+
+    def _draw_bodies(self, bodies: Mapping[int, BodyInstant]) -> None:
+        for number, body in bodies.items():
+            if number not in self._bodies and body.mesh is not None:
+                node = self._server.scene.add_frame(f"/debris/{number}", show_axes=False)
+                _add_mesh(self._server.scene, f"/debris/{number}/body", body.mesh)
+                self._bodies[number] = node
+            if number in self._bodies:
+                _place(self._bodies[number], body.position_enu_m, body.attitude_wxyz)
+                self._bodies[number].visible = True
+        for number in self._bodies.keys() - bodies.keys():
+            self._bodies[number].visible = False
+
+
+def sky_rows(lighting: Lighting) -> NDArray[np.uint8]:
+    """(192, 3) from the top of a picture to its foot, whatever the camera looks at; the horizon is above the middle."""
+    share = np.linspace(0.0, 1.0, 72)[:, None] ** 0.9
+    sky = np.asarray(lighting.zenith) * (1.0 - share) + np.asarray(lighting.haze) * share
+    return np.round(np.concatenate([sky, np.repeat(sky[-1:], 120, axis=0)])).astype(np.uint8)
+
+
+def show_lighting(api: Any, lighting: Lighting) -> None:
+    """Sky, light and haze of a server's scene, or of one browser's."""
+    api.set_background_image(np.repeat(sky_rows(lighting)[:, None], 4, axis=1), format="png")
+    api.configure_fog(60.0, 1100.0, color=lighting.haze)
+    sun, strength = lighting.sun, lighting.sun_intensity
+    api.add_light_directional("/light/sun", color=sun, intensity=strength, position=(-0.6, -0.75, 0.6))
+    # A second one so low that waves show: the material of a mesh has no gloss.
+    api.add_light_directional("/light/glance", color=sun, intensity=0.75 * strength, position=(-0.9, 0.5, 0.13))
+    api.add_light_hemisphere(
+        "/light/sky",
+        sky_color=lighting.sky_light,
+        ground_color=lighting.ground_light,
+        intensity=lighting.sky_intensity,
+        position=(0.0, 0.0, 1.0),
+    )
+
+
+class _WaterDrawing:
+    def __init__(self, api: Any, water: SceneWater, resolution: WaterResolution) -> None:
+        self._api = api
+        self._level_m = water.level_m
+        self._resolution = resolution
+        self._grid = WaterGrid(water.waves, resolution=resolution)
+        self._middle = self._grid.middle(np.asarray(water.centre_en_m, dtype=np.float64))
+        self._node = self._add()
+
+    def _add(self) -> Any:
+        return self._api.add_mesh_simple(
+            "/water",
+            self._grid.vertices_m,
+            self._grid.faces,
+            opacity=0.86,
+            cast_shadow=False,
+            receive_shadow=False,
+            position=(*self._middle, self._level_m),
+        )
+
+    @property
+    def waves(self) -> SceneWaves | None:
+        return self._grid.waves
+
+    def colour(self, colour: Colour) -> None:
+        self._node.color = colour
+
+    def change(self, waves: SceneWaves) -> None:
+        """Other waves. A plane becomes a grid that waves can move."""
+        corners, colour = len(self._grid.vertices_m), self._node.color
+        self._grid = WaterGrid(waves, resolution=self._resolution)
+        if len(self._grid.vertices_m) != corners:
+            self._node = self._add()
+            self._node.color = colour
+
+    def draw(self, time_s: float, place_en_m: Array) -> None:
+        middle = self._grid.middle(place_en_m)
+        if self._grid.waves is not None:
+            self._node.vertices = self._grid.move(time_s, middle)
+        if middle != self._middle and (
+            self._grid.waves is not None or math.dist(middle, self._middle) > 50.0  # a plane need not follow each step
+        ):
+            self._middle = middle
+            self._node.position = (*middle, self._level_m)
+
+
+class _VesselDrawing:
+    """One vessel: its hull and what belongs to it."""
+
+    def __init__(self, api: Any, name: str, vessel: SceneVessel, water: SceneWater) -> None:
+        self.show_estimate = self.show_clouds = True
+        self._api = api
+        self._path = f"/vessels/{name or 'vessel'}"
+        self._level_m = water.level_m
+        # Half the significant height is what crests reach on average.
+        self._lift_m = (
+            0.1
+            if water.waves is None
+            else 0.1 + 0.5 * 4.0 * math.sqrt(0.5) * float(np.linalg.norm(water.waves.amplitude_m))
+        )
+        self._vessel = vessel
+        self._hull = api.add_frame(self._path, show_axes=False)
+        for number, mesh in enumerate(vessel.meshes):
+            _add_mesh(api, f"{self._path}/{number}", mesh)
+        self._propellers = [self._propeller(number) for number in range(len(vessel.thrusters))]
+        self._turned_rad = [0.0] * len(vessel.thrusters)
+        self._estimate: Any = None
+        self._clouds: dict[str, tuple[Points, Any]] = {}
+        self._obstacles: Any = None
+        self._obstacles_drawn: tuple[Any, ...] = ()
+        self._target: Any = None
+        self._guided: Any = None
+        self._track: list[Any] = []
+        self._places: list[list[float]] = []
+        self._wind: Any = None
+        self._current: Any = None
+        self._mission: Array = np.empty((0, 3))
+        self._mission_nodes: list[Any] = []
+        self._marks: list[Any] = []
+        self._draw_mission(vessel.mission_enu_m)
+
+    def _propeller(self, number: int) -> Any:
+        thruster = self._vessel.thrusters[number]
+        turning = shapes.propeller(thruster.diameter_m).mesh("propeller", (45, 48, 54))
+        return _add_mesh(self._api, f"{self._path}/propellers/{number}", turning, position=thruster.place_flu_m)
+
+    def _draw_mission(self, places: Array) -> None:
+        if places is self._mission or np.array_equal(places, self._mission):
+            return
+        for node in self._mission_nodes:
+            node.remove()
+        self._mission, self._mission_nodes, self._marks = places, [], []
+        if len(places) < 2:
+            return
+        line = places.copy()
+        line[:, 2] = self._level_m + self._lift_m
+        path = self._path.replace("/vessels", "/missions", 1)
+        lines = [_add_line(self._api, f"{path}/line", line, MISSION, 2.0)]
+        size = min(max(self._vessel.length_m, 0.6), 6.0)
+        mark = shapes.merged(
+            [
+                shapes.frustum((0.08 * size, 0.08 * size, 1.6 * size), sides=8).placed((0.0, 0.0, 0.8 * size)),
+                shapes.frustum((0.5 * size, 0.5 * size, 0.5 * size), 0.0, 1.0, sides=4).placed((0.0, 0.0, 1.85 * size)),
+            ]
+        )
+        for number, place in enumerate(line[1:], start=1):
+            waypoint = mark.mesh("waypoint", MISSION)
+            self._marks.append(_add_mesh(self._api, f"{path}/waypoint {number}", waypoint, position=tuple(place)))
+            if self._vessel.acceptance_radius_m > 0.0:
+                turn = np.linspace(0.0, 2.0 * math.pi, 49)
+                ring = self._vessel.acceptance_radius_m * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
+                lines.append(_add_line(self._api, f"{path}/radius {number}", ring + place, MISSION, 1.0))
+        self._mission_nodes = [*lines, *self._marks]
+
+    def draw(self, vessel: VesselInstant, elapsed_s: float, tracked: bool) -> None:
+        _place(self._hull, vessel.position_enu_m, vessel.attitude_wxyz)
+        self._draw_propellers(vessel.motors, elapsed_s)
+        self._draw_estimate(vessel)
+        if tracked:
+            self._draw_track(vessel.position_enu_m)
+        self._draw_mission(self._vessel.mission_enu_m if vessel.mission_enu_m is None else vessel.mission_enu_m)
+        for number, mark in enumerate(self._marks):
+            colour = REACHED if number < vessel.waypoints_reached else MISSION
+            if tuple(mark.color) != colour:
+                mark.color = colour
+        self._draw_target(vessel)
+        self._draw_guided(vessel.guided_enu_m)
+        self._draw_clouds(vessel.clouds)
+        self._draw_obstacles(vessel)
+
+    def forget_track(self) -> None:
+        for piece in self._track:
+            piece.remove()
+        self._track, self._places = [], []
+
+    def _draw_propellers(self, motors: tuple[float, ...], elapsed_s: float) -> None:
+        for number, (node, thruster) in enumerate(zip(self._propellers, self._vessel.thrusters, strict=True)):
+            command = motors[thruster.motor] if thruster.motor < len(motors) else 0.0
+            if command and elapsed_s > 0.0:
+                turn = max(-MOST_SPIN_RAD, min(MOST_SPIN_RAD, SPIN_RADPS * command * elapsed_s))
+                self._turned_rad[number] = (self._turned_rad[number] + turn) % (2.0 * math.pi)
+                half = 0.5 * self._turned_rad[number]
+                across = np.array(heading_wxyz(thruster.axis_flu[0], thruster.axis_flu[1]))
+                node.wxyz = quat_multiply(across, np.array([math.cos(half), math.sin(half), 0.0, 0.0]))
+
+    def _draw_estimate(self, vessel: VesselInstant) -> None:
+        place, attitude = vessel.estimate_position_enu_m, vessel.estimate_attitude_wxyz
+        shown = self.show_estimate and place is not None and bool(np.isfinite(place).all())
+        if self._estimate is None:
+            if not shown:
+                return
+            path = self._path.replace("/vessels", "/estimates", 1)
+            self._estimate = self._api.add_frame(path, show_axes=False)
+            for number, mesh in enumerate(self._vessel.meshes):
+                ghost = SceneMesh(mesh.name, mesh.vertices_m, mesh.faces, ESTIMATE, 0.3)
+                _add_mesh(self._api, f"{path}/{number}", ghost)
+        if bool(self._estimate.visible) != shown:
+            self._estimate.visible = shown
+        if shown and place is not None:
+            _place(self._estimate, place, vessel.attitude_wxyz if attitude is None else attitude)
+
+    def _draw_track(self, place: Array) -> None:
+        point = [float(place[0]), float(place[1]), self._level_m + self._lift_m + 0.03]
+        if self._places and math.dist(point, self._places[-1]) < TRACK_STEP_M:
+            return
+        self._places.append(point)
+        count = len(self._places)
+        if count < 2:
+            return
+        path = f"{self._path.replace('/vessels', '/tracks', 1)}"
+        # A browser keeps the number of segments that it was given first: those to come stand at the last place.
+        places = np.array([*self._places, *[point] * (TRACK_PIECE + 1 - count)], dtype=np.float32)
+        segments = np.stack([places[:-1], places[1:]], axis=1)
+        if count == 2:
+            number = int(self._track[-1].name.rpartition("/")[2]) + 1 if self._track else 0
+            self._track.append(
+                self._api.add_line_segments(
+                    f"{path}/{number}", segments, colors=TRACK, thickness=3.0, thickness_units="screen"
+                )
+            )
+            if len(self._track) > TRACK_PIECES:
+                self._track.pop(0).remove()
+        else:
+            self._track[-1].points = segments
+        if count > TRACK_PIECE:
+            self._places = [point]
+
+    def _draw_target(self, vessel: VesselInstant) -> None:
+        if vessel.target_enu_m is None:
+            if self._target is not None:
+                self._target.visible = False
+            return
+        if self._target is None:
+            size = min(max(self._vessel.length_m, 0.6), 6.0)
+            cone = shapes.frustum((0.6 * size, 0.6 * size, 0.8 * size), 0.0, 1.0, sides=16)
+            mark = cone.placed((0.0, 0.0, 2.9 * size)).mesh("target", TARGET)
+            self._target = _add_mesh(self._api, self._path.replace("/vessels", "/targets", 1), mark)
+        self._target.visible = True
+        self._target.position = (float(vessel.target_enu_m[0]), float(vessel.target_enu_m[1]), self._level_m)
+
+    def _draw_guided(self, place: Array | None) -> None:
+        """A post with a ring on the water: no waypoint marks this place."""
+        if place is None:
+            if self._guided is not None:
+                self._guided.visible = False
+            return
+        if self._guided is None:
+            size = min(max(self._vessel.length_m, 0.6), 6.0)
+            post = shapes.frustum((0.12 * size, 0.12 * size, 2.2 * size), sides=8).placed((0.0, 0.0, 1.1 * size))
+            cone = shapes.frustum((0.7 * size, 0.7 * size, 0.9 * size), 0.0, 1.0, sides=16)
+            path = self._path.replace("/vessels", "/guided", 1)
+            mark = shapes.merged([post, cone.placed((0.0, 0.0, 2.4 * size))]).mesh("guided target", GUIDED)
+            self._guided = _add_mesh(self._api, path, mark)
+            turn = np.linspace(0.0, 2.0 * math.pi, 49)
+            radius_m, lift_m = 1.2 * size, np.full(len(turn), self._lift_m)
+            ring = np.stack([radius_m * np.cos(turn), radius_m * np.sin(turn), lift_m], axis=-1)
+            _add_line(self._api, f"{path}/ring", ring, GUIDED, 3.0)
+        self._guided.visible = True
+        self._guided.position = (float(place[0]), float(place[1]), self._level_m)
+
+    def _draw_clouds(self, clouds: Mapping[str, Points]) -> None:
+        for name in self._clouds.keys() - clouds.keys():
+            self._clouds[name][1].visible = False
+        for name, points in clouds.items():
+            known = self._clouds.get(name)
+            if known is not None:
+                if bool(known[1].visible) != self.show_clouds:
+                    known[1].visible = self.show_clouds
+                if known[0] is points:
+                    continue
+            some = np.asarray(points, dtype=np.float32)[:: max(math.ceil(len(points) / MOST_POINTS), 1)]
+            if known is not None and len(known[0]) and len(some):
+                known[1].points = some
+                self._clouds[name] = points, known[1]
+            elif len(some):
+                size = {"sonar": 0.25, "map": 0.06}.get(name, 0.07)
+                node = self._api.add_point_cloud(
+                    f"{self._path.replace('/vessels', '/clouds', 1)}/{name}",
+                    some,
+                    CLOUDS.get(name, OTHER_CLOUD),
+                    point_size=size,
+                    precision="float32",
+                    point_shading="flat",
+                    visible=self.show_clouds,
+                )
+                self._clouds[name] = points, node
+
+    def _draw_obstacles(self, vessel: VesselInstant) -> None:
+        centres, radius_m = vessel.obstacles_enu_m, vessel.obstacle_radius_m
+        if len(centres) == 0 and self._obstacles is None:
+            return
+        drawn = centres.tobytes(), radius_m.tobytes()
+        if drawn == self._obstacles_drawn:
+            return
+        self._obstacles_drawn = drawn
+        path = self._path.replace("/vessels", "/obstacles", 1)
+        if len(centres) == 0:
+            self._obstacles.remove()
+            self._obstacles = None
+            return
+        post = shapes.frustum((2.0, 2.0, 1.6), sides=24)
+        around = np.maximum(radius_m, 0.3)
+        self._obstacles = self._api.add_batched_meshes_simple(
+            path,
+            post.vertices_m,
+            post.faces,
+            np.tile([1.0, 0.0, 0.0, 0.0], (len(centres), 1)),
+            np.column_stack([centres[:, :2], np.full(len(centres), self._level_m + 0.8)]),
+            batched_scales=np.column_stack([around, around, np.ones(len(centres))]),
+            batched_colors=OBSTACLE,
+            opacity=0.35,
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def draw_streams(self, place: Array, wind_en_mps: tuple[float, float], current_en_mps: tuple[float, float]) -> None:
+        """Arrows of wind and current where this vessel is: above it, and on the water beside it."""
+        size = stream_size(self._vessel.length_m)
+        arrow_of_wind, arrow_of_current = stream_arrows(self._vessel.length_m)
+        if self._wind is None:
+            path = self._path.replace("/vessels", "/streams", 1)
+            unit = shapes.arrow(1.0, 1.0)
+            self._wind = _add_mesh(self._api, f"{path}/wind", unit.mesh("wind", WIND, 0.95))
+            self._current = _add_mesh(self._api, f"{path}/current", unit.mesh("current", CURRENT, 0.95))
+        east, north = float(place[0]), float(place[1])
+        above = self._level_m + max(float(place[2]) - self._level_m, 0.0)
+        for node, stream, m_per_mps, offset_m in (
+            (self._wind, wind_en_mps, arrow_of_wind.m_per_mps, 1.5 * size),
+            (self._current, current_en_mps, arrow_of_current.m_per_mps, 0.75 * size),
+        ):
+            speed = math.hypot(*stream)
+            shown = speed > LEAST_STREAM_MPS
+            if bool(node.visible) != shown:
+                node.visible = shown
+            if shown:
+                length = m_per_mps * speed
+                node.wxyz = heading_wxyz(*stream)
+                node.scale = (length, 0.22 * size, 0.22 * size)
+                along = -0.5 * length / speed
+                node.position = (east + along * stream[0], north + along * stream[1], above + offset_m)
+
+
+def _add_mesh(api: Any, path: str, mesh: SceneMesh, position: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Any:
+    return api.add_mesh_simple(
+        path,
+        mesh.vertices_m,
+        mesh.faces,
+        color=mesh.colour,
+        opacity=None if mesh.opacity >= 1.0 else mesh.opacity,
+        side="double",
+        cast_shadow=False,
+        receive_shadow=False,
+        position=position,
+    )
+
+
+def _add_line(api: Any, path: str, points: Array, colour: Colour, thickness: float) -> Any:
+    segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+    return api.add_line_segments(path, segments, colors=colour, thickness=thickness, thickness_units="screen")
+
+
+def _place(node: Any, position: Array, attitude_wxyz: Array) -> None:
+    node.position = position
+    node.wxyz = attitude_wxyz

@@ -1,0 +1,465 @@
+"""Foxglove beside a run: the recorder's own channels over its WebSocket, and actions by what its panels can do.
+
+Services `/operator/<action>` take an action's keys as JSON, parameters are the pace and the environment, and clients
+may publish an action on `/operator/ask`, a pose on `/goal` and a point on `/clicked_point`. foxglove-sdk serves from
+threads of its own and drops the oldest messages of a client that does not keep up; what asks for actions waits there
+until the run looks.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from sim_core.keys import Bounds, Specification, alternatives, key_annotations, meaning_of, optional, required_keys
+from xitl_cli.plugins.view.live_gate import Gate, hidden_host
+from xitl_cli.plugins.view.server import listen
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.run.core.live_output import LiveOutput, LiveRun
+from xitl_cli.run.core.node import RunNode, RunStep
+from xitl_cli.run.operator.actions import ENVIRONMENT, GROUPS
+from xitl_cli.run.operator.node import OperatorNode
+
+if TYPE_CHECKING:
+    from foxglove.websocket import (
+        ChannelView,
+        Client,
+        ClientChannel,
+        Parameter,
+        PlaybackControlRequest,
+        ServiceRequest,
+        WebSocketServer,
+    )
+
+SOURCE = "foxglove"
+HOST = "127.0.0.1"
+USUAL_PORT = 8765
+READ_ONLY = "clients only read in this run; start it with --live-commands to let them act"
+BACKLOG = 256
+"""Messages that wait for a client before the oldest is dropped: of clouds of 200 kB some 50 MB."""
+TIME_RATE_HZ = 20.0
+ANSWER_S = 5.0
+KEPT = ("/scene",)
+"""Topics that are said once, and again to whoever comes later."""
+SERVICE, ASK = "/operator/", "/operator/ask"
+GOALS, POINT = ("/goal", "/goal_pose", "/move_base_simple/goal"), "/clicked_point"
+AS_FAST_AS_IT_CAN = 0.0
+
+
+class _Request:
+    """Something that is to be asked by the run itself. after: is given the refusal."""
+
+    def __init__(self, action: Mapping[str, Any], after: Callable[[str | None], object] = lambda refusal: None) -> None:
+        self.action = action
+        self.refusal: str | None = "the run is over"
+        self._after = after
+        self._done = threading.Event()
+
+    def answer(self, refusal: str | None) -> None:
+        self.refusal = refusal
+        self._done.set()
+        self._after(refusal)
+
+    def wait(self) -> str | None:
+        """The refusal, None for none."""
+        if not self._done.wait(ANSWER_S):
+            return f"the run did not look within {ANSWER_S:g} s"
+        return self.refusal
+
+
+class LiveFoxgloveNode(RunNode):
+    """Serves at `port` of this machine, None for the usual one or a free one; `tell` says where.
+
+    commands: whether clients may act; otherwise the server offers them no service, parameter or publication. It is a
+    mirror of the recording, see McapFile. Raises UserError from `prepare` for a given port that is taken.
+    """
+
+    def __init__(self, title: str, port: int | None, tell: Callable[[str], object], commands: bool = False) -> None:
+        self._commands = commands
+        self._gate: Gate | None = None
+        self._title = title
+        self._wanted = port
+        self._tell = tell
+        self._operator: OperatorNode | None = None
+        self._context: Any = None
+        self._server: WebSocketServer | None = None
+        self._requests: deque[_Request] = deque()
+        self._come: deque[str] = deque()
+        self._kept: dict[str, tuple[Any, list[tuple[bytes, int]]]] = {}
+        self._values: dict[str, Any] = {}
+        self._clients: set[int] = set()
+        self._port = 0
+        self._now_ns = 0
+        self._time_s = 0.0
+        self._asked = self._refused = self._refused_connections = 0
+
+    def attach_operator(self, operator: OperatorNode) -> None:
+        """Have it carry out what is asked for."""
+        self._operator = operator
+        operator.listen(self.poll)
+
+    def prepare(self) -> None:
+        import foxglove
+        from foxglove.websocket import Capability
+
+        self._context = foxglove.Context()
+        listener, address = listen(HOST, self._wanted, "live.host", "live.port", USUAL_PORT)
+        acting = [Capability.Parameters, Capability.Services, Capability.ClientPublish]
+        inner = hidden_host()
+        try:
+            self._server = foxglove.start_server(
+                name=f"xitl {self._title}",
+                host=inner,
+                port=0,
+                context=self._context,
+                capabilities=[Capability.Time, *(acting if self._commands else ())],
+                supported_encodings=["json"] if self._commands else None,
+                services=list(self._services()) if self._commands else None,
+                server_listener=_Listener(self),
+                message_backlog_size=BACKLOG,
+            )
+        except (OSError, RuntimeError):
+            listener.close()
+            raise
+        self._gate = Gate(listener, address, (inner, self._server.port))
+        self._port = address.port
+        moved = "" if address.moved is None else f" (port {address.moved} is taken)"
+        acts = "" if self._commands else " (read-only: --live-commands lets clients act)"
+        self._tell(f"foxglove: ws://{HOST}:{address.port}/?token={address.token}{acts}{moved}")
+
+    def mirror(self) -> LiveFoxgloveNode:
+        return self
+
+    def open_channel(
+        self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
+    ) -> Callable[[bytes, int], object]:
+        """A channel as the recording has it; what is returned sends a payload of an instant."""
+        import foxglove
+
+        schema = foxglove.Schema(name=schema_name, encoding=schema_encoding, data=definition)
+        channel = foxglove.Channel(topic, message_encoding=encoding, schema=schema, context=self._context)
+        log = channel.log
+        if topic not in KEPT:
+            return lambda payload, stamp_ns: log(payload, log_time=stamp_ns)
+        said: list[tuple[bytes, int]] = []
+        self._kept[topic] = log, said
+
+        def keep(payload: bytes, stamp_ns: int) -> None:
+            said.append((payload, stamp_ns))
+            log(payload, log_time=stamp_ns)
+
+        return keep
+
+    def exchange(self, step: RunStep) -> None:
+        self._now_ns = step.now_ns
+        self._tell_time_and_parameters()
+
+    def _tell_time_and_parameters(self) -> None:
+        now_s = time.monotonic()
+        if self._server is not None and now_s - self._time_s >= 1.0 / TIME_RATE_HZ:
+            self._time_s = now_s
+            self._server.broadcast_time(self._now_ns)
+            self._tell_parameters()
+
+    def poll(self) -> None:
+        """Ask for what was asked here; say again what is said once."""
+        while self._come:
+            log, said = self._kept[self._come.popleft()]
+            for payload, stamp_ns in said:
+                log(payload, log_time=stamp_ns)
+        while self._requests:
+            request = self._requests.popleft()
+            self._asked += 1
+            refusal = "nobody carries out actions in this run"
+            if self._operator is not None:
+                refused = self._operator.ask(request.action, SOURCE)
+                self._refused += refused is not None
+                request.answer(refused)
+                continue
+            request.answer(refusal)
+        self._tell_time_and_parameters()  # else what changed just before it stood still would wait
+
+    def close(self) -> None:
+        server, self._server = self._server, None
+        while self._requests:  # who waits in a thread of the server would hold up its end
+            self._requests.popleft().answer("the run is over")
+        gate, self._gate = self._gate, None
+        if gate is not None:
+            gate.close()
+            self._refused_connections = gate.refused
+        if server is not None:
+            server.stop()
+
+    def report(self) -> dict[str, Any]:
+        """live: its address without the token, clients that came, connections that were refused, messages that slow
+        clients lost (null: foxglove-sdk does not count them), actions asked for and refused.
+        """
+        return {
+            "live": {
+                "address": f"ws://{HOST}:{self._port}",
+                "clients": len(self._clients),
+                "refused_connections": self._refused_connections if self._gate is None else self._gate.refused,
+                "dropped": None,
+                "actions": self._asked,
+                "refused": self._refused,
+            }
+        }
+
+    # In threads of the server
+
+    def ask(self, action: Mapping[str, Any]) -> str | None:
+        """Have the run ask for it, and wait for its refusal; None for none."""
+        request = _Request(action)
+        self._request(request)
+        return request.wait()
+
+    def hope(self, action: Mapping[str, Any]) -> None:
+        """The same without waiting: a refusal goes to all clients as a status."""
+        self._request(_Request(action, self._complain))
+
+    def _request(self, request: _Request) -> None:
+        if not self._commands:
+            request.answer(READ_ONLY)
+        elif self._server is None:
+            request.answer("the run is over")
+        else:
+            self._requests.append(request)
+
+    def _complain(self, refusal: str | None) -> None:
+        from foxglove.websocket import StatusLevel
+
+        server = self._server
+        if refusal is not None and server is not None:
+            server.publish_status(refusal, StatusLevel.Warning)
+
+    def complain(self, text: str) -> None:
+        """To all clients."""
+        self._complain(text)
+
+    def come(self, client: int, topic: str | None = None) -> None:
+        """A client does something, or subscribes to a topic."""
+        self._clients.add(client)
+        if topic in self._kept:
+            self._come.append(topic)
+
+    def _services(self) -> Iterator[Any]:
+        from foxglove import Schema, Service
+        from foxglove.websocket import MessageSchema, ServiceSchema
+
+        def shaped(name: str, schema: Mapping[str, Any]) -> Any:
+            return MessageSchema(
+                encoding="json", schema=Schema(name=name, encoding="jsonschema", data=json.dumps(schema).encode())
+            )
+
+        answer = shaped("xitl.Answer", _ANSWER)
+        for action, group in GROUPS.items():
+            named = f"xitl.{action.capitalize()}"
+            schema = ServiceSchema(named, request=shaped(named, json_schema(group)), response=answer)
+            yield Service(f"{SERVICE}{action}", schema=schema, handler=self._serve)
+
+    def _serve(self, request: ServiceRequest) -> bytes:
+        """The refusal is an answer like another: a panel shows it."""
+        name = request.service_name.removeprefix(SERVICE)
+        try:
+            keys = json.loads(request.payload or b"{}")
+        except ValueError as error:
+            keys = None
+            refusal: str | None = f"{name}: is no JSON ({error})"
+        if isinstance(keys, dict):
+            refusal = self.ask({"action": name, **keys})
+        elif keys is not None:
+            refusal = f"{name}: write its keys as a JSON object, such as {{}}"
+        return json.dumps({"success": refusal is None, "message": refusal or ""}).encode()
+
+    # Parameters
+
+    def parameters(self) -> dict[str, Any]:
+        """What can be set, by the names of the profile's keys."""
+        operator = self._operator
+        if operator is None or not self._commands:
+            return {}
+        found: dict[str, Any] = {"paused": operator.paused, "pace": operator.factor or AS_FAST_AS_IT_CAN}
+        for group in ENVIRONMENT:
+            found.update(_flat(f"environment.{group}", getattr(operator.environment, group)))
+        return found
+
+    def set_parameter(self, name: str, value: Any) -> str | None:
+        """The refusal, None for none."""
+        if name not in self.parameters():
+            return f"{name} is none of the parameters; use {', '.join(self.parameters())}"
+        if name == "paused":
+            return self.ask({"action": "pause" if value else "resume"})
+        if name == "pace":
+            return self.ask({"action": "pace", "factor": value or None})
+        _, group, *path = name.split(".")
+        for key in reversed(path):
+            value = {key: value}
+        return self.ask({"action": group, **value})
+
+    def _tell_parameters(self) -> None:
+        """What has changed since, by whomever."""
+        values = self.parameters()
+        if values != self._values and self._server is not None:
+            changed = {name: value for name, value in values.items() if self._values.get(name, _UNKNOWN) != value}
+            self._values = values
+            self._server.publish_parameter_values(as_parameters(changed))
+
+
+_UNKNOWN = object()
+_ANSWER = {
+    "type": "object",
+    "properties": {"success": {"type": "boolean"}, "message": {"type": "string", "description": "why it was refused"}},
+}
+_JSON_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
+
+
+def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
+    """As foxglove-sdk has them."""
+    from foxglove.websocket import Parameter
+
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Scalars of a group and of those within."""
+    if isinstance(value, Specification):
+        group: Any = type(value)
+        for key in key_annotations(group):
+            yield from _flat(f"{name}.{key}", getattr(value, key))
+    elif isinstance(value, (bool, int, float, str)):
+        yield name, value
+
+
+def json_schema(group: Any) -> dict[str, Any]:
+    """Of an action's keys: names, types, bounds and meanings as the specification has them."""
+    properties = {name: _property(annotation) for name, annotation in key_annotations(group).items()}
+    needed = list(required_keys(group))
+    return {"type": "object", "properties": properties, **({"required": needed} if needed else {})}
+
+
+def _property(annotation: Any) -> dict[str, Any]:
+    from typing import Literal, get_args, get_origin
+
+    kind, markers = alternatives(annotation)[0]
+    found: dict[str, Any] = {}
+    if isinstance(kind, type) and issubclass(kind, Specification):
+        return json_schema(kind)
+    if get_origin(kind) is Literal:
+        found = {"type": "string", "enum": list(get_args(kind))}
+    elif kind in _JSON_TYPES:
+        name = _JSON_TYPES[kind]
+        found = {"type": [name, "null"] if optional(annotation) else name}
+    else:
+        found = {"type": "array"}
+    for bounds in (marker for marker in markers if isinstance(marker, Bounds)):
+        if bounds.at_least is not None:
+            found["minimum"] = bounds.at_least
+        if bounds.at_most is not None:
+            found["maximum"] = bounds.at_most
+    if meaning := meaning_of(annotation):
+        found["description"] = meaning
+    return found
+
+
+class _Listener:
+    """What clients do, as foxglove-sdk tells it, in its threads."""
+
+    def __init__(self, node: LiveFoxgloveNode) -> None:
+        self._node = node
+        self._published: dict[tuple[int, int], str] = {}
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        self._node.come(client.id, channel.topic)
+
+    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
+        pass
+
+    def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
+        self._node.come(client.id)
+        if channel.topic not in (ASK, POINT, *GOALS):
+            self._node.complain(f"{channel.topic}: nobody listens; publish on {', '.join((ASK, *GOALS, POINT))}")
+        self._published[client.id, channel.id] = channel.topic
+
+    def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
+        self._published.pop((client.id, client_channel_id), None)
+
+    def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
+        topic = self._published.get((client.id, client_channel_id), "")
+        try:
+            action = action_from_message(topic, json.loads(data))
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            self._node.complain(f"{topic}: cannot be understood ({error!r}); publish JSON of the topic's usual schema")
+            return
+        if action is not None:
+            self._node.hope(action)
+
+    def on_get_parameters(
+        self, client: Client, param_names: list[str], request_id: str | None = None
+    ) -> list[Parameter]:
+        self._node.come(client.id)
+        values = self._node.parameters()
+        return as_parameters({name: values[name] for name in param_names or values if name in values})
+
+    def on_set_parameters(
+        self, client: Client, parameters: list[Parameter], request_id: str | None = None
+    ) -> list[Parameter]:
+        """Those that were refused come back as they are."""
+        self._node.come(client.id)
+        before = self._node.parameters()
+        for parameter in parameters:
+            value = parameter.get_value()
+            if before.get(parameter.name, _UNKNOWN) != value:
+                refusal = self._node.set_parameter(parameter.name, value)
+                if refusal is not None:
+                    self._node.complain(refusal)
+        values = self._node.parameters()
+        return as_parameters({one.name: values[one.name] for one in parameters if one.name in values})
+
+    def on_parameters_subscribe(self, param_names: list[str]) -> None:
+        pass
+
+    def on_parameters_unsubscribe(self, param_names: list[str]) -> None:
+        pass
+
+    def on_connection_graph_subscribe(self) -> None:
+        pass
+
+    def on_connection_graph_unsubscribe(self) -> None:
+        pass
+
+    def on_playback_control_request(self, playback_control_request: PlaybackControlRequest) -> None:
+        pass
+
+
+def action_from_message(topic: str, message: Any) -> Mapping[str, Any] | None:
+    """What a client published, as an action; None for a topic that nobody listens to.
+
+    A pose and a point are in the map, east and north, as Foxglove's 3D panel publishes them. Raises KeyError or
+    TypeError for a message that is none of the topic's.
+    """
+    if topic == ASK:
+        if not isinstance(message, dict):
+            raise TypeError("an action is a JSON object")
+        return message
+    if topic in GOALS:
+        place = message["pose"]["position"] if "pose" in message else message["position"]
+        return {"action": "goto", "north_m": float(place["y"]), "east_m": float(place["x"])}
+    if topic == POINT:
+        place = message.get("point", message)
+        return {"action": "launch", "kind": "trunk", "north_m": float(place["y"]), "east_m": float(place["x"])}
+    return None
+
+
+class FoxgloveOutput(LiveOutput):
+    """Foxglove as a live output of a run."""
+
+    def __init__(self, profiles: Sequence[RunProfile]) -> None:
+        self._lead = profiles[0]
+
+    def world_nodes(self, run: LiveRun) -> Sequence[RunNode]:
+        live = self._lead.live
+        return [LiveFoxgloveNode(self._lead.name, live.port, run.tell, live.commands)]

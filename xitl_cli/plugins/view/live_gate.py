@@ -1,0 +1,152 @@
+"""The gate in front of foxglove-sdk's server, which itself accepts every page that a browser shows.
+
+The gate has the port that is told. It reads the head of each request, checks Host, Origin and token, and passes the
+connection on to the server. The server listens at an address of 127.0.0.0/8 and a port that are drawn for each run, so
+that a page of another site cannot find it. A program on this machine can: it reads the kernel's table of sockets.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import re
+import secrets
+import socket
+import threading
+from urllib.parse import parse_qs, urlsplit
+
+from xitl_cli.plugins.view.server import ViewAddress, is_loopback, stranger
+
+HEAD_BYTES = 16_384
+HEAD_S = 10.0
+MOST_WAITING = 64
+"""Connections without a whole request at once: the one that has waited for longest is closed. A connection costs a file
+descriptor of the run."""
+CHUNK_BYTES = 1 << 16
+_TRUSTED = "foxglove.dev"
+_REQUEST = re.compile(r"GET /[!-~]* HTTP/1\.1")
+_HEADER = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+:[^\r\n\0]*")
+"""RFC 9112, 5: a name without spaces, and no continued lines. Whatever the server behind would read otherwise."""
+
+
+def hidden_host() -> str:
+    """An address of this machine that is drawn at random; 127.0.0.1 where the system has no other."""
+    drawn = f"127.{secrets.randbelow(254) + 1}.{secrets.randbelow(256)}.{secrets.randbelow(254) + 1}"
+    with socket.socket() as tried:
+        try:
+            tried.bind((drawn, 0))
+        except OSError:
+            return "127.0.0.1"
+    return drawn
+
+
+def is_foxglove(origin: str) -> bool:
+    """Whether a page is Foxglove's own application: web site, desktop program, or served on this machine."""
+    parts = urlsplit(origin)
+    name = parts.hostname or ""
+    site = parts.scheme == "https" and (name == _TRUSTED or name.endswith(f".{_TRUSTED}"))
+    return site or origin == "file://" or is_loopback(name)
+
+
+def refusal(address: ViewAddress, head: bytes) -> str:
+    """Why a request is refused, empty if it is not. head: of its HTTP, to the empty line."""
+    first, *lines = head.decode("latin-1").split("\r\n")
+    if not _REQUEST.fullmatch(first) or not all(map(_HEADER.fullmatch, lines)):
+        return "it is no proper request of HTTP/1.1"
+    headers: dict[str, str] = {}
+    for line in lines:
+        name, _, value = line.partition(":")
+        if name.lower() in headers and name.lower() in ("host", "origin"):
+            return f"it has two headers {name}"
+        headers[name.lower()] = value.strip()
+    if reason := stranger(address.host, headers.get("host", ""), headers.get("origin"), is_foxglove):
+        return reason
+    target = first.partition(" ")[2].partition(" ")[0]
+    given = parse_qs(target.partition("?")[2]).get("token", [""])[0]
+    if not hmac.compare_digest(given.encode(), address.token.encode()):
+        return "the address that the run printed has a token in it, which is missing here or wrong"
+    return ""
+
+
+class Gate:
+    """Serves `listener` in a thread and passes to `inner`, host and port, what has the token of `address`.
+
+    refused: connections that were closed with 403, or that sent no request.
+    """
+
+    def __init__(self, listener: socket.socket, address: ViewAddress, inner: tuple[str, int]) -> None:
+        self.refused = 0
+        self._address = address
+        self._inner = inner
+        self._listener = listener
+        self._waiting: dict[asyncio.StreamWriter, None] = {}  # oldest first
+        self._up = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), name="foxglove gate", daemon=True)
+        self._thread.start()
+        self._up.wait()
+
+    def close(self) -> None:
+        """End all connections."""
+        self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join()
+
+    async def _serve(self) -> None:
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        self._up.set()
+        server = await asyncio.start_server(self._connected, sock=self._listener, limit=HEAD_BYTES)
+        await self._stop.wait()
+        server.close()  # asyncio.run cancels the connections
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            with contextlib.suppress(OSError):
+                await self._pass(reader, writer)
+        finally:
+            writer.close()
+
+    async def _head(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
+        """A request to its empty line."""
+        if len(self._waiting) >= MOST_WAITING:
+            oldest = next(iter(self._waiting))
+            del self._waiting[oldest]
+            oldest.transport.abort()
+        self._waiting[writer] = None
+        try:
+            async with asyncio.timeout(HEAD_S):
+                return await reader.readuntil(b"\r\n\r\n")
+        finally:
+            self._waiting.pop(writer, None)
+
+    async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            head = await self._head(reader, writer)
+        except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError):
+            self.refused += 1
+            return
+        if reason := refusal(self._address, head[:-4]):
+            self.refused += 1
+            body = f"{reason}\n".encode()
+            kind = f"Content-Type: text/plain; charset=utf-8\r\nContent-Length: {len(body)}\r\nConnection: close"
+            writer.write(f"HTTP/1.1 403 Forbidden\r\n{kind}\r\n\r\n".encode() + body)
+            await writer.drain()
+            return
+        served, serving = await asyncio.open_connection(*self._inner)
+        try:
+            serving.write(b"GET / HTTP/1.1\r\n" + head.partition(b"\r\n")[2])
+            both = [asyncio.ensure_future(_pump(*ends)) for ends in ((reader, serving), (served, writer))]
+            try:
+                await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for one in both:
+                    one.cancel()
+                await asyncio.gather(*both, return_exceptions=True)
+        finally:
+            serving.close()
+
+
+async def _pump(source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+    """Pass bytes on until one side ends; what does not keep up holds up the other."""
+    while chunk := await source.read(CHUNK_BYTES):
+        sink.write(chunk)
+        await sink.drain()

@@ -1,0 +1,489 @@
+"""The 3D view beside a run: starts its process, and gives it an instant when it asks for one.
+
+A VesselWatch keeps what is recorded of a vessel and drawn; the LiveViewNode makes instants of all of them. With nobody
+looking that is a glance at the clock each exchange.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
+from sim_core import frames
+from sim_core.fleet import Fleet
+from sim_core.world.debris import Body, DebrisState
+from sim_core.world.traffic import ScriptedVessel, scripted_motion
+from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
+from xitl_cli.plugins.view.model import Array, BodyInstant, Points, SceneWaves, VesselInstant, ViewEvent, ViewInstant
+from xitl_cli.plugins.view.scene import NO_WAVES, scene_waves
+from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.foxglove_types import foxglove_type
+from xitl_cli.record.topics import SONAR_POINT
+from xitl_cli.run.core.live_output import LiveOutput, LiveRun, LiveVessel
+from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
+from xitl_cli.run.core.pace import OperatedLockstep
+from xitl_cli.run.core.side_process import SideProcess
+from xitl_cli.run.nodes.mission_score import MissionNode
+from xitl_cli.run.operator.node import OperatorNode
+from xitl_cli.run.status_display import RunStatus
+from xitl_cli.run.world.plant import Plant, PlantView
+from xitl_cli.run.world.scene import make_debris_scene, make_scripted_scene
+
+SOURCE = "view"
+FIRST_BROWSER_S = 20.0
+"""For which a run in lockstep waits for the browser that it has opened."""
+ALONE_S = 5.0
+"""After the last browser has gone, until the view gives up its pace and reports a pause: a page may be loaded anew."""
+END_S = 3.0
+MOST_WAITING_BYTES = 8 << 20
+MOST_EVENTS = 200
+OBSTACLE_S = 3.0
+"""For which an obstacle that is told of no more is still drawn."""
+SONAR_PINGS = 400
+_FLU = np.array([1.0, -1.0, -1.0])
+_SEVERITIES = {1: 7, 2: 6, 3: 4, 4: 3, 5: 2}
+"""MAV_SEVERITY by the level of a foxglove.Log."""
+
+
+@dataclass(slots=True)
+class _Seen:
+    """A cloud, and where the vessel was when it was complete."""
+
+    message: Any
+    position_enu_m: Array
+    rotation: Array
+
+
+class VesselWatch(RunNode):
+    """What is drawn of one vessel, partly from what is recorded of it: estimate, clouds, obstacles, clocks, words.
+
+    Offsets of clocks are told against what they were at first: when a machine was switched on says nothing.
+    """
+
+    def __init__(
+        self,
+        profile: RunProfile,
+        plant: PlantView,
+        control: ControlNode,
+        mission: MissionNode,
+        status: Callable[[], RunStatus],
+    ) -> None:
+        self.name = profile.vessel
+        self._profile = profile
+        self._plant = plant
+        self._control = control
+        self._mission = mission
+        self._status = status
+        self._estimate: tuple[Sequence[float], Sequence[float]] | None = None
+        self._lidar: _Seen | None = None
+        self._sonar: deque[_Seen] = deque(maxlen=SONAR_PINGS)
+        self._drawn: dict[int, tuple[_Seen, Points]] = {}
+        self._obstacles: dict[int, tuple[int, Any, Any]] = {}
+        self._clocks: dict[str, tuple[float, float, float]] = {}
+        self._events: deque[tuple[int, Any]] = deque(maxlen=MOST_EVENTS)
+
+    def begin(self, context: RunContext) -> None:
+        recorder = context.recorder
+        recorder.watch("/estimate/odometry", self._on_estimate)
+        recorder.watch("/lidar/points", self._on_lidar)
+        recorder.watch("/sonar/points", self._on_sonar)
+        recorder.watch("/companion/obstacles", self._on_obstacle)
+        recorder.watch("/clocks", self._on_clock)
+        recorder.watch("/log", lambda stamp_ns, entry: self._events.append((stamp_ns, entry)))
+
+    def _on_estimate(
+        self, stamp_ns: int, frame: str, child: str, place: Sequence[float], turn: Sequence[float], *rest: object
+    ) -> None:
+        self._estimate = place, turn
+
+    def _on_lidar(self, stamp_ns: int, cloud: Any) -> None:
+        self._lidar = self._seen(cloud)
+
+    def _on_sonar(self, stamp_ns: int, cloud: Any) -> None:
+        self._sonar.append(self._seen(cloud))
+
+    def _seen(self, cloud: Any) -> _Seen:
+        position, attitude = _enu(self._plant.motion(), 0)
+        return _Seen(cloud, position, frames.quat_to_matrix(attitude))
+
+    def _on_obstacle(self, stamp_ns: int, number: int, *values: Any) -> None:
+        self._obstacles[number] = stamp_ns, values[3], values[5]
+
+    def _on_clock(self, stamp_ns: int, node: str, *values: Any) -> None:
+        if node != "PS1":
+            first_s = self._clocks[node][0] if node in self._clocks else values[4]
+            self._clocks[node] = first_s, values[4] - first_s, values[5]
+
+    def instant(self, now_ns: int, late: int) -> VesselInstant:
+        """It now. late: deadlines that the host missed."""
+        control, status = self._control, self._status()
+        progress = control.progress
+        position, attitude = _enu(self._plant.motion(), 0)
+        estimate_place = estimate_turn = None
+        if self._estimate is not None:
+            (x, y, z, w) = self._estimate[1]
+            estimate_place, estimate_turn = np.array(self._estimate[0]), np.array([w, x, y, z])
+        for number in [key for key, value in self._obstacles.items() if now_ns - value[0] > OBSTACLE_S * 1e9]:
+            del self._obstacles[number]
+        places = [frames.ned_to_enu(np.asarray(place, dtype=np.float64)) for _, place, _ in self._obstacles.values()]
+        radius = [0.5 * max(float(size[0]), float(size[1])) for _, _, size in self._obstacles.values()]
+        waypoints = progress.waypoints if progress.waypoints is not None else self._profile.mission.course_ned_m
+        others = self._mission.others
+        target = None
+        if progress.target is not None and 0 <= progress.target < len(waypoints):
+            north_m, east_m = waypoints[progress.target]
+            target = np.array([east_m, north_m, 0.0])
+        guided = None
+        if progress.guided_ne_m is not None:
+            north_m, east_m = progress.guided_ne_m
+            target, guided = None, np.array([east_m, north_m, 0.0])
+        return VesselInstant(
+            position,
+            attitude,
+            estimate_place,
+            estimate_turn,
+            tuple(control.command.motors),
+            progress.mode if not progress.waits_for else f"waits for {progress.waits_for}",
+            progress.armed,
+            progress.reached,
+            status.waypoints_total,
+            None if others is None else np.array([(east_m, north_m, 0.0) for north_m, east_m in others]),
+            target,
+            self._clouds(),
+            np.array(places).reshape(-1, 3),
+            np.array(radius),
+            self._numbers(status, late),
+            guided,
+        )
+
+    def _clouds(self) -> dict[str, Points]:
+        clouds: dict[str, Points] = {}
+        if self._lidar is not None:
+            clouds["lidar"] = self._placed(self._lidar)
+        pings = [points for seen in self._sonar if len(points := self._placed(seen))]
+        if pings:
+            clouds["sonar"] = np.concatenate(pings)
+        kept = {id(seen) for seen in (self._lidar, *self._sonar)}
+        self._drawn = {key: value for key, value in self._drawn.items() if key in kept}
+        return clouds
+
+    def _placed(self, seen: _Seen) -> Points:
+        """Its points in the map: worked out once, and only of clouds that are drawn."""
+        known = self._drawn.get(id(seen))
+        if known is not None:
+            return known[1]
+        points = cloud_points(seen.message) @ seen.rotation.T + seen.position_enu_m
+        self._drawn[id(seen)] = seen, points.astype(np.float32)
+        return self._drawn[id(seen)][1]
+
+    def _numbers(self, status: RunStatus, late: int) -> dict[str, float]:
+        numbers = {
+            "speed m/s": status.speed_mps,
+            "heading °": status.heading_deg,
+            "cross-track m": math.nan if status.cross_track_m is None else status.cross_track_m,
+            "estimate off m": math.nan if status.position_error_m is None else status.position_error_m,
+            "wind m/s": status.wind_mps,
+            "current m/s": status.current_mps,
+            "links lost": status.lost,
+            "deadline misses": status.missed + late,
+        }
+        for node, (_, since_s, drift_ppm) in self._clocks.items():
+            several = f" {node}" if len(self._clocks) > 1 else ""
+            numbers[f"clock offset{several} ms"] = 1e3 * since_s
+            numbers[f"clock drift{several} ppm"] = drift_ppm
+        return numbers
+
+    def events(self) -> list[ViewEvent]:
+        """What was said since the last call."""
+        said = []
+        while self._events:
+            stamp_ns, entry = self._events.popleft()
+            read = foxglove_type("Log").FromString(entry.encode())
+            text = f"{read.name}: {read.message}" if read.name else read.message
+            said.append(ViewEvent(stamp_ns * 1e-9, _SEVERITIES.get(read.level, 6), text))
+        return said
+
+
+def cloud_points(message: Any) -> Points:
+    """(n, 3) of a foxglove.PointCloud whose points begin with x, y, z as float32: all that are recorded do."""
+    read = foxglove_type("PointCloud").FromString(message.encode())
+    kind = np.dtype({"names": ["xyz"], "formats": [("<f4", 3)], "offsets": [0], "itemsize": read.point_stride})
+    assert SONAR_POINT.names is not None
+    assert SONAR_POINT.names[:3] == ("x", "y", "z")
+    return np.frombuffer(read.data, dtype=kind)["xyz"]
+
+
+def _enu(motion: Any, row: int) -> tuple[Array, Array]:
+    """Place, and attitude (w, x, y, z) from FLU."""
+    return frames.ned_to_enu(motion.pos_ned_m[row]), frames.quat_ned_frd_to_enu_flu(motion.quat_ned_frd[row])
+
+
+class LiveViewNode(RunNode):
+    """The view of a run. One that dies, hangs or that nobody looks at leaves the run as it is.
+
+    profiles: of each vessel. drawn: the scene that is recorded, encoded. watches: of the vessels. tell: says the
+    address to the user. interrupted: whether somebody wants to end the run.
+    """
+
+    def __init__(
+        self,
+        profiles: Sequence[RunProfile],
+        plant: Plant,
+        watches: Sequence[VesselWatch],
+        drawn: Callable[[], bytes],
+        tell: Callable[[str], None],
+        interrupted: Callable[[], bool],
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._operator: OperatorNode | None = None
+        self._profiles = tuple(profiles)
+        self._spec = profiles[0].view
+        self._plant = plant
+        self._watches = watches
+        self._drawn = drawn
+        self._tell = tell
+        self._interrupted = interrupted
+        self._now_s = now_s
+        self._traffic: tuple[ScriptedVessel, ...] = ()
+        if isinstance(plant.simulation, Fleet):
+            self._traffic = tuple(plant.simulation.traffic)
+        self._bodies_told = 0
+        self._waves_told = plant.simulation.environment.waves
+        self._next_s = 0.0
+        self._asked = False
+        self._looking = self._joined = self._shown = self._skipped = self._actions = self._refused = 0
+        self._alone_since_s: float | None = None
+        self._led = self._unpaced = False
+        self._rate: deque[tuple[float, int]] = deque(maxlen=20)
+        self._address: ViewAddress | None = None
+        self._page = SideProcess("xitl_cli.plugins.view.process", self._on_loss, END_S)
+        self._opened = False
+        self._ended = ""
+        self._recorder: Any = None
+        self._pace: Any = None
+
+    def attach_operator(self, operator: OperatorNode) -> None:
+        """Have it carry out what is asked for at the page, and be polled by it: while the run stands still too."""
+        self._operator = operator
+        operator.listen(self.poll)
+
+    def prepare(self) -> None:
+        """Listen, start the process and say where it is."""
+        check_view_extra()
+        listener, self._address = listen(self._spec.host, self._spec.port)
+        with listener:
+            self._page.start([listener])
+        if self._address.moved is not None:
+            self._tell(f"port {self._address.moved} is taken, so the view is at {self._address.port}")
+        self._tell(f"view: {self._address.url}")
+        wanted = self._spec.open
+        if wanted or (wanted is None and has_desktop()):
+            self._opened = open_browser(self._address.url)
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder, self._pace = context.recorder, context.pace
+        lead = self._profiles[0]
+        updates = [self._drawn()]
+        if self._traffic:
+            updates.append(make_scripted_scene(self._traffic).encode())
+        lockstep = lead.clock.mode == "lockstep"
+        assert self._address is not None
+        operator = self._operator
+        operated = operator is not None
+        faults = () if operator is None else tuple(operator.faults.items())
+        own = lead.name, self._address, self._spec.dark, tuple(updates), self._profiles
+        pace = self._spec.pace if operator is None or operator.factor is None else operator.factor
+        self._page.send(ViewStart(*own, operated, lockstep, faults, pace))
+        if self._opened and lockstep:
+            until_s = self._now_s() + FIRST_BROWSER_S
+            while not self._page.gone and not self._looking and self._now_s() < until_s and not self._interrupted():
+                self.poll()
+                time.sleep(0.02)
+
+    def exchange(self, step: RunStep) -> None:
+        self.poll()
+
+    def poll(self) -> None:
+        """When that is due take in what the view asks for, and give it an instant if it wants one."""
+        now_s = self._now_s()
+        if now_s < self._next_s or self._page.gone:
+            return
+        self._next_s = now_s + 1.0 / self._spec.rate_hz
+        for message in self._page.receive():
+            self._take_in(message)
+        self._lead(now_s)
+        if not self._looking:
+            return
+        if not self._asked or self._page.waiting_bytes > MOST_WAITING_BYTES:
+            self._skipped += 1
+            return
+        self._asked = False
+        self._shown += 1
+        debris = self._debris()
+        self._tell_bodies(debris.bodies)
+        self._page.send(self._instant(now_s, debris))
+
+    def _take_in(self, message: Mapping[str, Any]) -> None:
+        if "browsers" in message:
+            self._looking, self._joined = int(message["browsers"]), int(message["joined"])
+            if not self._looking:
+                self._asked = False
+        elif "ask" in message:
+            self._asked = True
+        elif isinstance(action := message.get("action"), dict):
+            self._actions += 1
+            refusal = self._ask(action)
+            if refusal is not None:
+                self._refused += 1
+                self._page.send(ViewRefusal(refusal))
+
+    def _ask(self, action: Mapping[str, Any]) -> str | None:
+        return (
+            "nobody carries out actions in this run" if self._operator is None else self._operator.ask(action, SOURCE)
+        )
+
+    def _lead(self, now_s: float) -> None:
+        """Somebody looks: at the pace of the profile, unless one is set. Nobody any more: on as before."""
+        if self._looking:
+            self._alone_since_s = None
+            if not self._led:
+                self._led = True
+                if self._paceable and self._spec.pace is not None and self._pace.factor is None:
+                    self._ask({"action": "pace", "factor": self._spec.pace})
+                    self._unpaced = True
+        elif self._led:
+            self._alone_since_s = self._alone_since_s or now_s
+            if now_s - self._alone_since_s >= ALONE_S:
+                self._alone_since_s = None
+                self._leave_alone()
+
+    def _leave_alone(self) -> None:
+        """Take back the pace that the view has set. A pause stays, and the user reads how to end it."""
+        if self._unpaced:
+            self._ask({"action": "pace", "factor": None})
+        self._led = self._unpaced = False
+        if self._operator is not None and self._operator.paused and self._address is not None:
+            self._tell(
+                f"the last browser has closed and the run stays paused: open {self._address.url} and resume it, "
+                "or end it with Ctrl-C"
+            )
+
+    @property
+    def _paceable(self) -> bool:
+        return isinstance(self._pace, OperatedLockstep)
+
+    def _instant(self, now_s: float, debris: DebrisState) -> ViewInstant:
+        plant, state = self._plant, self._plant.state
+        now_ns = state.time_ns
+        late = self._pace.task(self._profiles[0].clock.physics_rate_hz).missed
+        vessels = {watch.name: watch.instant(now_ns, late) for watch in self._watches}
+        if self._traffic:
+            motion = scripted_motion(self._traffic, now_ns * 1e-9)
+            for row, vessel in enumerate(self._traffic):
+                place, attitude = _enu(motion, row)
+                speed = math.hypot(*motion.vel_ned_mps[row, :2].tolist())
+                vessels[vessel.name] = VesselInstant(place, attitude, mode="scripted", numbers={"speed m/s": speed})
+        first = plant.vessels[0].state
+        wind, current = (frames.ned_to_enu(one[0]) for one in (first.wind_ned_mps, first.current_ned_mps))
+        events = sorted((event for watch in self._watches for event in watch.events()), key=lambda one: one.time_s)
+        self._rate.append((now_s, now_ns))
+        (since_s, since_ns) = self._rate[0]
+        pace = (now_ns - since_ns) * 1e-9 / (now_s - since_s) if now_s > since_s else math.nan
+        return ViewInstant(
+            now_ns * 1e-9,
+            vessels,
+            (float(wind[0]), float(wind[1])),
+            (float(current[0]), float(current[1])),
+            self._bodies(debris),
+            tuple(events),
+            self._paceable and self._pace.paused,
+            pace,
+            self._other_waves(),
+        )
+
+    def _other_waves(self) -> SceneWaves | None:
+        """Those that an operator has changed since the last instant."""
+        field = self._plant.simulation.environment.waves
+        if field is self._waves_told:
+            return None
+        self._waves_told = field
+        return scene_waves(field) or NO_WAVES
+
+    def _debris(self) -> DebrisState:
+        """In the water, with the launches that wait for the next exchange: a paused run shows them at once."""
+        return self._plant.debris_with(() if self._operator is None else self._operator.waiting_launches)
+
+    def _tell_bodies(self, bodies: Sequence[Body]) -> None:
+        """New debris, to be drawn from now on."""
+        if len(bodies) > self._bodies_told:
+            self._page.send(ViewUpdate(make_debris_scene(bodies, self._bodies_told).encode()))
+            self._bodies_told = len(bodies)
+
+    def _bodies(self, debris: DebrisState) -> dict[int, BodyInstant]:
+        if not debris.bodies:
+            return {}
+        late_s = (self._plant.state.time_ns - debris.time_ns) * 1e-9
+        euler = np.zeros((len(debris.bodies), 3))
+        euler[:, 2] = debris.yaw_rad + late_s * debris.yaw_rate_radps
+        places = frames.ned_to_enu(debris.pos_ned_m + late_s * debris.vel_ned_mps)
+        attitudes = frames.quat_ned_frd_to_enu_flu(frames.euler_to_quat(euler))
+        return {number: BodyInstant(places[number], attitudes[number]) for number in range(len(debris.bodies))}
+
+    def _on_loss(self, why: str) -> None:
+        self._looking = 0
+        self._ended = f"the 3D view has ended; the run goes on without it{why}"
+        if self._operator is not None and self._operator.paused_by == SOURCE:
+            self._ask({"action": "resume"})  # the page that could do so is gone
+            self._ended += "; its pause is over"
+        self._leave_alone()
+        self._tell(f"warning: {self._ended}")
+        if self._recorder is not None:
+            self._recorder.log(self._plant.state.time_ns, WARNING, SOURCE, self._ended)
+
+    def end(self) -> None:
+        self._page.send(ViewEnd(f"after {self._plant.state.time_ns * 1e-9:.1f} s of simulation time"))
+
+    def close(self) -> None:
+        self._page.close()
+
+    def report(self) -> dict[str, Any]:
+        """view: where it was, instants shown and skipped, browsers that came, actions asked for and refused.
+
+        The address is without its token, as summaries are passed around.
+        """
+        address = "" if self._address is None else f"http://{self._address.host}:{self._address.port}/"
+        return {
+            "view": {
+                "address": address,
+                "shown": self._shown,
+                "skipped": self._skipped,
+                "browsers": self._joined,
+                "actions": self._actions,
+                "refused": self._refused,
+            },
+            "warnings": [self._ended] if self._ended else [],
+        }
+
+
+class ViewOutput(LiveOutput):
+    """The 3D view as a live output of a run."""
+
+    def __init__(self, profiles: Sequence[RunProfile]) -> None:
+        self._profiles = profiles
+        self._watches: list[VesselWatch] = []
+
+    def vessel_node(self, vessel: LiveVessel) -> VesselWatch:
+        watch = VesselWatch(vessel.profile, vessel.plant, vessel.control, vessel.mission, vessel.status)
+        self._watches.append(watch)
+        return watch
+
+    def world_nodes(self, run: LiveRun) -> Sequence[RunNode]:
+        return [LiveViewNode(self._profiles, run.plant, self._watches, run.scene, run.tell, run.interrupted)]

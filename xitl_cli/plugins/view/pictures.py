@@ -1,0 +1,315 @@
+"""Pictures of recordings for papers and docs: an instant as PNG, a span as GIF, rendered by a browser without a window.
+
+The browser is one that is on the machine already: Chromium, Chrome or Edge. It opens a page of this machine and is
+asked for one picture after the other; nothing is fetched from elsewhere.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.view.model import Array, ViewInstant
+from xitl_cli.plugins.view.recording import LogScene, open_scene
+from xitl_cli.plugins.view.replay import ReplayDrawing, unseen_server
+from xitl_cli.plugins.view.replay_page import View, checked_span
+
+if TYPE_CHECKING:
+    import viser
+    from PIL import Image
+
+BROWSER_VARIABLE = "XITL_BROWSER"
+BROWSERS = (
+    *("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge"),
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    "/Applications/Chromium.app/Contents/MacOS/Chromium",
+)
+_FLAGS = (
+    "--headless=new",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-extensions",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",  # without it a browser that has no window ends at once
+)
+START_S, RENDER_S = 60.0, 120.0
+FOV_RAD = math.radians(50.0)
+LEAST_PIXELS, MOST_PIXELS = 64, 4096
+MOST_FRAMES = 1500
+GIF_COLOURS = 128
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A place and what is looked at, (3,) in the map."""
+
+    position_enu_m: tuple[float, float, float]
+    look_at_enu_m: tuple[float, float, float]
+
+    def attitude_wxyz(self) -> Array:
+        """From the camera's axes (right, down, ahead) to the map."""
+        from sim_core.frames import matrix_to_quat
+
+        ahead = np.subtract(self.look_at_enu_m, self.position_enu_m)
+        ahead = ahead / np.linalg.norm(ahead)
+        right = np.cross(ahead, (0.0, 0.0, 1.0))
+        if np.linalg.norm(right) < 1e-6:
+            right = np.array([1.0, 0.0, 0.0])
+        right = right / np.linalg.norm(right)
+        found: Array = matrix_to_quat(np.column_stack([right, np.cross(ahead, right), ahead]))
+        return found
+
+
+def picture(
+    recording: LogScene | Sequence[Path],
+    at_s: float,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    camera: View | Camera = "behind",
+    vessel: str | None = None,
+    dark: bool = False,
+) -> bytes:
+    """The recording at an instant as PNG. size: width and height. vessel: what the camera looks at, the first else.
+
+    Raises UserError without the extra `view`, without a browser, for an instant outside of the recording and for a size
+    that no browser has.
+    """
+    if not isinstance(recording, LogScene):
+        with open_scene(recording) as opened:
+            return picture(opened, at_s, size=size, camera=camera, vessel=vessel, dark=dark)
+    begin_s, end_s = recording.span_s
+    if not begin_s <= at_s <= end_s:
+        raise UserError(f"there is nothing at {at_s:g} s: the recording is from {begin_s:.2f} s to {end_s:.2f} s")
+    with _photographer(recording, size, camera, vessel, dark) as photograph:
+        return _png(photograph(at_s))
+
+
+def moving_picture(
+    recording: LogScene | Sequence[Path],
+    from_s: float | None = None,
+    to_s: float | None = None,
+    *,
+    size: tuple[int, int] = (640, 360),
+    camera: View | Camera = "behind",
+    vessel: str | None = None,
+    speed: float = 4.0,
+    rate_hz: float = 10.0,
+    dark: bool = False,
+) -> bytes:
+    """A span of the recording as GIF that goes on for ever, all of it by default; otherwise as `picture`.
+
+    speed: times as fast as it was. rate_hz: frames a second of whoever looks.
+    """
+    if not isinstance(recording, LogScene):
+        with open_scene(recording) as opened:
+            return moving_picture(
+                opened,
+                from_s,
+                to_s,
+                size=size,
+                camera=camera,
+                vessel=vessel,
+                speed=speed,
+                rate_hz=rate_hz,
+                dark=dark,
+            )
+    span = checked_span(recording, from_s, to_s)
+    frames = max(round(span.length_s / speed * rate_hz), 1)
+    if frames > MOST_FRAMES:
+        raise UserError(
+            f"{span.length_s:.0f} s at {speed:g} × are {frames} pictures, more than {MOST_FRAMES}; choose a shorter "
+            "span (--from, --until) or a higher --speed"
+        )
+    with _photographer(recording, size, camera, vessel, dark) as photograph:
+        pictures = [photograph(span.from_s + span.length_s * number / frames) for number in range(frames)]
+    return _gif(pictures, rate_hz)
+
+
+def find_browser() -> str:
+    """Path of a browser that renders without a window. Raises UserError where there is none."""
+    named = os.environ.get(BROWSER_VARIABLE)
+    if named:
+        if found := shutil.which(named):
+            return found
+        raise UserError(f"{BROWSER_VARIABLE}={named}: there is no such program; name Chromium or Chrome, or unset it")
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if found is None:
+        raise UserError(
+            "a picture needs Chromium, Chrome or Edge, and none is found on this machine; install chromium, or name "
+            f"one in {BROWSER_VARIABLE} (--html needs none)"
+        )
+    return found
+
+
+@contextmanager
+def _photographer(
+    recording: LogScene, size: tuple[int, int], camera: View | Camera, vessel: str | None, dark: bool
+) -> Iterator[Any]:
+    """A function from an instant to a picture of it."""
+    width, height = size
+    if not all(LEAST_PIXELS <= side <= MOST_PIXELS for side in size):
+        raise UserError(f"{width}x{height}: each side of a picture has {LEAST_PIXELS} to {MOST_PIXELS} pixels")
+    if vessel is not None and vessel not in recording.names:
+        there = ", ".join(recording.names) or "one alone"
+        raise UserError(f"there is no vessel {vessel!r} in the recording; it has {there}")
+    browser = find_browser()
+    with unseen_server() as server:
+        drawing = ReplayDrawing(server, recording, dark=dark)
+        drawing.draw(recording.instant(recording.span_s[0]))
+        with _browser_at(browser, server, size) as client:
+
+            def photograph(at_s: float) -> Image.Image:
+                instant = recording.instant(at_s)
+                drawing.draw(instant)
+                seen = camera if isinstance(camera, Camera) else camera_view(camera, recording, instant, vessel)
+                return _under_the_sky(_rendered(client, seen, size), dark)
+
+            yield photograph
+
+
+def camera_view(view: View, recording: LogScene, instant: ViewInstant, vessel: str | None = None) -> Camera:
+    """As the buttons of a replay page have it."""
+    from sim_core.frames import quat_to_matrix
+
+    name = recording.names[0] if vessel is None else vessel
+    if view == "all":
+        places = np.concatenate([recording.track(each).pose.position_enu_m[:, :2] for each in recording.names])
+        east, north = ((places.min(axis=0) + places.max(axis=0)) / 2.0).tolist()
+        extent = max(math.dist(places.min(axis=0), places.max(axis=0)), 20.0)
+        return Camera((east, north - 0.5 * extent, 1.0 * extent), (east, north, 0.0))
+    here = instant.vessels[name]
+    east, north, up = here.position_enu_m.tolist()
+    ahead = quat_to_matrix(here.attitude_wxyz)[:, 0]
+    ahead_e, ahead_n = (ahead[:2] / max(float(np.linalg.norm(ahead[:2])), 1e-9)).tolist()
+    far = max(4.0 * recording.scene.vessels[name].length_m, 4.0)
+    if view == "above":
+        return Camera((east, north - 0.01, up + 6.0 * far), (east, north, up))
+    if view == "beside":
+        return Camera((east + far * ahead_n, north - far * ahead_e, up + 0.25 * far), (east, north, up))
+    return Camera((east - far * ahead_e, north - far * ahead_n, up + 0.38 * far), (east, north, up + 0.12 * far))
+
+
+@contextmanager
+def _browser_at(browser: str, server: viser.ViserServer, size: tuple[int, int]) -> Iterator[Any]:
+    """A browser without a window that has opened the server's page. Raises UserError when it does not."""
+    with tempfile.TemporaryDirectory(prefix="xitl-view-", ignore_cleanup_errors=True) as home:
+        sandbox = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
+        url = f"http://127.0.0.1:{server.get_port()}"
+        window = f"--window-size={size[0]},{size[1] + 100}"
+        with (Path(home) / "said").open("wb") as said:
+            process = subprocess.Popen(
+                [browser, *_FLAGS, *sandbox, f"--user-data-dir={home}/profile", window, url],
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=said,
+                start_new_session=True,
+            )
+        try:
+            until = time.monotonic() + START_S
+            while not server.get_clients():
+                if process.poll() is not None or time.monotonic() > until:
+                    words = (Path(home) / "said").read_text(errors="replace").strip().splitlines()
+                    why = f"; it said: {words[-1][:200]}" if words else ""
+                    state = "ended" if process.poll() is not None else f"did not open the page within {START_S:.0f} s"
+                    raise UserError(f"{browser} {state}{why}; try another one, named in {BROWSER_VARIABLE}")
+                time.sleep(0.05)
+            yield next(iter(server.get_clients().values()))
+        finally:
+            _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """The browser and its helpers, which are a session of their own."""
+    import signal
+
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, number)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(5.0)
+            return
+
+
+def _rendered(client: Any, camera: Camera, size: tuple[int, int]) -> NDArray[np.uint8]:
+    width, height = size
+    try:
+        pixels = client.get_render(
+            height,
+            width,
+            wxyz=camera.attitude_wxyz(),
+            position=np.asarray(camera.position_enu_m),
+            fov=FOV_RAD,
+            transport_format="png",
+            timeout=RENDER_S,
+        )
+    except (RuntimeError, TimeoutError) as error:
+        raise UserError(
+            f"the browser made no picture ({error}); try a smaller --size, or another {BROWSER_VARIABLE}"
+        ) from error
+    return np.ascontiguousarray(pixels)
+
+
+def _under_the_sky(pixels: NDArray[np.uint8], dark: bool) -> Image.Image:
+    """A browser gives what is in front of the sky alone."""
+    from PIL import Image
+
+    from xitl_cli.plugins.view.drawing import DAY, NIGHT, sky_rows
+
+    front = Image.fromarray(pixels).convert("RGBA")
+    sky = Image.fromarray(sky_rows(NIGHT if dark else DAY)[:, None]).resize(front.size, Image.Resampling.BILINEAR)
+    return Image.alpha_composite(sky.convert("RGBA"), front).convert("RGB")
+
+
+def _png(image: Image.Image) -> bytes:
+    out = io.BytesIO()
+    image.save(out, "PNG", optimize=True)
+    return out.getvalue()
+
+
+def palette_of(image: Image.Image, colours: int) -> Image.Image:
+    """So many colours for an image, as `quantize` takes them: half of them for the large areas, which would show bands,
+    half for all hues, so that a thin line or a small mark keeps its own.
+    """
+    from PIL import Image
+
+    half = colours // 2
+    found = [image.quantize(half, method) for method in (Image.Quantize.MEDIANCUT, Image.Quantize.FASTOCTREE)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for one in found for value in (one.getpalette() or [])[: 3 * half]])
+    return palette
+
+
+def _gif(images: Sequence[Image.Image], rate_hz: float) -> bytes:
+    """All with the colours of some of them, so that nothing flickers."""
+    from PIL import Image
+
+    some = images[:: max(len(images) // 8, 1)]
+    width, height = images[0].size
+    sheet = Image.new("RGB", (width, height * len(some)))
+    for number, image in enumerate(some):
+        sheet.paste(image, (0, number * height))
+    palette = palette_of(sheet, GIF_COLOURS)
+    first, *rest = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    out = io.BytesIO()
+    first.save(out, "GIF", save_all=True, append_images=rest, duration=round(1000.0 / rate_hz), loop=0, optimize=False)
+    return out.getvalue()

@@ -1,0 +1,143 @@
+"""The process of a view beside a run: draws what the run sends down a pipe, and gives what is asked at the page back.
+
+`python -m xitl_cli.plugins.view.process LISTENER PIPE`: numbers of two sockets that it inherits. It asks for an instant
+when it has drawn the last and somebody looks, so that a slow browser has fewer pictures and the run never waits.
+
+Up go JSON objects: {"ask": true}, {"browsers": 2, "joined": 5}, {"action": {...}}.
+"""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from xitl_cli.pipe import Pipe, until_closed
+from xitl_cli.plugins.view.camera import Cameras
+from xitl_cli.plugins.view.controls import Controls
+from xitl_cli.plugins.view.drawing import SceneDrawing
+from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
+from xitl_cli.plugins.view.model import BodyInstant, SceneMesh, ViewInstant
+from xitl_cli.plugins.view.readouts import Readouts
+from xitl_cli.plugins.view.scene import make_view_scene, read_bodies, read_scene_updates
+from xitl_cli.plugins.view.server import make_server
+
+LOOK_S = 0.25
+"""How often it is seen whether somebody has come, while nothing is to be drawn."""
+FAREWELL_S = 1.0
+"""For which a page that somebody looks at is kept once the run is over, so that it says so."""
+
+Act = Callable[[Mapping[str, Any]], None]
+
+
+class ViewProcess:
+    """The page of one run."""
+
+    def __init__(self, listener: socket.socket, pipe: Pipe, start: ViewStart) -> None:
+        self._pipe = pipe
+        scene = make_view_scene(start.title, read_scene_updates(*start.updates), start.profiles)
+        server = self._server = make_server(listener, start.address, start.title)
+        self._drawing = SceneDrawing(server, scene, dark=start.dark)
+        server.gui.configure_theme(dark_mode=start.dark, show_logo=False, show_share_button=False)
+        self._readouts = Readouts(server, scene)
+        self._cameras = Cameras(server, scene)
+        self._controls: Controls | None = None
+        if start.operated:
+            level_m = scene.water.level_m
+            faults = dict(start.faults)
+            self._controls = Controls(server, self.act, start.profiles, start.lockstep, faults, level_m, start.pace)
+        self._add_options(start.dark)
+        self._meshes: dict[int, SceneMesh] = {}
+        self._browsers = 0
+        self._came: set[int] = set()  # by number: those that come at once do so in several threads
+        self._told = (0, 0)
+        self._asked = False
+        server.on_client_connect(self._join)
+
+    def _add_options(self, dark: bool) -> None:
+        gui, drawing = self._server.gui, self._drawing
+        with gui.add_folder("Show", order=7.0, expand_by_default=False):
+            estimates = gui.add_checkbox("Where it takes itself to be", True)
+            clouds = gui.add_checkbox("Lidar and sonar", True)
+            night = gui.add_checkbox("Night", dark)
+        estimates.on_update(lambda event: drawing.show_estimates(estimates.value))
+        clouds.on_update(lambda event: drawing.show_clouds(clouds.value))
+
+        def change(event: object) -> None:
+            drawing.dark = night.value
+            gui.configure_theme(dark_mode=night.value, show_logo=False, show_share_button=False)
+
+        night.on_update(change)
+
+    def _join(self, client: Any) -> None:
+        self._came.add(client.client_id)
+
+    def act(self, action: Mapping[str, Any]) -> None:
+        """Have the run carry out an action."""
+        self._pipe.send({"action": dict(action)})
+
+    def run(self, messages: list[Any]) -> None:
+        """Until the run is over; PipeClosedError when its process is gone. messages: that have come already."""
+        while True:
+            for message in messages:
+                if isinstance(message, ViewInstant):
+                    self._asked = False
+                    self._draw(message)
+                elif isinstance(message, ViewUpdate):
+                    self._meshes |= read_bodies(read_scene_updates(message.update))
+                elif isinstance(message, ViewRefusal):
+                    self._notify("Not done", message.text, "red", 12.0)
+                    if self._controls is not None:
+                        self._controls.refused(message.text)
+                elif isinstance(message, ViewEnd):
+                    self._notify("The run is over", message.text, "blue", None)
+                    if self._browsers:
+                        self._server.flush()
+                        time.sleep(FAREWELL_S)
+                    return
+            self._tell()
+            messages = self._pipe.receive(LOOK_S)
+
+    def _tell(self) -> None:
+        """How many look; and that the next instant is wanted, if somebody does."""
+        browsers = len(self._server.get_clients())
+        joined = len(self._came)
+        if (browsers, joined) != self._told:
+            self._browsers, self._told = browsers, (browsers, joined)
+            self._asked = self._asked and browsers > 0
+            self._pipe.send({"browsers": browsers, "joined": joined})
+        if browsers and not self._asked:
+            self._asked = True
+            self._pipe.send({"ask": True})
+
+    def _draw(self, instant: ViewInstant) -> None:
+        bodies = {
+            number: BodyInstant(body.position_enu_m, body.attitude_wxyz, self._meshes.get(number))
+            for number, body in instant.bodies.items()
+        }
+        instant = replace(instant, bodies=bodies)
+        self._drawing.draw(instant)
+        self._cameras.update(instant)
+        self._readouts.update(instant, time.monotonic())
+        if self._controls is not None:
+            self._controls.update(instant)
+
+    def _notify(self, title: str, text: str, colour: Any, seconds: float | None) -> None:
+        for client in self._server.get_clients().values():
+            client.add_notification(title, text, auto_close_seconds=seconds, color=colour)
+
+
+def main(arguments: list[str]) -> None:
+    """See the module."""
+    listener, end = (socket.socket(fileno=int(number)) for number in arguments)
+    pipe = Pipe.of_process(end)
+    with until_closed():
+        start, *rest = pipe.receive_first()
+        ViewProcess(listener, pipe, start).run(rest)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,590 @@
+"""Recordings as a scene: logs of runs and vehicles on one time line and in one map.
+
+logs -> one time line (their clocks, else an event of both) and one map (their place on the Earth, else their starts)
+     -> ViewScene once, ViewInstant at any time, marks and findings
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+import xitl_cli.logs.signals as signals
+from agent.wire.dialect import MAV_SEVERITY_INFO as _SAID  # of a text whose log does not say
+from sim_core.frames import ned_to_enu, quat_ned_frd_to_enu_flu
+from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.compare.pairing import pair_logs, paired_events
+from xitl_cli.logs.formats import open_log
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Severity
+from xitl_cli.logs.model.table import Table
+from xitl_cli.logs.report.build import short_names
+from xitl_cli.logs.signals.moments import moments
+from xitl_cli.plugins.view.model import (
+    Array,
+    BodyInstant,
+    SceneMesh,
+    SceneVessel,
+    SceneWater,
+    SceneWaves,
+    VesselInstant,
+    ViewEvent,
+    ViewInstant,
+    ViewScene,
+)
+from xitl_cli.plugins.view.scene import (
+    NO_WAVES,
+    PLAIN_LENGTH_M,
+    DrawnEntity,
+    make_view_scene,
+    plain_vessel,
+    read_bodies,
+    read_missions,
+    read_scene_updates,
+)
+from xitl_cli.plugins.view.tracks import (
+    FARTHEST_M,
+    HeldValues,
+    MapPlace,
+    MissionChange,
+    PoseTrack,
+    Seconds,
+    VesselTrack,
+    continuous,
+    forward,
+    mission_at,
+    read_vessel,
+)
+from xitl_cli.profile.files.catalogue import PROFILE
+from xitl_cli.profile.load import recorded_profiles
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.topics import SeaComponents, vessel_name
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.report.model import Report
+
+SCENE = "/scene"
+_MARGIN_M = 60.0
+_MARKED = ("fault", "takeover", "error", "event", "estimator")
+
+
+@dataclass(frozen=True, slots=True)
+class SceneMark:
+    """Something that happened: armed, a mode, a waypoint reached, a fault, a contact, what a person did."""
+
+    time_s: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFinding:
+    """A finding of the log analysis; time_s: where it can be seen first, None where it is of no instant."""
+
+    time_s: float | None
+    severity: Severity
+    sentence: str
+    next_step: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedLog:
+    """A log of one vessel and how it lies on the time line and in the map. name: of the vessel in the scene."""
+
+    log: Log
+    name: str
+    seconds: Seconds
+    place: MapPlace
+    track: VesselTrack
+
+    def second(self, stamp_ns: int) -> float:
+        """One stamp on the time line of the scene."""
+        return float(self.seconds(np.array([stamp_ns], dtype=np.int64))[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftingBody:
+    """Drifting debris, from when it is first told of."""
+
+    pose: PoseTrack
+    mesh: SceneMesh | None
+
+
+class LogScene:
+    """Logs of vessels as one scene; use it in a `with`.
+
+    scene: what does not move; its notes say how the logs were laid on each other and what they lack. span_s: from the
+    first to the last instant that any vessel is known at. marks: in the order of time.
+    """
+
+    def __init__(
+        self,
+        scene: ViewScene,
+        placed: Sequence[PlacedLog],
+        others: Mapping[str, PoseTrack],
+        bodies: Mapping[int, DriftingBody],
+    ) -> None:
+        self.scene = scene
+        self._placed = placed
+        self._others = others
+        self._bodies = bodies
+        spans = [one.track.pose.span_s for one in placed]
+        self.span_s = min(span[0] for span in spans), max(span[1] for span in spans)
+        lead = placed[0]
+        self._waves = _seas(lead, scene.water.waves)
+        self._wind, self._current = (_stream(lead, name) for name in ("wind_ned_mps", "current_ned_mps"))
+        self._said = sorted((event for one in placed for event in _said(one)), key=lambda event: event.time_s)
+        self.marks = _marks(placed, self.span_s)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the vessels that a log is of."""
+        return tuple(one.name for one in self._placed)
+
+    @property
+    def logs(self) -> tuple[Log, ...]:
+        """One of each file."""
+        return tuple({one.log.path: one.log for one in self._placed}.values())
+
+    def track(self, name: str) -> VesselTrack:
+        """What is known of one vessel over time."""
+        return next(one.track for one in self._placed if one.name == name)
+
+    def instant(self, time_s: float, since_s: float | None = None, seen: bool = True) -> ViewInstant:
+        """The world at time_s, with what was said after since_s. seen: with the clouds of sensors."""
+        vessels = {one.name: one.track.at(time_s, seen) for one in self._placed}
+        vessels |= {name: VesselInstant(*pose.at(time_s)) for name, pose in self._others.items()}
+        return ViewInstant(
+            time_s,
+            vessels,
+            _flow(self._wind, time_s),
+            _flow(self._current, time_s),
+            {
+                number: BodyInstant(*body.pose.at(time_s), body.mesh)
+                for number, body in self._bodies.items()
+                if body.pose.span_s[0] <= time_s
+            },
+            tuple(event for event in self._said if since_s is not None and since_s < event.time_s <= time_s),
+            waves=None if self._waves is None else self._waves.at(time_s),
+        )
+
+    def findings(self) -> list[SceneFinding]:
+        """Of all analyses of all logs, the worst first; takes seconds."""
+        from xitl_cli.logs.report.build import build_report
+
+        paths = list(dict.fromkeys(one.log.path for one in self._placed))
+        found: list[tuple[str, SceneFinding]] = []
+        for vessel in dict.fromkeys(one.log.vessel for one in self._placed):
+            report = build_report([path for path in paths if vessel in self._vessels_of(path)], vessel=vessel)
+            found += self._of_report(report)
+        return _worst_first(found)
+
+    def findings_of(self, report: Report) -> list[SceneFinding]:
+        """Of a report on logs of this scene, the worst first; those of files that are not in it are left out."""
+        return _worst_first([*self._of_report(report)])
+
+    def lead_second(self, stamp_ns: int) -> tuple[Path, float]:
+        """The log that the others are laid on, and a stamp of it on the time line of the scene."""
+        return self._placed[0].log.path, self._placed[0].second(stamp_ns)
+
+    def _of_report(self, report: Report) -> Iterator[tuple[str, SceneFinding]]:
+        for each in report.findings:
+            placed = self._placed_of(each.file.path, each.file.vessel)
+            if each.finding.severity is Severity.OK or placed is None:
+                continue
+            at_ns = next((one.at_ns for one in each.finding.evidence if one.at_ns is not None), None)
+            about = f"{placed.name}: " if placed.name and len(self._placed) > 1 else ""
+            yield (
+                each.finding.key,
+                SceneFinding(
+                    None if at_ns is None else min(max(placed.second(at_ns), self.span_s[0]), self.span_s[1]),
+                    each.finding.severity,
+                    about + each.finding.sentence,
+                    each.finding.next_step,
+                ),
+            )
+
+    def _vessels_of(self, path: Path) -> set[str]:
+        return {one.log.vessel for one in self._placed if one.log.path == path}
+
+    def _placed_of(self, path: Path, vessel: str) -> PlacedLog | None:
+        return next((one for one in self._placed if one.log.path == path and one.log.vessel == vessel), None)
+
+    def close(self) -> None:
+        """Clouds are read as they are drawn: nothing can be drawn afterwards."""
+        for one in self._placed:
+            one.log.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Recording:
+    """The surroundings that a recording of ours keeps. raw: all topics of the file. drawn: by their stamps."""
+
+    raw: Log
+    profiles: tuple[RunProfile, ...] = ()
+    drawn: tuple[tuple[int, list[DrawnEntity]], ...] = ()
+
+    @property
+    def entities(self) -> list[DrawnEntity]:
+        return [entity for _, entities in self.drawn for entity in entities]
+
+
+def _worst_first(found: Sequence[tuple[str, SceneFinding]]) -> list[SceneFinding]:
+    """Each once, by its key and sentence."""
+    once: dict[tuple[str, str], SceneFinding] = {}
+    for key, finding in found:
+        once.setdefault((key, finding.sentence), finding)
+    return sorted(once.values(), key=lambda finding: -finding.severity)
+
+
+def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
+    """The logs at `paths` as one scene, about the first that has surroundings, else about the first.
+
+    vessel: of recordings of several the one to show, all of them by default. Raises LogError when a file is no log, and
+    when none has both places and attitudes.
+    """
+    if not paths:
+        raise LogError("no log was given; name a .bin, a .tlog or an .mcap")
+    with ExitStack() as opened:
+        logs = [log for path in dict.fromkeys(paths) for log in _open_vessels(path, vessel, opened)]
+        recordings = {log.path: _recording(log, opened) for log in logs}
+        lead = next((log for log in logs if recordings[log.path].drawn), logs[0])
+        logs.sort(key=lambda log: log.path != lead.path)
+        notes: list[str] = []
+        placed = _place_logs(logs, notes)
+        scene, others, bodies = _surroundings(placed, recordings, notes)
+        opened.pop_all()
+        for each in recordings.values():
+            if each.raw not in logs:
+                each.raw.close()
+    return LogScene(scene, placed, others, bodies)
+
+
+def _open_vessels(path: Path, vessel: str | None, opened: ExitStack) -> Iterator[Log]:
+    """The log, or of a recording of several vessels one of each."""
+    log = opened.enter_context(open_log(path))
+    if not log.vessels:
+        if vessel and log.base == "simulation":
+            open_log(path, vessel)  # which refuses it
+        yield log
+        return
+    for name in (vessel,) if vessel else log.vessels:
+        yield opened.enter_context(open_log(path, name))
+
+
+def _recording(log: Log, opened: ExitStack) -> _Recording:
+    raw = log if not log.vessel else opened.enter_context(open_log(log.path))
+    if log.format != "mcap" or log.base != "simulation":
+        return _Recording(raw)
+    stamp_ns = raw.tables[SCENE].stamp_ns.tolist() if SCENE in raw.tables else ()
+    drawn = zip(stamp_ns, map(read_scene_updates, raw.payloads(SCENE)), strict=True)
+    return _Recording(raw, recorded_profiles(log.attachment(PROFILE)), tuple(drawn))
+
+
+def _place_logs(logs: Sequence[Log], notes: list[str]) -> list[PlacedLog]:
+    """Each that has a way and attitudes, the first being the one that the others are laid on."""
+    names = _vessel_names(logs)
+    placed: list[PlacedLog] = []
+    lacking: list[str] = []
+    for log, name in zip(logs, names, strict=True):
+        lack = _lack(log)
+        if lack:
+            lacking.append(f"{log.path}: {lack}")
+            continue
+        lead = placed[0] if placed else None
+        seconds = _seconds(log, lead, name, notes)
+        place = _map_place(log, lead, seconds, name, notes)
+        track = read_vessel(log, seconds, place)
+        if track is None:
+            lacking.append(f"{log.path}: its positions and attitudes have no common time, so it cannot be drawn")
+            continue
+        placed.append(PlacedLog(log, name, seconds, place, track))
+    if not placed:
+        raise LogError("; ".join(lacking))
+    notes += lacking
+    if len(placed) == 1 and len(logs) > 1 and not placed[0].log.vessel:
+        placed = [replace(placed[0], name="")]
+    return placed
+
+
+def _vessel_names(logs: Sequence[Log]) -> list[str]:
+    """The vessel's own where there is one file; else by the file, without what would divide a path."""
+    paths = list(dict.fromkeys(log.path for log in logs))
+    if len(paths) == 1:
+        return [log.vessel for log in logs]
+    by_path = dict(zip(paths, short_names(paths), strict=True))
+    return [f"{by_path[log.path]} {log.vessel}".strip().replace("/", " ") for log in logs]
+
+
+def _lack(log: Log) -> str:
+    """What is missing to draw it, as a clause; empty where nothing is."""
+    if log.span_ns is None:
+        return "holds nothing with a time, so there is nothing to draw; give another log"
+    sources: tuple[signals.SignalSource, ...] = ("truth", "estimate")
+    place = any(signals.position_ned(log, of) is not None for of in sources)
+    turn = any(signals.yaw(log, of) is not None for of in sources)
+    if place and turn:
+        return ""
+    what = "position" if turn else "attitude" if place else "position and no attitude"
+    return (
+        f"has no {what}, so it cannot be drawn; give a log with both (POS or GPS and ATT, GLOBAL_POSITION_INT and "
+        "ATTITUDE, or an odometry or pose topic)"
+    )
+
+
+def _seconds(log: Log, lead: PlacedLog | None, name: str, notes: list[str]) -> Seconds:
+    """On the lead's seconds: by the clocks of both, else by an event of both, else first row on first row."""
+    if lead is None:
+        zero_ns = log.zero_ns
+        return lambda stamp_ns: (np.asarray(stamp_ns, dtype=np.int64) - zero_ns).astype(np.float64) * 1e-9
+    if lead.log.path == log.path:
+        return lead.seconds
+    try:
+        pairing = pair_logs(lead.log, log)
+    except LogError:
+        first_ns = (log.span_ns or (0, 0))[0]
+        begins_s = lead.track.pose.span_s[0]
+        notes.append(f"{name}: no common time with {lead.name} was found; it begins when that one does")
+        return lambda stamp_ns: (np.asarray(stamp_ns, dtype=np.int64) - first_ns).astype(np.float64) * 1e-9 + begins_s
+    notes.append(f"{name}: laid on the time of {lead.name}: {pairing.sentence}")
+    return lambda stamp_ns: lead.seconds(pairing.on_a(np.asarray(stamp_ns, dtype=np.int64)))
+
+
+def _map_place(log: Log, lead: PlacedLog | None, seconds: Seconds, name: str, notes: list[str]) -> MapPlace:
+    """About the lead's place on the Earth where both have one and they are near, else start on start."""
+    own = _origin(log)
+    if lead is None or log.path == lead.log.path:
+        return MapPlace(own) if lead is None else lead.place
+    about = lead.place.origin
+    if about is not None and (own is not None or signals.position_ned(log, "estimate", about) is not None):
+        found = next(
+            (path for of in ("truth", "estimate") if (path := signals.position_ned(log, of, about)) is not None),
+            None,
+        )
+        if found is not None and found.origin == about and np.hypot(*found.path.values[0, :2]) < FARTHEST_M:
+            return MapPlace(about, lead.place.shift_enu_m)
+    alone = read_vessel(log, seconds, MapPlace(own))
+    if alone is None:
+        return MapPlace(own)
+    starts_s = max(alone.pose.span_s[0], lead.track.pose.span_s[0])
+    shift = lead.track.pose.at(starts_s)[0] - alone.pose.at(starts_s)[0]
+    why = "has no place on the Earth" if own is None else f"is elsewhere on the Earth than {lead.name}"
+    if about is None and own is not None:
+        why = f"has a place on the Earth, which {lead.name} has not"
+    notes.append(f"{name}: {why}; both are drawn from one start")
+    east, north, up = shift.tolist()
+    return MapPlace(own, (east, north, up))
+
+
+def _origin(log: Log) -> tuple[float, float, float] | None:
+    """Of its own map."""
+    for of in ("truth", "estimate"):
+        if (found := signals.position_ned(log, of)) is not None:
+            return found.origin
+    return None
+
+
+def _surroundings(
+    placed: list[PlacedLog], recordings: Mapping[Path, _Recording], notes: list[str]
+) -> tuple[ViewScene, dict[str, PoseTrack], dict[int, DriftingBody]]:
+    """The first one's, with everybody's vessels; `placed` are given the missions that were drawn."""
+    lead = placed[0]
+    recording = recordings[lead.log.path]
+    title = ", ".join(one.name or one.log.path.name for one in placed)
+    scene = make_view_scene(title, recording.entities, recording.profiles)
+    vessels: dict[str, SceneVessel] = {}
+    plain: list[str] = []
+    length_m = max((vessel.length_m for vessel in scene.vessels.values()), default=PLAIN_LENGTH_M)
+    for number, one in enumerate(placed):
+        theirs = recordings[one.log.path]
+        known = scene if theirs is recording else make_view_scene(title, theirs.entities, theirs.profiles)
+        drawn = known.vessels.get(one.log.vessel)
+        if drawn is None:
+            drawn = plain_vessel(length_m, len(plain))
+            plain.append(one.name or one.log.path.name)
+        if missions := _drawn_missions(theirs, one, lead):
+            placed[number] = replace(one, track=replace(one.track, missions=missions))
+        vessels[one.name] = replace(
+            drawn, mission_enu_m=mission_at(placed[number].track.missions, -math.inf).places_enu_m
+        )
+    others: dict[str, PoseTrack] = {}
+    if len(recordings) == 1 or lead.log.vessels:
+        for name in scene.vessels.keys() - {one.log.vessel for one in placed if one.log.path == lead.log.path}:
+            pose = _scripted(recording.raw, name, lead.seconds)
+            if name and pose is not None:
+                others[name] = pose
+                vessels[name] = scene.vessels[name]
+    if plain:
+        notes.append(
+            f"{', '.join(plain)}: the log does not say what the vessel looks like; a plain boat of 2 m is drawn"
+        )
+    water = scene.water
+    if not recording.drawn:
+        water = _plain_water([one.track.pose for one in placed])
+        notes.append(f"{lead.log.path.name}: has no scene; the water is drawn plain, without banks and waves")
+    elif not recording.profiles:
+        notes.append(
+            f"{lead.log.path.name}: keeps no profile that is understood here; the water is drawn without waves"
+        )
+    said = tuple(dict.fromkeys(notes))
+    return replace(scene, vessels=vessels, water=water, notes=(*scene.notes, *said)), others, _bodies(recording, lead)
+
+
+def _drawn_missions(recording: _Recording, one: PlacedLog, lead: PlacedLog) -> tuple[MissionChange, ...]:
+    """Those of a run's vessel, in the map of the scene; none of a profile without waypoints."""
+    found = []
+    for stamp_ns, entities in recording.drawn:
+        places = read_missions(entities).get(one.log.vessel)
+        if places is not None and len(places) > 1:
+            found.append(MissionChange(one.second(stamp_ns), places + _moved(one, lead)))
+    return tuple(found)
+
+
+def _moved(one: PlacedLog, lead: PlacedLog) -> Array:
+    """(3,) from a run's own map to that of the scene."""
+    own = _origin(one.log)
+    if own is None or one.place.origin is None or own == one.place.origin:
+        return np.asarray(one.place.shift_enu_m)
+    ned = LocalFrame(*one.place.origin).ned(*(np.array([value]) for value in own))[0]
+    enu: Array = ned_to_enu(ned)
+    moved: Array = enu + np.asarray(one.place.shift_enu_m)
+    return moved
+
+
+def _plain_water(poses: Sequence[PoseTrack]) -> SceneWater:
+    places = np.concatenate([pose.position_enu_m for pose in poses])
+    low, high = places.min(axis=0), places.max(axis=0)
+    east, north = ((low + high) / 2)[:2].tolist()
+    wide, long = (high - low + 2 * _MARGIN_M)[:2].tolist()
+    return SceneWater(0.0, (east, north), (wide, long))
+
+
+def _scripted(raw: Log, name: str, seconds: Seconds) -> PoseTrack | None:
+    """A vessel of a fleet without an autopilot."""
+    table = raw.tables.get(f"/{vessel_name('truth/state', name)}")
+    return None if table is None else _poses(table, np.arange(len(table)), seconds)
+
+
+def _poses(table: Table, rows: NDArray[np.intp], seconds: Seconds) -> PoseTrack | None:
+    """Of the columns position_ned_m and quaternion_ned_frd."""
+    if not {"position_ned_m", "quaternion_ned_frd"} <= set(table.columns) or not len(rows):
+        return None
+    at_s, kept = forward(seconds(table.stamp_ns[rows]))
+    place = ned_to_enu(np.asarray(table.values("position_ned_m", rows[kept]), dtype=np.float64))
+    turn = quat_ned_frd_to_enu_flu(np.asarray(table.values("quaternion_ned_frd", rows[kept]), dtype=np.float64))
+    return PoseTrack(at_s, place, at_s, continuous(turn))
+
+
+def _bodies(recording: _Recording, lead: PlacedLog) -> dict[int, DriftingBody]:
+    table = recording.raw.tables.get("/truth/bodies")
+    if table is None or "number" not in table.columns:
+        return {}
+    meshes = read_bodies(recording.entities)
+    numbers = np.asarray(table.values("number"), dtype=np.int64)
+    found = {}
+    for number in np.unique(numbers).tolist():
+        pose = _poses(table, np.flatnonzero(numbers == number), lead.seconds)
+        if pose is not None:
+            found[number] = DriftingBody(pose, meshes.get(number))
+    return found
+
+
+def _stream(lead: PlacedLog, field: str) -> HeldValues | None:
+    table = lead.log.tables.get("/environment")
+    if table is None or field not in table.columns:
+        return None
+    return HeldValues(lead.seconds(table.stamp_ns), np.asarray(table.values(field), dtype=np.float64))
+
+
+class _Seas:
+    """Waves that were changed by hand, each from its second on; before the first those that were there at first."""
+
+    def __init__(self, seconds: Array, table: Table, first: SceneWaves | None) -> None:
+        self._seconds, self._table, self._first = seconds, table, first or NO_WAVES
+        self._read = lru_cache(maxsize=8)(self._sea)
+
+    def at(self, time_s: float) -> SceneWaves:
+        """The same object while they stay the same."""
+        row = int(np.searchsorted(self._seconds, time_s, side="right")) - 1
+        found: SceneWaves = self._first if row < 0 else self._read(row)
+        return found
+
+    def _sea(self, row: int) -> SceneWaves:
+        components = np.array(
+            [self._table.values(field.name, np.array([row]))[0] for field in fields(SeaComponents)], dtype=np.float64
+        )
+        # A sea of fewer components than another one is filled up by the table.
+        amplitude, north, east, frequency, phase = components[:, np.isfinite(components[0])]
+        return SceneWaves(amplitude, np.stack([east, north], axis=-1), frequency, phase)
+
+
+def _seas(lead: PlacedLog, first: SceneWaves | None) -> _Seas | None:
+    table = lead.log.tables.get("/environment/waves")
+    if table is None or not {field.name for field in fields(SeaComponents)} <= set(table.columns):
+        return None
+    return _Seas(lead.seconds(table.stamp_ns), table, first)
+
+
+def _flow(stream: HeldValues | None, time_s: float) -> tuple[float, float]:
+    """East and north."""
+    ned = None if stream is None else stream.at(time_s)
+    return (0.0, 0.0) if ned is None or not np.isfinite(ned).all() else (float(ned[1]), float(ned[0]))
+
+
+def _said(one: PlacedLog) -> Iterator[ViewEvent]:
+    who = f"{one.name}: " if one.name else ""
+    for text in signals.texts(one.log):
+        severity = _SAID if text.severity is None else text.severity
+        yield ViewEvent(one.second(text.at_ns), severity, who + text.text.strip())
+
+
+def _marks(placed: Sequence[PlacedLog], span_s: tuple[float, float]) -> tuple[SceneMark, ...]:
+    found: dict[tuple[float, str], None] = {}
+    for one in placed:
+        who = f"{one.name}: " if one.name and len(placed) > 1 else ""
+        for event in paired_events(one.log, one.second):
+            found[round(event.at_s, 2), who + event.what] = None
+        for moment in moments(one.log):
+            if moment.kind in _MARKED:
+                found[round(one.second(moment.at_ns), 2), who + moment.text] = None
+        for at_s, text in _further(one):
+            found[round(at_s, 2), who + text] = None
+    inside = sorted(key for key in found if span_s[0] - 1.0 <= key[0] <= span_s[1] + 1.0)
+    return tuple(SceneMark(min(max(at_s, span_s[0]), span_s[1]), text) for at_s, text in inside)
+
+
+def _further(one: PlacedLog) -> Iterator[tuple[float, str]]:
+    """Contacts as they begin, and what people did."""
+    contacts = one.log.tables.get("/contacts")
+    if contacts is not None and {"what", "began"} <= set(contacts.columns):
+        for row in np.flatnonzero(np.asarray(contacts.values("began"))).tolist():
+            yield one.second(int(contacts.stamp_ns[row])), f"contact with {contacts.values('what', np.array([row]))[0]}"
+    actions = one.log.tables.get("/operator/action")
+    if actions is not None and "action" in actions.columns:
+        for at_ns, text in zip(actions.stamp_ns.tolist(), actions.values("action"), strict=True):
+            yield one.second(at_ns), f"by hand: {action_text(str(text))}"
+
+
+def action_text(text: str) -> str:
+    """An action in words: `wind mean_mps 6`; as it stands where it is none."""
+    try:
+        action = dict(json.loads(text))
+    except (ValueError, TypeError):
+        return text
+    words = [str(action.pop("action", "?")), *(f"{key} {value}" for key, value in action.items() if value != "")]
+    return " ".join(words)

@@ -1,0 +1,133 @@
+"""Recordings as nodes of a viser server, for a served page, a file, or a picture: any instant after any other."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xitl_cli.plugins.view.model import Array, Colour, ViewInstant
+from xitl_cli.plugins.view.recording import LogScene
+
+if TYPE_CHECKING:
+    import viser
+
+STEP_M = 0.3
+"""Between points of a way as drawn."""
+MOST_PIECES = 250
+LEAST_PIECE = 5
+SAILED: tuple[Colour, ...] = ((255, 60, 110), (60, 160, 255), (150, 210, 60), (255, 150, 40), (190, 140, 255))
+AHEAD: Colour = (150, 150, 150)
+
+
+class ReplayDrawing:
+    """A LogScene on a server. Whole ways are drawn thin, and what has been sailed on top of them.
+
+    dark: by night. page: of a file, whose water has fewer cells.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, recording: LogScene, *, dark: bool = False, page: bool = False
+    ) -> None:
+        from xitl_cli.plugins.view.drawing import SceneDrawing
+        from xitl_cli.plugins.view.water import PAGE_WATER, SCREEN_WATER
+
+        self.recording = recording
+        server.scene.set_up_direction("+z")
+        resolution = PAGE_WATER if page else SCREEN_WATER
+        self._drawing = SceneDrawing(server, recording.scene, dark=dark, tracks=False, water=resolution)
+        level_m = recording.scene.water.level_m
+        self._ways = [
+            _WayDrawing(server.scene, name, recording.track(name).pose, level_m, SAILED[number % len(SAILED)])
+            for number, name in enumerate(recording.names)
+        ]
+
+    @property
+    def drawing(self) -> Any:
+        """The SceneDrawing beneath."""
+        return self._drawing
+
+    def draw(self, instant: ViewInstant) -> None:
+        """Everything as it was then."""
+        self._drawing.draw(instant)
+        for way in self._ways:
+            way.draw(instant.time_s)
+
+
+class _WayDrawing:
+    """Pieces of a way, each shown once it was sailed."""
+
+    def __init__(self, api: Any, name: str, pose: Any, level_m: float, colour: Colour) -> None:
+        seconds, places = spaced(pose.place_s, pose.position_enu_m)
+        points = places.astype(np.float32)
+        points[:, 2] = np.maximum(points[:, 2], level_m) if np.ptp(points[:, 2]) > 5.0 else level_m
+        points[:, 2] += 0.1
+        self._until_s = np.empty(0)
+        self._pieces: list[Any] = []
+        self._shown = 0
+        if len(points) < 2:
+            return
+        path = f"/ways/{name or 'vessel'}"
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        under = segments.copy()
+        under[:, :, 2] -= 0.03
+        api.add_line_segments(f"{path}/whole", under, colors=AHEAD, thickness=1.5, thickness_units="screen")
+        many = max(LEAST_PIECE, -(-len(segments) // MOST_PIECES))
+        firsts = range(0, len(segments), many)
+        for number, first in enumerate(firsts):
+            piece = segments[first : first + many]
+            self._pieces.append(
+                api.add_line_segments(
+                    f"{path}/{number}", piece, colors=colour, thickness=3.0, thickness_units="screen", visible=False
+                )
+            )
+        self._until_s = np.array([seconds[min(first + many, len(seconds) - 1)] for first in firsts])
+
+    def draw(self, time_s: float) -> None:
+        shown = int(np.searchsorted(self._until_s, time_s, side="right"))
+        for piece in self._pieces[self._shown : shown]:
+            piece.visible = True
+        for piece in self._pieces[shown : self._shown]:
+            piece.visible = False
+        self._shown = shown
+
+
+def spaced(seconds: Array, places: Array) -> tuple[Array, Array]:
+    """Those points of a way (N, 3) that are at least STEP_M apart, or a two-thousandth of it; first and last stay."""
+    steps = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
+    apart = max(STEP_M, float(steps.sum()) / 2000.0)
+    piece = np.floor(np.concatenate(([0.0], np.cumsum(steps))) / apart)
+    kept = np.flatnonzero(np.concatenate(([True], np.diff(piece) > 0.0)))
+    if kept[-1] != len(places) - 1:
+        kept = np.append(kept, len(places) - 1)
+    return seconds[kept], places[kept]
+
+
+@contextmanager
+def unseen_server() -> Iterator[viser.ViserServer]:
+    """A server at an address of this machine that nobody is told of. Raises UserError without the extra `view`."""
+    from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, make_server
+
+    check_view_extra()
+    listener = socket.create_server(("127.0.0.1", 0))
+    with silent_viser():
+        server = make_server(listener, ViewAddress("127.0.0.1", listener.getsockname()[1]), "xitl")
+    try:
+        yield server
+    finally:
+        with silent_viser():
+            server.stop()
+
+
+@contextmanager
+def silent_viser() -> Iterator[None]:
+    """It tells its address and its end by itself, and of browsers that open a line and leave."""
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    with contextlib.redirect_stdout(io.StringIO()):
+        yield

@@ -1,0 +1,219 @@
+"""From the scene that a run records, Foxglove's SceneUpdate, to what a view draws.
+
+The run makes them in xitl_cli/run/world/scene.py; beside a run the same bytes come down the pipe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.random import default_rng
+
+from sim_core.environment.waves import WaveField, realise_waves
+from sim_core.frames import quat_to_matrix
+from xitl_cli.plugins.view import shapes
+from xitl_cli.plugins.view.model import (
+    Array,
+    Colour,
+    SceneMesh,
+    SceneThruster,
+    SceneVessel,
+    SceneWater,
+    SceneWaves,
+    ViewScene,
+)
+from xitl_cli.plugins.view.shapes import Geometry
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.foxglove_types import foxglove_type
+from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME
+from xitl_cli.seeds import Seeds
+
+BODY = "body_"
+PLAIN_LENGTH_M = 2.0
+PLAIN_COLOURS = ((235, 237, 242), (240, 150, 50), (90, 190, 240), (150, 210, 90), (230, 110, 170))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnEntity:
+    """An entity of a SceneUpdate, with a mesh for each of its colours.
+
+    lines_m: of each line its points (P, 3). cylinders: position, axis and diameter of each.
+    """
+
+    frame: str
+    name: str
+    meshes: tuple[SceneMesh, ...]
+    lines_m: tuple[Array, ...]
+    cylinders: tuple[tuple[Array, Array, float], ...]
+    boxes: tuple[tuple[Array, Array], ...]
+
+
+def read_scene_updates(*updates: bytes) -> list[DrawnEntity]:
+    """Entities of all of them. Raises ValueError when one is none."""
+    try:
+        messages = [foxglove_type("SceneUpdate").FromString(update) for update in updates]
+    except Exception as error:  # DecodeError is of the implementation's own
+        raise ValueError("no foxglove.SceneUpdate") from error
+    return [_entity(entity) for message in messages for entity in message.entities]
+
+
+def _entity(entity: Any) -> DrawnEntity:
+    by_colour: dict[tuple[Colour, float], list[Geometry]] = {}
+    lines, cylinders, boxes = [], [], []
+    for cylinder in entity.cylinders:
+        size, (position, attitude) = _vector(cylinder.size), _pose(cylinder.pose)
+        drawn = shapes.frustum(size, cylinder.bottom_scale, cylinder.top_scale).placed(position, attitude)
+        by_colour.setdefault(_colour(cylinder.color), []).append(drawn)
+        cylinders.append((np.array(position), quat_to_matrix(np.array(attitude))[:, 2], size[0]))
+    for cube in entity.cubes:
+        size, (position, attitude) = _vector(cube.size), _pose(cube.pose)
+        by_colour.setdefault(_colour(cube.color), []).append(shapes.cuboid(size).placed(position, attitude))
+        boxes.append((np.array(position), np.array(size)))
+    for ball in entity.spheres:
+        drawn = shapes.ellipsoid(_vector(ball.size)).placed(*_pose(ball.pose))
+        by_colour.setdefault(_colour(ball.color), []).append(drawn)
+    for triangles in entity.triangles:
+        points = np.array([_vector(point) for point in triangles.points], dtype=np.float32).reshape(-1, 3)
+        numbers = np.array(triangles.indices, dtype=np.uint32)
+        faces = numbers if len(numbers) else np.arange(len(points), dtype=np.uint32)
+        drawn = shapes.geometry(points, faces[: len(faces) // 3 * 3]).placed(*_pose(triangles.pose))
+        by_colour.setdefault(_colour(triangles.color), []).append(drawn)
+    for line in entity.lines:
+        position, attitude = _pose(line.pose)
+        along = np.array([_vector(point) for point in line.points], dtype=np.float64).reshape(-1, 3)
+        lines.append(along @ quat_to_matrix(np.array(attitude)).T + position)
+    meshes = [
+        shapes.merged(parts).mesh(f"{entity.id} {number}", colour, opacity)
+        for number, ((colour, opacity), parts) in enumerate(by_colour.items())
+    ]
+    return DrawnEntity(entity.frame_id, entity.id, tuple(meshes), tuple(lines), tuple(cylinders), tuple(boxes))
+
+
+def _vector(message: Any) -> tuple[float, float, float]:
+    return message.x, message.y, message.z
+
+
+def _pose(message: Any) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+    turn = message.orientation
+    attitude = (turn.w, turn.x, turn.y, turn.z)
+    return _vector(message.position), attitude if any(attitude) else (1.0, 0.0, 0.0, 0.0)
+
+
+def _colour(message: Any) -> tuple[Colour, float]:
+    red, green, blue = (round(255 * min(max(value, 0.0), 1.0)) for value in (message.r, message.g, message.b))
+    return (red, green, blue), round(message.a, 3)
+
+
+def read_bodies(entities: Iterable[DrawnEntity]) -> dict[int, SceneMesh]:
+    """Debris among them by its number."""
+    return {
+        int(entity.frame.removeprefix(BODY)): entity.meshes[0]
+        for entity in entities
+        if entity.frame.startswith(BODY) and entity.meshes
+    }
+
+
+def read_missions(entities: Iterable[DrawnEntity]) -> dict[str, Array]:
+    """Missions among them by vessel, (W, 3) places in the map."""
+    return {
+        vessel: entity.lines_m[0]
+        for entity in entities
+        for vessel, kind in [_of_vessel(entity)]
+        if kind == "mission" and entity.lines_m
+    }
+
+
+def _of_vessel(entity: DrawnEntity) -> tuple[str, str]:
+    """Whose it is, and what."""
+    vessel, _, kind = entity.name.rpartition("/")
+    return vessel, kind
+
+
+def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Sequence[RunProfile] = ()) -> ViewScene:
+    """Of all entities of a run or recording; debris and missions that come later are left out, see `read_bodies` and
+    `read_missions`.
+
+    profiles: of each vessel of the run, which its water and its waves are taken from; empty where nothing is known.
+    """
+    vessels: dict[str, SceneVessel] = {}
+    meshes: list[SceneMesh] = []
+    water = SceneWater()
+    missions: dict[str, DrawnEntity] = {}
+    for entity in entities:
+        vessel, kind = _of_vessel(entity)
+        if entity.frame.endswith(VESSEL_FRAME):
+            known = vessels.get(vessel, SceneVessel(()))
+            if kind == "propellers":
+                vessels[vessel] = replace(known, thrusters=_thrusters(entity))
+            else:
+                length_m = _length_m(entity.meshes) or known.length_m
+                vessels[vessel] = replace(known, meshes=(*known.meshes, *entity.meshes), length_m=length_m)
+        elif entity.frame != MAP_FRAME:
+            continue
+        elif kind == "water" and entity.boxes:
+            middle, size = entity.boxes[0]
+            water = SceneWater(0.0, (middle[0], middle[1]), (size[0], size[1]))
+        elif kind == "mission" and entity.lines_m:
+            missions.setdefault(vessel, entity)
+        else:
+            meshes += entity.meshes
+    for vessel, entity in missions.items():
+        radius_m = 0.5 * entity.cylinders[0][2] if entity.cylinders else 0.0
+        known = vessels.get(vessel, SceneVessel(()))
+        vessels[vessel] = replace(known, mission_enu_m=entity.lines_m[0], acceptance_radius_m=radius_m)
+    return ViewScene(title, tuple(meshes), vessels, _water(water, profiles))
+
+
+def _thrusters(entity: DrawnEntity) -> tuple[SceneThruster, ...]:
+    """Commands of propellers come before all others, in the same order."""
+    return tuple(
+        SceneThruster(_floats(place), _floats(axis), diameter_m, motor)
+        for motor, (place, axis, diameter_m) in enumerate(entity.cylinders)
+    )
+
+
+def _floats(vector: Array) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _length_m(meshes: Sequence[SceneMesh]) -> float:
+    ahead = [mesh.vertices_m[:, 0] for mesh in meshes if len(mesh.vertices_m)]
+    return float(max(map(np.max, ahead)) - min(map(np.min, ahead))) if ahead else 0.0
+
+
+def _water(water: SceneWater, profiles: Sequence[RunProfile]) -> SceneWater:
+    if not profiles:
+        return water
+    lead = profiles[0]
+    level_m = lead.environment.water.level_m
+    return replace(water, level_m=level_m, waves=waves_of(lead), bounded=lead.world.river is not None)
+
+
+def waves_of(profile: RunProfile) -> SceneWaves | None:
+    """Those of the run of this profile, phase by phase; None on flat water."""
+    environment = profile.environment
+    rng = default_rng(Seeds(profile.clock.seed).sequence("waves"))
+    return scene_waves(realise_waves(environment.waves, environment.water, rng, environment.current.mean_ne_mps))
+
+
+NO_WAVES = SceneWaves(np.empty(0), np.empty((0, 2)), np.empty(0), np.empty(0))
+"""Where there were some before."""
+
+
+def scene_waves(field: object) -> SceneWaves | None:
+    """A WaveField in the map's axes, None of flat water."""
+    if not isinstance(field, WaveField):
+        return None
+    return SceneWaves(
+        field.amplitude_m, field.wave_vector_radpm[:, ::-1].copy(), field.apparent_omega_radps, field.phase_rad
+    )
+
+
+def plain_vessel(length_m: float = PLAIN_LENGTH_M, number: int = 0) -> SceneVessel:
+    """A boat of which nothing more is known, in a colour of its own."""
+    colour = PLAIN_COLOURS[number % len(PLAIN_COLOURS)]
+    return SceneVessel((shapes.boat(length_m).mesh("boat", colour),), length_m=length_m)

@@ -1,0 +1,368 @@
+"""The page of a view: where it listens, who is let in, and the browser that is opened.
+
+viser has no option for who may connect. Its server is given the socket to listen at and a check of each request here.
+"""
+
+from __future__ import annotations
+
+import errno
+import hmac
+import http
+import os
+import secrets
+import socket
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from ipaddress import ip_address
+from typing import TYPE_CHECKING, Any, ClassVar
+from urllib.parse import urlsplit
+
+from xitl_cli.errors import UserError
+from xitl_cli.extras import VIEW
+
+if TYPE_CHECKING:
+    import viser
+
+USUAL_PORT = 8470
+TRIED = 50
+TOKEN_BYTES = 18
+SHORT_PX = 480
+CLIENTS_KEPT = 64
+"""Browsers that may be waiting to be let in. A connection costs a file descriptor."""
+
+
+@dataclass(frozen=True, slots=True)
+class ViewAddress:
+    """Where a view listens. token: a secret in its address, without which nothing is served.
+
+    moved: the port that it would have had and somebody else has.
+    """
+
+    host: str
+    port: int
+    token: str = ""
+    moved: int | None = None
+
+    @property
+    def url(self) -> str:
+        """What to open. Of one that listens everywhere it has this machine's name."""
+        host = self.host
+        if host in ("0.0.0.0", "::"):
+            host = socket.gethostname()
+        host = f"[{host}]" if ":" in host else host
+        return f"http://{host}:{self.port}/" + (f"{self.token}/" if self.token else "")
+
+
+def check_view_extra() -> None:
+    """Raise UserError where viser is not installed."""
+    VIEW.require("the 3D view cannot do without")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches it."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def listen(
+    host: str,
+    port: int | None,
+    host_key: str = "view.host",
+    port_key: str = "view.port",
+    usual: int | None = None,
+) -> tuple[socket.socket, ViewAddress]:
+    """A socket that listens, so that a browser may come before the page is there.
+
+    port: None for the usual one, or another where that is taken. host_key, port_key: what the errors call them.
+    usual: the usual port, USUAL_PORT by default.
+
+    Raises UserError for an address that this machine has not, and for a given port that is taken.
+    """
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    first = (USUAL_PORT if usual is None else usual) if port is None else port
+    for tried in range(first, first + (TRIED if port is None else 1)):
+        try:
+            listener = _bound(host, tried)
+        except OSError as error:
+            if error.errno in (errno.EADDRINUSE, errno.EACCES) and port is None:
+                continue
+            if error.errno == errno.EADDRINUSE:
+                raise UserError(
+                    f"{port_key} = {port}: somebody else listens there; leave it out to have a free one"
+                ) from error
+            reason = error.strerror or str(error)
+            raise UserError(
+                f"{host_key} = {host}: cannot listen there at port {tried} ({reason}); "
+                "use an address of this machine, such as 127.0.0.1"
+            ) from error
+        return listener, ViewAddress(host, tried, token, first if tried != first else None)
+    raise UserError(f"no port from {first} to {first + TRIED - 1} is free for the view; give one by {port_key}")
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    listener = socket.socket(family, kind, protocol)
+    try:
+        if os.name == "posix":  # elsewhere it would let two programs have the port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen(CLIENTS_KEPT)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
+def has_desktop() -> bool:
+    """Whether a browser could be opened for somebody: a desktop, a terminal, and no continuous integration."""
+    desktop = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(desktop) and not os.environ.get("CI") and sys.stderr is not None and sys.stderr.isatty()
+
+
+def open_browser(url: str) -> bool:
+    """Whether one was opened. What a browser prints in a terminal is not waited for."""
+    import webbrowser
+
+    try:
+        return webbrowser.open(url)
+    except (webbrowser.Error, OSError):
+        return False
+
+
+def make_server(listener: socket.socket, address: ViewAddress, title: str) -> viser.ViserServer:
+    """A viser server at `listener` that lets in who has the token, and asks nothing outside.
+
+    viser takes connections before it is made, and fails those that come then: they wait here.
+    """
+    import asyncio
+
+    import viser
+    import websockets.asyncio.server as asyncio_server
+    from viser._messages import ShareUrlDisconnect, ShareUrlRequest
+
+    serve = asyncio_server.serve
+    made = threading.Event()
+
+    class BoundedConnection(asyncio_server.ServerConnection):
+        """A connection; those without a whole request are closed, oldest first, when they are too many."""
+
+        waiting: ClassVar[dict[Any, None]] = {}
+
+        def connection_made(self, transport: Any) -> None:
+            waiting = type(self).waiting
+            if len(waiting) >= CLIENTS_KEPT:
+                oldest = next(iter(waiting))
+                del waiting[oldest]
+                oldest.abort()
+            waiting[transport] = None
+            super().connection_made(transport)
+
+        def process_event(self, event: Any) -> None:
+            type(self).waiting.pop(self.transport, None)
+            super().process_event(event)
+
+        def connection_lost(self, error: Exception | None) -> None:
+            type(self).waiting.pop(self.transport, None)
+            super().connection_lost(error)
+
+    def guarded_serve(handler: Any, host: str, port: int, *, process_request: Any, **options: Any) -> Any:
+        checked = Doorkeeper(address, process_request, title)
+
+        async def handle(connection: Any) -> None:
+            while not made.is_set():
+                await asyncio.sleep(_MADE_S)
+            await handler(connection)
+
+        return serve(handle, sock=listener, process_request=checked, create_connection=BoundedConnection, **options)
+
+    with _SERVE_LOCK:
+        _have_threads_wake_safely()
+        asyncio_server.serve = guarded_serve  # type: ignore[assignment, misc]
+        try:
+            server = viser.ViserServer(host=address.host, port=address.port, label=title, verbose=False)
+        finally:
+            asyncio_server.serve = serve  # type: ignore[misc]
+    handlers = server._websock_server._incoming_handlers
+    for message in (ShareUrlRequest, ShareUrlDisconnect):
+        handlers.pop(message, None)
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    server.on_client_connect(_minimise_on_short_screen)
+    made.set()
+    return server
+
+
+def _minimise_on_short_screen(client: Any) -> None:
+    """The floating panel is as high as a phone on its side; there it begins as a bar."""
+    if client.camera.image_height < SHORT_PX:
+        client.gui.main_panel.minimize()
+
+
+@cache
+def _have_threads_wake_safely() -> None:
+    """Give viser's messages to browsers an event that any thread may set.
+
+    viser sets it beside its event loop too, where asyncio allows nobody to: it raised RuntimeError in the thread that
+    draws about once in 300,000 messages. In its loop it sets it again for each, which is what wakes.
+    """
+    import asyncio
+
+    from viser.infra import _infra
+
+    class AnyThreadsEvent(asyncio.Event):
+        def set(self) -> None:
+            try:
+                asyncio.get_running_loop()
+            except RuntimeError:
+                self._value = True
+                return
+            self._value = False  # or nobody would be woken
+            super().set()
+
+    class MessageBuffer(_infra.AsyncMessageBuffer):  # type: ignore[misc]
+        def __init__(self, *arguments: Any, **keys: Any) -> None:
+            super().__init__(*arguments, **keys)
+            self.message_event = AnyThreadsEvent()
+
+    _infra.AsyncMessageBuffer = MessageBuffer
+
+
+_SERVE_LOCK = threading.Lock()
+_MADE_S = 0.01  # between looks whether it is made
+
+
+def stranger(
+    listening: str, host: str, origin: str | None, trusted: Callable[[str], bool] = lambda origin: False
+) -> str:
+    """Why a request comes from a page of another site; empty if it does not.
+
+    listening: the address that the server listens at. host, origin: the request's headers; origin is None where it has
+    none. trusted: says of an origin whether its pages may connect.
+    """
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+        page = None if origin is None else urlsplit(origin).netloc
+    except ValueError:  # such as of `[`
+        return "its Host or Origin is no address"
+    if is_loopback(listening) and not (name == listening or is_loopback(name)):
+        return f"this address is for this machine alone, and {name!r} is not its name"
+    if origin is not None and page != host and not trusted(origin):
+        return "a page of another site may not connect here"
+    return ""
+
+
+class Doorkeeper:
+    """Checks each request before viser answers it: the token, and that no page from elsewhere asks.
+
+    A page of another site may make a browser connect to this machine: its `Origin` tells, or its `Host` when it had a
+    name of its own point here.
+    """
+
+    def __init__(self, address: ViewAddress, answer: Callable[[Any, Any], Any], title: str) -> None:
+        self._token = address.token
+        self._host = address.host
+        self._answer = answer
+        self._title = title
+
+    def __call__(self, connection: Any, request: Any) -> Any:
+        refusal = self._refusal(request)
+        if refusal:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        if self._token:
+            request.path = request.path.removeprefix(f"/{self._token}") or "/"
+        answer = self._answer(connection, request)
+        if answer is not None and request.path.partition("?")[0] in ("/", "/index.html"):
+            _complete(answer, self._title)
+        return answer
+
+    def _refusal(self, request: Any) -> str:
+        """Why it is not answered, empty if it is."""
+        for name in ("Host", "Origin"):
+            if len(request.headers.get_all(name)) > 1:
+                return f"it has two headers {name}"
+        if refusal := stranger(self._host, request.headers.get("Host", ""), request.headers.get("Origin")):
+            return refusal
+        if self._token:
+            first = request.path.partition("?")[0].lstrip("/").partition("/")[0]
+            if not hmac.compare_digest(first.encode(errors="replace"), self._token.encode()):
+                return "the address of this view has a token in it, which is missing here or wrong"
+        return ""
+
+
+_HEAD = """<title>{title}</title>
+<script>
+addEventListener("DOMContentLoaded", () => {{
+  let works = false;
+  try {{
+    const canvas = document.createElement("canvas");
+    works = Boolean(canvas.getContext("webgl2"));
+  }} catch (error) {{}}
+  if (works) return;
+  const note = document.createElement("div");
+  note.id = "xitl-no-webgl";
+  note.setAttribute("role", "alert");
+  note.style.cssText = "position:fixed;left:0;right:0;bottom:0;z-index:99999;padding:14px 18px;background:#b3261e;"
+    + "color:#fff;font:15px/1.4 system-ui,sans-serif";
+  note.textContent = "This browser has no WebGL 2, without which the 3D view cannot be drawn. Switch on hardware "
+    + "acceleration in its settings, or use another browser. The run goes on without it.";
+  document.documentElement.appendChild(note);
+}});
+// viser opens its sheet of controls on a narrow screen, over more than half of the picture. It begins closed here.
+const sheets = new WeakSet();
+new MutationObserver(() => {{
+  const sheet = document.querySelector(
+    '.mantine-Paper-root[style*="position: fixed"][style*="bottom: 0px"][style*="max-height"]');
+  const handle = sheet && sheet.querySelector('[style*="cursor: pointer"][style*="user-select: none"]');
+  if (!handle || sheets.has(handle)) return;
+  sheets.add(handle);
+  handle.id = "xitl-sheet-handle";
+  handle.setAttribute("role", "button");
+  handle.setAttribute("tabindex", "0");
+  handle.setAttribute("aria-label", "Controls");
+  handle.setAttribute("aria-expanded", "true");
+  handle.addEventListener("click", (event) => {{
+    if (event.target.closest("button")) return;
+    handle.setAttribute("aria-expanded", String(handle.getAttribute("aria-expanded") !== "true"));
+  }});
+  handle.addEventListener("keydown", (event) => {{
+    if (event.target !== handle || (event.key !== "Enter" && event.key !== " ")) return;
+    event.preventDefault();
+    handle.click();
+  }});
+  handle.click();
+}}).observe(document, {{ childList: true, subtree: true }});
+</script>
+<style>
+#xitl-sheet-handle[aria-expanded="false"]::after {{ content: "Controls \\25B4"; margin-left: auto; opacity: 0.7; }}
+</style>
+"""
+
+
+def _complete(answer: Any, title: str) -> None:
+    """Give the page its title, and a word where there is no WebGL: viser's own is gone with the page that fails."""
+    import gzip
+    import html
+
+    packed = answer.headers.get("Content-Encoding") == "gzip"
+    body = gzip.decompress(answer.body) if packed else answer.body
+    head, found, rest = body.partition(b"<head>")
+    if not found:
+        return
+    text = _HEAD.format(title=html.escape(title)).encode()
+    body = head + found + text + rest.replace(b"<title>Viser</title>", b"", 1)
+    answer.body = gzip.compress(body, 1) if packed else body
+    headers = {
+        "Content-Length": str(len(answer.body)),
+        "Cache-Control": "no-store",
+        "Referrer-Policy": "no-referrer",  # the address has the token in it
+    }
+    for name, value in headers.items():
+        if name in answer.headers:
+            del answer.headers[name]
+        answer.headers[name] = value

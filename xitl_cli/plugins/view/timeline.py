@@ -1,0 +1,265 @@
+"""The time line of a served recording: play, speed, scrub, events as marks, and a jump to a finding."""
+
+from __future__ import annotations
+
+import math
+import socket
+import threading
+import time
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from xitl_cli.logs.model.sections import Severity
+from xitl_cli.logs.model.text import clock_text
+from xitl_cli.plugins.view.recording import LogScene, SceneFinding, SceneMark
+from xitl_cli.plugins.view.replay import ReplayDrawing, silent_viser
+
+if TYPE_CHECKING:
+    import viser
+
+    from xitl_cli.plugins.view.server import ViewAddress
+
+SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "5 ×", "10 ×", "30 ×")
+FRAMES_HZ = 20.0
+IDLE_S = 0.1
+SLIDER_S = 0.2
+"""How often the slider follows while it plays."""
+STEP_S = 0.05
+MOST_SLIDER_MARKS, MOST_LISTED, MOST_FINDINGS = 60, 400, 40
+BEFORE_FINDING_S = 1.0
+"""By which a jump to a finding is earlier, so that it is seen to come."""
+NO_EVENT = "–"
+_COLOURS = {Severity.CRITICAL: "red", Severity.WARNING: "orange", Severity.NOTICE: "blue"}
+
+
+class PlayClock:
+    """Which instant of a recording is shown. Thread-safe: a page's buttons are pressed in threads of their own."""
+
+    def __init__(self, span_s: tuple[float, float], at_s: float | None = None, speed: float = 1.0) -> None:
+        self._lock = threading.Lock()
+        self.begin_s, self.end_s = span_s
+        self._time_s = self.begin_s if at_s is None else min(max(at_s, self.begin_s), self.end_s)
+        self._speed = speed
+        self._playing = at_s is None
+
+    @property
+    def time_s(self) -> float:
+        return self._time_s
+
+    @property
+    def playing(self) -> bool:
+        return self._playing
+
+    def advance(self, elapsed_s: float) -> float:
+        """So much later on the wall; it stands still at the end. Returns the instant to show."""
+        with self._lock:
+            if self._playing:
+                self._time_s = min(self._time_s + elapsed_s * self._speed, self.end_s)
+                self._playing = self._time_s < self.end_s
+            return self._time_s
+
+    def play(self, wanted: bool) -> None:
+        """From the start where it stands at the end."""
+        with self._lock:
+            if wanted and self._time_s >= self.end_s:
+                self._time_s = self.begin_s
+            self._playing = wanted
+
+    def jump(self, time_s: float) -> None:
+        """Stand still at an instant."""
+        with self._lock:
+            self._time_s = min(max(time_s, self.begin_s), self.end_s)
+            self._playing = False
+
+    def run_at(self, speed: float) -> None:
+        """Times as fast as it was."""
+        with self._lock:
+            self._speed = speed
+
+
+class TimelinePanel:
+    """The controls of a PlayClock at a server's page."""
+
+    def __init__(self, server: viser.ViserServer, clock: PlayClock, marks: Sequence[SceneMark]) -> None:
+        self._clock = clock
+        self._marks = marks[:MOST_LISTED]
+        self._times = [mark.time_s for mark in self._marks]
+        self._slid_s = -math.inf
+        self._gui = gui = server.gui
+        self._folder = gui.add_folder("Time", order=0.0)
+        with self._folder:
+            self._play = gui.add_button("Pause" if clock.playing else "Play", order=0.0)
+            self._slider = gui.add_slider(
+                "Time (s)",
+                round(clock.begin_s, 2),
+                round(max(clock.end_s, clock.begin_s + STEP_S), 2),
+                STEP_S,
+                round(clock.time_s, 2),
+                marks=slider_marks(marks),
+                order=0.1,
+            )
+            self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1 ×", order=0.2)
+            self._event: Any = None
+            if self._marks:
+                self._labels = event_labels(self._marks)
+                self._event = gui.add_dropdown("Event", (NO_EVENT, *self._labels), initial_value=NO_EVENT, order=0.3)
+                self._event.on_update(self._choose_event)
+                steps = gui.add_button_group("Go to", ("◀ event", "event ▶"), order=0.4)
+                steps.on_click(lambda event: self._step_event(forward=steps.value == "event ▶"))
+        self._play.on_click(lambda event: self._press_play())
+        self._slider.on_update(self._slide)
+        self._speed.on_update(lambda event: clock.run_at(float(str(self._speed.value).split()[0])))
+
+    def show_findings(self, findings: Sequence[SceneFinding]) -> None:
+        """A button for each, which goes to where it can be seen."""
+        gui = self._gui
+        with gui.add_folder(f"Findings ({len(findings)})", order=0.5, expand_by_default=bool(findings)):
+            if not findings:
+                gui.add_markdown("The log analysis found nothing to tell.")
+            for finding in findings[:MOST_FINDINGS]:
+                at = "" if finding.time_s is None else f"{clock_text(finding.time_s)} "
+                button = gui.add_button(
+                    at + shortened(finding.sentence),
+                    color=_COLOURS.get(finding.severity, "gray"),
+                    disabled=finding.time_s is None,
+                    hint=f"{finding.sentence}. {finding.next_step}",
+                )
+                button.on_click(self._jump_to(finding.time_s))
+
+    def update(self, now_s: float) -> None:
+        """Let the controls follow the clock, some times a second."""
+        playing, time_s = self._clock.playing, self._clock.time_s
+        label = "Pause" if playing else "Play"
+        if self._play.label != label:
+            self._play.label = label
+        if now_s - self._slid_s >= SLIDER_S and abs(float(self._slider.value) - time_s) > 0.5 * STEP_S:
+            self._slid_s = now_s
+            self._slider.value = round(time_s, 2)
+
+    def _press_play(self) -> None:
+        self._clock.play(not self._clock.playing)
+
+    def _slide(self, event: Any) -> None:
+        if event.client is not None:  # not when it follows the clock
+            self._clock.jump(float(self._slider.value))
+
+    def _choose_event(self, event: Any) -> None:
+        if event.client is not None and self._event.value != NO_EVENT:
+            self._clock.jump(self._times[self._labels.index(self._event.value)])
+
+    def _step_event(self, forward: bool) -> None:
+        at_s = self._clock.time_s
+        number = bisect_right(self._times, at_s + 0.01) if forward else bisect_left(self._times, at_s - 0.01) - 1
+        if 0 <= number < len(self._times):
+            self._clock.jump(self._times[number])
+            self._event.value = self._labels[number]
+
+    def _jump_to(self, time_s: float | None) -> Callable[[Any], None]:
+        return lambda event: None if time_s is None else self._clock.jump(time_s - BEFORE_FINDING_S)
+
+
+def slider_marks(marks: Sequence[SceneMark]) -> tuple[float, ...]:
+    """Where the slider has a mark: every event, or of too many some."""
+    every = max(-(-len(marks) // MOST_SLIDER_MARKS), 1)
+    return tuple(round(mark.time_s, 2) for mark in marks[::every])
+
+
+def event_labels(marks: Sequence[SceneMark]) -> list[str]:
+    """One a mark, no two the same."""
+    labels: list[str] = []
+    taken: set[str] = set()
+    for mark in marks:
+        label = f"{clock_text(mark.time_s)} {shortened(mark.text, 60)}"
+        while label in taken:
+            label += " "
+        taken.add(label)
+        labels.append(label)
+    return labels
+
+
+def shortened(text: str, most: int = 90) -> str:
+    """A text that is too long ends in an ellipsis."""
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+
+
+class RecordingPage:
+    """A recording at an address, until it is closed. at_s: where it stands still at first; it plays without."""
+
+    def __init__(
+        self,
+        recording: LogScene,
+        listener: socket.socket,
+        address: ViewAddress,
+        *,
+        at_s: float | None = None,
+        dark: bool = False,
+    ) -> None:
+        from xitl_cli.plugins.view.camera import Cameras
+        from xitl_cli.plugins.view.readouts import Readouts
+        from xitl_cli.plugins.view.server import make_server
+
+        self._recording = recording
+        self.clock = PlayClock(recording.span_s, at_s)
+        with silent_viser():
+            self._server = server = make_server(listener, address, recording.scene.title)
+        server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+        self._drawing = ReplayDrawing(server, recording, dark=dark)
+        self.panel = TimelinePanel(server, self.clock, recording.marks)
+        self._readouts = Readouts(server, recording.scene)
+        self._cameras = Cameras(server, recording.scene)
+        self._add_options(dark)
+        self._shown_s: float | None = None
+        self._draw(self.clock.time_s, time.monotonic())
+
+    def _add_options(self, dark: bool) -> None:
+        gui, drawing = self._server.gui, self._drawing.drawing
+        with gui.add_folder("Show", order=7.0, expand_by_default=False):
+            estimates = gui.add_checkbox("Where it takes itself to be", True)
+            clouds = gui.add_checkbox("Lidar and sonar", True)
+            night = gui.add_checkbox("Night", dark)
+
+        def choose(event: object) -> None:
+            drawing.show_estimates(estimates.value)
+            drawing.show_clouds(clouds.value)
+            self._shown_s = None
+
+        def change_light(event: object) -> None:
+            drawing.dark = night.value
+            gui.configure_theme(dark_mode=night.value, show_logo=False, show_share_button=False)
+
+        for box in (estimates, clouds):
+            box.on_update(choose)
+        night.on_update(change_light)
+
+    def find(self) -> None:
+        """Add what the log analysis finds; takes seconds, so that it is for a thread of its own."""
+        self.panel.show_findings(self._recording.findings())
+
+    def serve(self, ended: threading.Event) -> None:
+        """Draw for whoever looks; while nobody does, time stands still."""
+        last_s = time.monotonic()
+        while not ended.is_set():
+            began_s = time.monotonic()
+            looked_at = bool(self._server.get_clients())
+            time_s = self.clock.advance(began_s - last_s if looked_at else 0.0)
+            last_s = began_s
+            if looked_at:
+                self._draw(time_s, began_s)
+            spent_s = time.monotonic() - began_s
+            ended.wait(max(1.0 / FRAMES_HZ - spent_s, 0.005) if looked_at else IDLE_S)
+
+    def _draw(self, time_s: float, now_s: float) -> None:
+        if time_s != self._shown_s:
+            shown_s, self._shown_s = self._shown_s, time_s
+            since_s = shown_s if shown_s is not None and 0.0 < time_s - shown_s < 60.0 else None
+            self._instant = self._recording.instant(time_s, since_s)
+            self._drawing.draw(self._instant)
+        self._readouts.update(self._instant, now_s)
+        self._cameras.update(self._instant)
+        self.panel.update(now_s)
+
+    def close(self) -> None:
+        """Let nobody in any more."""
+        with silent_viser():
+            self._server.stop()

@@ -1,0 +1,475 @@
+"""What a log tells of one vessel over time, on the scene's time line and in its map.
+
+Between two samples a vessel goes on a straight line; before its first and after its last it stays where it was.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+import xitl_cli.logs.signals as signals
+from sim_core.frames import euler_to_quat, ned_to_enu, quat_multiply, quat_ned_frd_to_enu_flu, quat_to_matrix
+from xitl_cli.logs.analyses.missions import mission_versions
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Table
+from xitl_cli.logs.signals import Series, SignalSource
+from xitl_cli.logs.signals.series import column_series
+from xitl_cli.logs.signals.states import vehicle_kind
+from xitl_cli.plugins.view.model import Array, Points, VesselInstant
+
+Seconds = Callable[[NDArray[np.int64]], Array]
+"""Stamps (N,) of a log on the scene's time line."""
+
+MOST_CLOUD_POINTS = 60_000
+SONAR_S = 12.0
+"""For so long the points of a ping are drawn: one turn of a scanning sonar."""
+OBSTACLE_S = 1.5
+_SURFACE = ("rover", "unknown")
+_REACHED = re.compile(r"reached waypoint #?(\d+)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseTrack:
+    """Places (N, 3) in the map at place_s (N,), attitudes (M, 4) from FLU to ENU at turn_s (M,), all increasing."""
+
+    place_s: Array
+    position_enu_m: Array
+    turn_s: Array
+    attitude_wxyz: Array
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """While both are known."""
+        return float(max(self.place_s[0], self.turn_s[0])), float(min(self.place_s[-1], self.turn_s[-1]))
+
+    def at(self, time_s: Array | float) -> tuple[Array, Array]:
+        """Places (..., 3) and attitudes (..., 4) at instants (...)."""
+        place = [np.interp(time_s, self.place_s, column) for column in self.position_enu_m.T]
+        turn = np.stack([np.interp(time_s, self.turn_s, column) for column in self.attitude_wxyz.T], axis=-1)
+        return np.stack(place, axis=-1), turn / np.linalg.norm(turn, axis=-1, keepdims=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldValues:
+    """Each value (N, ...) holds from its second on. seconds (N,) increase, or stay."""
+
+    seconds: Array
+    values: NDArray[np.float64]
+
+    def at(self, time_s: float) -> Array | None:
+        """None before the first."""
+        row = int(np.searchsorted(self.seconds, time_s, side="right")) - 1
+        return None if row < 0 else np.asarray(self.values[row])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionChange:
+    """A mission from an instant on: places (W, 3), where the vessel was then first."""
+
+    from_s: float
+    places_enu_m: Array
+
+
+NO_MISSION = MissionChange(-math.inf, np.empty((0, 3)))
+
+
+def mission_at(missions: Sequence[MissionChange], time_s: float) -> MissionChange:
+    """The last that has begun, before all of them the first; `missions` in the order of time."""
+    begun = [mission for mission in missions if mission.from_s <= time_s]
+    return begun[-1] if begun else missions[0] if missions else NO_MISSION
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A mode, or being armed."""
+
+    from_s: float
+    until_s: float
+    text: str
+
+
+class CloudTrack:
+    """Clouds of a topic of ours that are in the vessel's own axes, each point as the vessel was at its instant.
+
+    lasting_s: how long a cloud is drawn after it was taken.
+    """
+
+    def __init__(self, table: Table, seconds: Seconds, pose: PoseTrack, lasting_s: float) -> None:
+        self._table, self._pose, self._lasting_s = table, pose, lasting_s
+        self.seconds = seconds(table.stamp_ns)
+        self._in_map = lru_cache(maxsize=64)(self._placed)
+        self._joined = lru_cache(maxsize=4)(self._join)
+
+    def at(self, time_s: float) -> Points | None:
+        """(P, 3) in the map; the same array until there is something new. None without any."""
+        last = int(np.searchsorted(self.seconds, time_s, side="right"))
+        first = int(np.searchsorted(self.seconds, time_s - self._lasting_s, side="left"))
+        joined: Points | None = self._joined(first, last) if last > first else None
+        return joined
+
+    def _join(self, first: int, last: int) -> Points:
+        parts: list[Points] = [self._in_map(row) for row in range(first, last)]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _placed(self, row: int) -> Points:
+        packed = packed_points(self._table, row)
+        flu = np.column_stack([packed["x"], packed["y"], packed["z"]]).astype(np.float64)
+        later = packed["t"].astype(np.float64) if "t" in (packed.dtype.names or ()) else np.zeros(len(packed))
+        place, turn = self._pose.at(self.seconds[row] + later)
+        placed: Points = (np.einsum("nij,nj->ni", quat_to_matrix(turn), flu) + place).astype(np.float32)
+        return placed
+
+
+class GrowingMap:
+    """A companion's map as it grew: each message has the points that are new, about where its odometry began."""
+
+    def __init__(self, table: Table, seconds: Seconds, place_m: Array, turn_wxyz: Array) -> None:
+        self._seconds = seconds(table.stamp_ns)
+        turn = quat_to_matrix(turn_wxyz)
+        parts = []
+        for row in range(len(table)):
+            packed = packed_points(table, row)
+            parts.append(np.column_stack([packed["x"], packed["y"], packed["z"]]) @ turn.T + place_m)
+        points = np.concatenate([np.empty((0, 3)), *parts]).astype(np.float32)
+        counts = np.cumsum([len(part) for part in parts])
+        every = max(-(-len(points) // MOST_CLOUD_POINTS), 1)
+        self._points, self._counts = points[::every], -(-counts // every)
+        self._until = lru_cache(maxsize=2)(lambda count: self._points[:count])
+
+    def at(self, time_s: float) -> Points | None:
+        """(P, 3) in the map of the scene; None without any."""
+        last = int(np.searchsorted(self._seconds, time_s, side="right"))
+        return self._until(int(self._counts[last - 1])) if last else None
+
+
+def packed_points(table: Table, row: int) -> NDArray[np.void]:
+    """A foxglove.PointCloud of this row, by its own fields; empty where they are not as they should be."""
+    rows = np.array([row])
+    fields = []
+    for number in range(16):
+        if f"fields[{number}].name" not in table.columns:
+            break
+        name, offset, kind = (table.values(f"fields[{number}].{part}", rows)[0] for part in ("name", "offset", "type"))
+        if int(kind) in _ELEMENTS:
+            fields.append((str(name), int(offset), _ELEMENTS[int(kind)]))
+    stride, data = int(table.values("point_stride", rows)[0]), table.values("data", rows)[0]
+    names = [name for name, _, _ in fields]
+    if not {"x", "y", "z"} <= set(names) or stride < 1:
+        return np.zeros(0, dtype=[(axis, "<f4") for axis in "xyz"])
+    kind = np.dtype(
+        {
+            "names": names,
+            "formats": [kind for _, _, kind in fields],
+            "offsets": [offset for _, offset, _ in fields],
+            "itemsize": stride,
+        }
+    )
+    return np.frombuffer(data, dtype=kind, count=len(data) // stride)
+
+
+_ELEMENTS = {1: "u1", 2: "i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4", 7: "<f4", 8: "<f8"}
+"""foxglove.PackedElementField.NumericType."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObstacleSightings:
+    """What a companion tracked: seconds, number, centre (N, 3) and radius of each sighting, in the order of time."""
+
+    seconds: Array
+    number: NDArray[np.int64]
+    centre_enu_m: Array
+    radius_m: Array
+
+    def at(self, time_s: float) -> tuple[Array, Array]:
+        """(O, 3) and (O,) of those that were told of lately, each where it was seen last."""
+        first, last = np.searchsorted(self.seconds, (time_s - OBSTACLE_S, time_s), side="right")
+        if first == last:
+            return np.empty((0, 3)), np.empty(0)
+        _, newest = np.unique(self.number[first:last][::-1], return_index=True)
+        rows = last - 1 - newest
+        return self.centre_enu_m[rows], self.radius_m[rows]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VesselTrack:
+    """One vessel of one log. estimate: where the pose is the truth. reached_s: when each waypoint was reached."""
+
+    pose: PoseTrack
+    estimate: PoseTrack | None
+    modes: tuple[State, ...]
+    armed: tuple[State, ...]
+    motors: HeldValues | None
+    missions: tuple[MissionChange, ...]
+    reached_s: Array
+    numbers: Mapping[str, HeldValues]
+    clouds: Mapping[str, CloudTrack | GrowingMap]
+    obstacles: ObstacleSightings | None
+
+    def at(self, time_s: float, seen: bool = True) -> VesselInstant:
+        """As it was then. seen: with what its sensors saw."""
+        place, turn = self.pose.at(time_s)
+        estimate = None if self.estimate is None else self.estimate.at(time_s)
+        if self.estimate is not None and time_s < self.estimate.span_s[0]:
+            estimate = None
+        mission = mission_at(self.missions, time_s)
+        places, total = mission.places_enu_m, max(len(mission.places_enu_m) - 1, 0)
+        before, until = np.searchsorted(self.reached_s, (mission.from_s, time_s), side="right").tolist()
+        reached = min(until - before, total) if until > before else 0
+        numbers = {"heading °": heading_deg(turn)}
+        numbers |= {name: float(found) for name, held in self.numbers.items() if (found := held.at(time_s)) is not None}
+        if estimate is not None:
+            numbers["estimate off m"] = float(np.linalg.norm((estimate[0] - place)[:2]))
+        motors = None if self.motors is None else self.motors.at(time_s)
+        tracks = self.clouds.items() if seen else ()
+        clouds = {name: points for name, cloud in tracks if (points := cloud.at(time_s)) is not None}
+        obstacles, radius = (np.empty((0, 3)), np.empty(0)) if self.obstacles is None else self.obstacles.at(time_s)
+        mode, armed = state_at(self.modes, time_s), state_at(self.armed, time_s) is not None
+        target = places[reached + 1] if armed and reached < total else None
+        return VesselInstant(
+            place,
+            turn,
+            None if estimate is None else estimate[0],
+            None if estimate is None else estimate[1],
+            () if motors is None else tuple(np.nan_to_num(motors).tolist()),
+            mode or "",
+            armed,
+            reached,
+            total,
+            places,
+            target,
+            clouds,
+            obstacles,
+            radius,
+            numbers,
+        )
+
+
+def state_at(states: tuple[State, ...], time_s: float) -> str | None:
+    """The text of the last one that has begun and not ended."""
+    return next((state.text for state in reversed(states) if state.from_s <= time_s <= state.until_s), None)
+
+
+def heading_deg(attitude_wxyz: Array) -> float:
+    """Of the bow from north, clockwise."""
+    east, north, _ = quat_to_matrix(attitude_wxyz)[:, 0].tolist()
+    return float(np.degrees(np.arctan2(east, north)) % 360.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MapPlace:
+    """How a log's places lie in the map: about `origin` where that is not None, and moved by shift_enu_m (3,)."""
+
+    origin: tuple[float, float, float] | None
+    shift_enu_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def pose_track(log: Log, of: SignalSource, seconds: Seconds, place: MapPlace) -> PoseTrack | None:
+    """None unless the log has both places and attitudes.
+
+    A vessel on the water whose height is told over the ellipsoid is put on it: by receivers heights are metres off, and
+    a simulator's are about the middle of its way.
+    """
+    path = signals.position_ned(log, of, place.origin)
+    angles = [read(log, of) for read in (signals.roll, signals.pitch, signals.yaw)]
+    roll, pitch, yaw = angles
+    if path is None or roll is None or pitch is None or yaw is None:
+        return None
+    place_s, kept = forward(seconds(path.path.stamp_ns))
+    enu = ned_to_enu(path.path.values[kept])
+    if log.base != "simulation" and vehicle_kind(log) in _SURFACE and _on_the_earth(path.path):
+        enu[:, 2] = enu[:, 2] - np.median(enu[:, 2]) if of == "truth" else 0.0
+    turn_s, turned = forward(seconds(roll.stamp_ns))
+    euler_deg = np.stack([roll.values, *(_beside(each, roll) for each in (pitch, yaw))], axis=-1)[turned]
+    known = np.isfinite(euler_deg).all(axis=1)
+    if not known.any():
+        return None
+    attitude = quat_ned_frd_to_enu_flu(euler_to_quat(np.radians(euler_deg[known])))
+    moved = enu + np.asarray(place.shift_enu_m)
+    return PoseTrack(place_s, moved, turn_s[known], continuous(attitude))
+
+
+def _on_the_earth(path: Series) -> bool:
+    """Not of a topic with a frame of its own, which may well know its height."""
+    return not path.source.startswith("/")
+
+
+def _beside(series: Series, other: Series) -> Array:
+    """Its values at the stamps of the other."""
+    if len(series.stamp_ns) == len(other.stamp_ns) and bool((series.stamp_ns == other.stamp_ns).all()):
+        return series.values
+    return series.interpolated(other.stamp_ns)
+
+
+def forward(seconds: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Those that are later than all before, and their rows: two clocks laid on each other may step back."""
+    newest = np.maximum.accumulate(seconds)
+    kept = np.flatnonzero(np.concatenate(([True], seconds[1:] > newest[:-1])))
+    return seconds[kept], kept
+
+
+def continuous(attitude_wxyz: Array) -> Array:
+    """The same turns, neighbours with the nearer one of both signs."""
+    flips = np.sum(attitude_wxyz[1:] * attitude_wxyz[:-1], axis=1) < 0.0
+    sign = np.where(np.concatenate(([False], np.cumsum(flips) % 2 == 1)), -1.0, 1.0)
+    return np.asarray(attitude_wxyz * sign[:, None])
+
+
+def read_vessel(log: Log, seconds: Seconds, place: MapPlace) -> VesselTrack | None:
+    """None of a log without both places and attitudes."""
+    truth, estimate = (pose_track(log, of, seconds, place) for of in ("truth", "estimate"))
+    pose = truth or estimate
+    if pose is None:
+        return None
+    return VesselTrack(
+        pose,
+        None if truth is None else estimate,
+        _states(signals.modes(log), seconds),
+        _states(signals.armed(log), seconds),
+        _motors(log, seconds),
+        _missions(log, seconds, place, pose),
+        _reached(log, seconds),
+        dict(_numbers(log, seconds, truth is not None)),
+        dict(_clouds(log, seconds, pose)),
+        _obstacles(log, seconds, place),
+    )
+
+
+def _states(spans: list[signals.StateSpan], seconds: Seconds) -> tuple[State, ...]:
+    if not spans:
+        return ()
+    begins, ends = (
+        seconds(np.array([getattr(span, end) for span in spans], dtype=np.int64)).tolist()
+        for end in ("from_ns", "until_ns")
+    )
+    return tuple(State(begin, end, span.text) for begin, end, span in zip(begins, ends, spans, strict=True))
+
+
+def _motors(log: Log, seconds: Seconds) -> HeldValues | None:
+    table = log.tables.get("/actuators")
+    if table is None or "command" not in table.columns:
+        return None
+    values = np.asarray(table.values("command"), dtype=np.float64)
+    return HeldValues(seconds(table.stamp_ns), values) if values.ndim == 2 else None
+
+
+def _missions(log: Log, seconds: Seconds, place: MapPlace, pose: PoseTrack) -> tuple[MissionChange, ...]:
+    """None where they are not known, or where on the Earth the map is."""
+    from sim_core.geodesy import LocalFrame
+
+    versions = mission_versions(log) if place.origin is not None else []
+    found = []
+    for version in versions:
+        assert place.origin is not None
+        items, frame = version.places, LocalFrame(*place.origin)
+        lat, lon = (np.array([getattr(item, f"{name}_deg") for item in items]) for name in ("latitude", "longitude"))
+        enu = ned_to_enu(frame.ned(lat, lon, np.full(len(items), frame.altitude_m)).reshape(-1, 3))
+        near = np.linalg.norm(enu[:, :2], axis=1) < FARTHEST_M
+        enu[:, 2] = 0.0
+        from_s = float(seconds(np.array([version.at_ns], dtype=np.int64))[0])
+        waypoints = enu[near] + np.asarray(place.shift_enu_m)
+        found.append(MissionChange(from_s, np.concatenate([pose.at(from_s)[0][None], waypoints])))
+    return tuple(found)
+
+
+FARTHEST_M = 50e3
+"""From the map's zero: beyond it a plane map is none."""
+
+
+def _reached(log: Log, seconds: Seconds) -> Array:
+    """What is said twice of one waypoint counts once."""
+    said = [(text.at_ns, int(match[1])) for text in signals.texts(log) if (match := _REACHED.search(text.text))]
+    said.sort()
+    stamps = [at_ns for (at_ns, number), (_, before) in zip(said, [(0, -1), *said], strict=False) if number != before]
+    return seconds(np.array(stamps, dtype=np.int64))
+
+
+def _numbers(log: Log, seconds: Seconds, truth: bool) -> Iterator[tuple[str, HeldValues]]:
+    speed = (signals.ground_speed(log, "truth") if truth else None) or signals.ground_speed(log)
+    off = next(
+        (
+            found
+            for name, field in (
+                ("NTUN", "XTrack"),
+                ("NAV_CONTROLLER_OUTPUT", "xtrack_error"),
+                ("/link/agent/rx:NAV_CONTROLLER_OUTPUT", "xtrack_error"),
+            )
+            if (found := column_series(log, name, field, "m"))
+        ),
+        None,
+    )
+    for name, series in (("speed m/s", speed), ("cross-track m", off)):
+        if series is not None:
+            yield name, HeldValues(seconds(series.stamp_ns), series.values)
+    for label, topic, field, groups in (
+        ("links lost", "/links", "lost", ("name",)),
+        ("deadline misses", "/tasks", "missed", ("node", "task")),
+    ):
+        if (total := _total(log.tables.get(topic), field, groups, seconds)) is not None:
+            yield label, total
+    clocks = log.tables.get("/clocks")
+    if clocks is not None and {"node", "offset_s"} <= set(clocks.columns):
+        nodes = np.asarray(clocks.values("node")).astype(str)
+        rows = np.flatnonzero(~np.char.startswith(nodes, "PS"))
+        if len(rows):
+            yield "clock offset ms", HeldValues(seconds(clocks.stamp_ns[rows]), 1e3 * clocks.values("offset_s", rows))
+
+
+def _total(table: Table | None, field: str, groups: tuple[str, ...], seconds: Seconds) -> HeldValues | None:
+    """The sum of the last count of each group over time."""
+    if table is None or not {field, *groups} <= set(table.columns):
+        return None
+    counts = np.maximum(np.asarray(table.values(field), dtype=np.float64), 0.0)
+    names = ["\0".join(row) for row in zip(*(table.values(group).tolist() for group in groups), strict=True)]
+    last: dict[str, float] = {}
+    total, totals = 0.0, np.empty(len(counts))
+    for row, (name, count) in enumerate(zip(names, counts.tolist(), strict=True)):
+        total += count - last.get(name, 0.0)
+        last[name], totals[row] = count, total
+    return HeldValues(seconds(table.stamp_ns), totals)
+
+
+def _clouds(log: Log, seconds: Seconds, pose: PoseTrack) -> Iterator[tuple[str, CloudTrack | GrowingMap]]:
+    if log.base != "simulation":
+        return
+    for name, topic, lasting_s in (("lidar", "/lidar/points", 0.4), ("sonar", "/sonar/points", SONAR_S)):
+        table = log.tables.get(topic)
+        if table is not None and len(table):
+            yield name, CloudTrack(table, seconds, pose, lasting_s)
+    table = log.tables.get("/companion/map")
+    odometry = log.tables.get("/companion/odometry")
+    if table is not None and odometry is not None and len(table) and len(odometry):
+        began = _odometry_frame(odometry, seconds, pose)
+        if began is not None:
+            yield "map", GrowingMap(table, seconds, *began)
+
+
+def _odometry_frame(table: Table, seconds: Seconds, pose: PoseTrack) -> tuple[Array, Array] | None:
+    """Where the vessel's axes were when the odometry began: the true pose of its first row, less that row's own."""
+    names = [f"pose.pose.position.{axis}" for axis in "xyz"] + [f"pose.pose.orientation.{axis}" for axis in "wxyz"]
+    if not set(names) <= set(table.columns):
+        return None
+    first = np.array([float(table.values(name, np.array([0]))[0]) for name in names])
+    place, turn = pose.at(float(seconds(table.stamp_ns[:1])[0]))
+    back = quat_multiply(turn, first[3:] * np.array([1.0, -1.0, -1.0, -1.0]))
+    return place - quat_to_matrix(back) @ first[:3], back
+
+
+def _obstacles(log: Log, seconds: Seconds, place: MapPlace) -> ObstacleSightings | None:
+    table = log.tables.get("/companion/obstacles")
+    if table is None or not {"id", "position_ned_m", "size_m"} <= set(table.columns):
+        return None
+    size = np.asarray(table.values("size_m"), dtype=np.float64)
+    centre = ned_to_enu(np.asarray(table.values("position_ned_m"), dtype=np.float64)) + np.asarray(place.shift_enu_m)
+    return ObstacleSightings(
+        seconds(table.stamp_ns),
+        np.asarray(table.values("id"), dtype=np.int64),
+        centre,
+        0.5 * np.hypot(size[:, 0], size[:, 1]),
+    )

@@ -1,0 +1,145 @@
+"""Plug-ins: objects that installed packages register as entry points in the groups `xitl.*`.
+
+    load("xitl.commands", "logs")       the object, or PluginError with one sentence
+    load_all("xitl.commands")           every object that can be loaded, by name
+    plugins()                           all of them with their package and load error, for `xitl plugins`
+
+xitl's own plug-ins register in the same way, in its `pyproject.toml`. A plug-in that cannot be loaded never breaks
+xitl: its error appears where its name is asked for, in `xitl plugins` and in `xitl doctor`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from xitl_cli.errors import UserError
+
+INTERFACE = 1
+"""Version of the interface between xitl and plug-ins. A plug-in module may state its own as `XITL_INTERFACE`."""
+
+OWN_PACKAGE = "xitl"
+COMMANDS = "xitl.commands"
+LIVE_OUTPUTS = "xitl.live_outputs"
+LOG_EXPORTS = "xitl.log_exports"
+LOG_REPLAYS = "xitl.log_replays"
+BOARDS = "xitl.boards"
+DOCTOR_CHECKS = "xitl.doctor_checks"
+PROFILES = "xitl.profiles"
+
+GROUPS = {
+    COMMANDS: "a command, or a group of commands: `xitl_cli.plugin.Command`",
+    LIVE_OUTPUTS: "nodes that show a run while it goes on: `xitl_cli.run.core.live_output.LiveOutput`",
+    LOG_EXPORTS: "formats of `xitl logs export`: `xitl_cli.plugin.LogExport`",
+    LOG_REPLAYS: "3D replays in the page of `xitl logs analyze`: `xitl_cli.plugin.LogReplay`",
+    BOARDS: "kinds of boards, by the prefix of their names: a function from a name to `xitl_cli.deploy.ssh.Board`",
+    DOCTOR_CHECKS: "checks of `xitl doctor`: a function that returns `agent.board.doctor.DoctorFinding` objects",
+    PROFILES: "folders of profiles: a `Path`, searched after the shipped profiles",
+}
+
+
+class PluginError(UserError):
+    """A plug-in is missing or cannot be loaded. The message is one sentence with what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """A registered object."""
+
+    group: str
+    name: str
+    target: str
+    """`module:object`."""
+    package: str
+    version: str
+    error: str = ""
+    """Why it cannot be used, empty when it can."""
+
+
+def names(group: str) -> list[str]:
+    """Names in a group, sorted: of xitl's own plug-ins first. Nothing is loaded."""
+    return list(_first_of_each_name(group))
+
+
+def load(group: str, name: str) -> Any:
+    """The object that is registered as `name`. Raises PluginError when it is missing or cannot be loaded."""
+    entry = _first_of_each_name(group).get(name)
+    if entry is None:
+        raise PluginError(
+            f"{name}: no installed package registers it in {group}; `xitl plugins` lists what is installed"
+        )
+    return _loaded(entry)
+
+
+def load_all(group: str) -> Iterator[tuple[str, Any]]:
+    """Each object of a group that can be loaded, with its name."""
+    for name, entry in _first_of_each_name(group).items():
+        try:
+            yield name, _loaded(entry)
+        except PluginError:
+            continue
+
+
+def plugins() -> list[Plugin]:
+    """All plug-ins, with the error of each that cannot be used. Every plug-in is loaded for that."""
+    rows = []
+    for group in GROUPS:
+        chosen = _first_of_each_name(group)
+        for entry in _entries(group):
+            first = chosen[entry.name]
+            if entry is not first:
+                error = f"the name is taken by {_package(first)}; rename one of them, or uninstall its package"
+            else:
+                error = _load_error(entry)
+            rows.append(Plugin(group, entry.name, entry.value, _package(entry), _version(entry), error))
+    return rows
+
+
+@cache
+def _entries(group: str) -> tuple[EntryPoint, ...]:
+    """Entry points of a group: xitl's own first, then by package and name."""
+    return tuple(sorted(entry_points(group=group), key=lambda e: (_package(e) != OWN_PACKAGE, _package(e), e.name)))
+
+
+@cache
+def _first_of_each_name(group: str) -> dict[str, EntryPoint]:
+    """Two packages may register one name: the first of `_entries` has it."""
+    chosen: dict[str, EntryPoint] = {}
+    for entry in _entries(group):
+        chosen.setdefault(entry.name, entry)
+    return chosen
+
+
+def _loaded(entry: EntryPoint) -> Any:
+    if error := _load_error(entry):
+        raise PluginError(error)
+    return entry.load()
+
+
+def _load_error(entry: EntryPoint) -> str:
+    """Why an entry point cannot be loaded, empty when it can."""
+    who = f"{entry.name}: the plug-in of {_package(entry)} {_version(entry)}"
+    again = f"pip install --force-reinstall {_package(entry)}"
+    try:
+        entry.load()
+        wanted = getattr(sys.modules[entry.module], "XITL_INTERFACE", INTERFACE)
+    except (Exception, SystemExit) as problem:  # noqa: BLE001  the code of a plug-in may raise anything when imported
+        reason = " ".join(f"{type(problem).__name__}: {problem}".split())
+        return f"{who} cannot be loaded ({reason}); correct it, or reinstall it: {again}"
+    if wanted != INTERFACE:
+        return (
+            f"{who} is made for interface {wanted} of xitl, and this is interface {INTERFACE}; install a version for it"
+        )
+    return ""
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist is not None else "unknown"
+
+
+def _version(entry: EntryPoint) -> str:
+    return entry.dist.version if entry.dist is not None else "?"
