@@ -13,9 +13,9 @@ sys.path.append(str(Path(__file__).parents[1] / "unit" / "plugins" / "campaign")
 from conftest import patient
 from imagined_runs import imagined
 from test_campaign_search import BISECTION, planned, track
-from xitl_cli.plugins.campaign.report import write_report
 
 from tests.chromium import launch_chromium, needs_chromium
+from xitl_cli.plugins.campaign.report import write_report
 
 FLAT = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking")
 UNREACHABLE = """() => {
