@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from side_process_double import SideProcessDouble
 
+import xitl_cli.plugins.view.live_view as view_node
 from sim_core.world.debris import BodyKind, Launch
-from xitl_cli.plugins.view import live_view
 from xitl_cli.plugins.view.live_view import LiveViewNode, VesselWatch, cloud_points
 from xitl_cli.plugins.view.messages import ViewRefusal, ViewStart
 from xitl_cli.plugins.view.model import ViewInstant
@@ -128,7 +128,7 @@ def test_a_view_that_is_gone_is_told_once(parts: Parts, page: Page) -> None:
 
 def test_what_nobody_reads_is_bounded(parts: Parts, page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     node, *_ = parts
-    monkeypatch.setattr(live_view, "MOST_WAITING_BYTES", 0)
+    monkeypatch.setattr(view_node, "MOST_WAITING_BYTES", 0)
     page.say(browsers=1, joined=1)
     for _ in range(2000):
         page.say(ask=True)
@@ -177,7 +177,7 @@ def test_it_keeps_real_time_while_somebody_looks_and_lets_go_later(parts: Parts,
     operator = StubOperator()
     node.attach_operator(operator)  # type: ignore[arg-type]
     assert operator.poll == node.poll
-    node._pace = live_view.OperatedLockstep(lambda: False)
+    node._pace = view_node.OperatedLockstep(lambda: False)
 
     def after(seconds: float) -> list[dict[str, Any]]:
         page.now_s += seconds
@@ -193,14 +193,14 @@ def test_it_keeps_real_time_while_somebody_looks_and_lets_go_later(parts: Parts,
     assert after(1.0) == []  # the page was loaded anew
     page.say(browsers=0, joined=2)
     after(0.2)
-    assert after(live_view.ALONE_S) == [{"action": "pace", "factor": None}]
+    assert after(view_node.ALONE_S) == [{"action": "pace", "factor": None}]
 
 
 def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(parts: Parts, page: Page) -> None:
     node, *_ = parts
     operator = StubOperator()
-    node.meet(operator)  # type: ignore[arg-type]
-    node._pace = live_view.OperatedLockstep(lambda: False)
+    node.attach_operator(operator)  # type: ignore[arg-type]
+    node._pace = view_node.OperatedLockstep(lambda: False)
     operator.paused_by = "view"
 
     def after(seconds: float) -> None:
@@ -212,14 +212,14 @@ def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(par
     page.say(browsers=0, joined=1)
     after(0.2)
     address = page.said[-1].removeprefix("view: ")
-    after(live_view.ALONE_S)
+    after(view_node.ALONE_S)
     assert {"action": "resume"} not in operator.asked
     assert operator.asked[-1] == {"action": "pace", "factor": None}
     assert page.said[-1] == (
         f"the last browser has closed and the run stays paused: open {address} and resume it, or end it with Ctrl-C"
     )
     told = len(page.said)
-    after(live_view.ALONE_S)
+    after(view_node.ALONE_S)
     assert len(page.said) == told
 
 
@@ -227,8 +227,8 @@ def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(par
 def test_a_view_that_is_gone_ends_its_own_pause_alone(parts: Parts, page: Page, paused_by: str, resumed: bool) -> None:
     node, *_ = parts
     operator = StubOperator()
-    node.meet(operator)  # type: ignore[arg-type]
-    node._pace = live_view.OperatedLockstep(lambda: False)
+    node.attach_operator(operator)  # type: ignore[arg-type]
+    node._pace = view_node.OperatedLockstep(lambda: False)
     operator.paused_by = paused_by
     page.close()
     for _ in range(3):
@@ -241,7 +241,7 @@ def test_a_view_that_is_gone_ends_its_own_pause_alone(parts: Parts, page: Page, 
 def test_debris_that_waits_for_the_next_exchange_is_drawn_where_it_will_be(parts: Parts, page: Page) -> None:
     node, _, plant, _ = parts
     operator = StubOperator()
-    node.meet(operator)  # type: ignore[arg-type]
+    node.attach_operator(operator)  # type: ignore[arg-type]
     page.received()
     page.say(browsers=1, joined=1)
 
@@ -282,7 +282,7 @@ def test_a_pace_that_was_given_is_kept(parts: Parts, page: Page) -> None:
     node, *_ = parts
     operator = StubOperator()
     node.attach_operator(operator)  # type: ignore[arg-type]
-    node._pace = live_view.OperatedLockstep(lambda: False, 4.0)
+    node._pace = view_node.OperatedLockstep(lambda: False, 4.0)
     page.say(browsers=1, joined=1)
     page.now_s += 1.0
     node.poll()
