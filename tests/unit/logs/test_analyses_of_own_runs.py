@@ -55,7 +55,7 @@ def test_the_autopilots_log_tells_of_the_lost_position(run: Path) -> None:
     log = run / "autopilot.bin"
     assert facts(section(log, "vehicle"))["firmware"] == "xitl embedded autopilot"
     modes = section(log, "modes")
-    assert severities(modes) == {"modes.failsafe.position": Severity.CRITICAL}
+    assert severities(modes) == {"modes.failsafe": Severity.CRITICAL}
     assert 44.0 < (modes.findings[0].evidence[0].at_ns or 0) * 1e-9 < 46.0
     assert severities(section(log, "events")) == {
         "events.error.16.2": Severity.WARNING,

@@ -324,19 +324,21 @@ def gyro_steps(
     series = make_series(unit.stamp_ns, way, "rad", unit.name)
     if series is None:
         return []
-    rate = np.gradient(series.interpolated(at_ns), at_ns * 1e-9, axis=0)
-    turning = (rate[:, 1] * np.sin(phi) + rate[:, 2] * np.cos(phi)) / np.maximum(np.cos(theta), 0.2)
-    rates = (
-        rate[:, 0] + turning * np.sin(theta),
-        rate[:, 1] * np.cos(phi) - rate[:, 2] * np.sin(phi),
+    # Turns from one instant to the next, in the axes of roll, pitch and yaw.
+    turned = np.diff(series.interpolated(at_ns), axis=0, prepend=0.0)
+    turned[0] = 0.0
+    turning = (turned[:, 1] * np.sin(phi) + turned[:, 2] * np.cos(phi)) / np.maximum(np.cos(theta), 0.2)
+    turns = (
+        turned[:, 0] + turning * np.sin(theta),
+        turned[:, 1] * np.cos(phi) - turned[:, 2] * np.sin(phi),
         turning,
     )
     known: list[Floats | None] = [phi, theta, None if compass is None else _heading(compass, at_ns, phi, theta, field)]
     found = []
-    for axis, (angle, moving) in enumerate(zip(known, rates, strict=True)):
+    for axis, (angle, moving) in enumerate(zip(known, turns, strict=True)):
         if angle is None:
             continue
-        apart = np.cumsum(moving) / _SLOPE_RATE_HZ - angle
+        apart = np.cumsum(moving) - angle
         rows, sizes = _slope_steps(apart)
         whole = [np.eye(3)[axis] * size for size in sizes]
         found += _paired([int(at_ns[row]) for row in rows], whole)
