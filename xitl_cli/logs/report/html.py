@@ -260,16 +260,19 @@ def _unwritable(path: Path, error: OSError) -> LogError:
 
 def write_text(path: Path, text: str) -> None:
     refuse_other(path)
+    replace_file(path, text.encode("utf-8", "replace"))
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """The file is there as a whole or not at all. Raises LogError when it cannot be written."""
     final = Path(os.path.realpath(path))  # what a link leads to is replaced, and not the link
     mask = os.umask(0)
     os.umask(mask)
     try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", errors="replace", dir=final.parent, prefix=f".{final.name}.", delete=False
-        ) as file:
+        with tempfile.NamedTemporaryFile("wb", dir=final.parent, prefix=f".{final.name}.", delete=False) as file:
             partial = Path(file.name)
             try:
-                file.write(text)
+                file.write(content)
                 file.close()
                 partial.chmod(0o666 & ~mask)
                 partial.replace(final)

@@ -13,6 +13,7 @@ import pytest
 
 import xitl_cli.plugins.view.live_view as view_node
 from sim_core.world.debris import BodyKind, Launch
+from tests.doubles.side_process import SideProcessDouble
 from xitl_cli.plugins.view.live_view import LiveViewNode, VesselWatch, cloud_points
 from xitl_cli.plugins.view.messages import ViewRefusal, ViewStart
 from xitl_cli.plugins.view.model import ViewInstant
