@@ -54,14 +54,14 @@ def test_the_slow_error_of_a_good_receiver_is_no_drift() -> None:
     assert gnss_drifts(receiver(0.0)) == []
 
 
-@pytest.mark.parametrize("gap_s", [2.0, 4.0, 4.9, 20.0])
+@pytest.mark.parametrize("gap_s", [2.0, 4.0, 20.0])
 def test_a_gap_in_which_the_boat_turns_is_no_drift(gap_s: float) -> None:
     """Its way across the gap is 2.5 m off the mean of the velocities before and after."""
     whole = receiver(0.0)
     kept = (whole.stamp_ns < 50 * S) | (whole.stamp_ns > (50 + gap_s) * S)
     aside_deg = np.where(whole.stamp_ns > 50 * S, math.degrees(2.5 / 6.371e6), 0.0)
     arrays = ("stamp_ns", "sample_ns", "fix", "lat_deg", "lon_deg", "vel_ned_mps")
-    turned = replace(whole, lat_deg=whole.lat_deg + aside_deg)
+    turned = replace(whole, lon_deg=whole.lon_deg + aside_deg)
     assert gnss_drifts(replace(turned, **{name: getattr(turned, name)[kept] for name in arrays})) == []
 
 

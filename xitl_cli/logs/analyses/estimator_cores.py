@@ -233,7 +233,7 @@ def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iter
         )
 
 
-_AT_LIMIT = "; this is the limit of the filter, the true error may be larger"
+_AT_LIMIT = "; the estimate stays at its largest value, so the true error may be larger"
 _FEWEST_AT_LIMIT = 20
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from xitl_cli.run.world.scenery import Scenery
 
 from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.profile import load_profile
@@ -19,6 +18,7 @@ from xitl_cli.run.operator.environment_changes import EnvironmentChanges
 from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build_plant
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 Parts = tuple[OperatorNode, Plant]
