@@ -118,7 +118,7 @@ def propagate(
 
 def shift_state(state: InertialState, vel_ned_mps: Vector3, pos_ned_m: Vector3) -> InertialState:
     """Return the state with a velocity and a position correction added."""
-    stamp_ns, w, x, y, z, vn, ve, vd, pn, pe, pd, *rest = state  # written out for speed: a late fix shifts dozens of states
+    stamp_ns, w, x, y, z, vn, ve, vd, pn, pe, pd, *rest = state  # written out for speed: a late fix shifts many
     dvn, dve, dvd = vel_ned_mps
     dpn, dpe, dpd = pos_ned_m
     return InertialState(stamp_ns, w, x, y, z, vn + dvn, ve + dve, vd + dvd, pn + dpn, pe + dpe, pd + dpd, *rest)
