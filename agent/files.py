@@ -17,7 +17,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
 def read_with_status(path: Path, most: int = MOST_BYTES) -> tuple[bytes, os.stat_result]:
     """Return the content, and the status of the file that was read."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # otherwise the call waits for the writer of a pipe
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe would block without it
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
