@@ -123,7 +123,7 @@ class FtpClient:
 
     def __init__(self, target: Target) -> None:
         self._target = target
-        self._sequence = random.randrange(1 << 16)  # random, because a vehicle could treat a known number as a repetition
+        self._sequence = random.randrange(1 << 16)  # a vehicle could treat a known number as a repetition
         self._session = random.randrange(1, 256)
 
     def start(self, steps: FtpSteps[Result]) -> FtpOperation[Result]:

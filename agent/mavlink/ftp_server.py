@@ -171,7 +171,7 @@ class FtpServer:
         if answer is None:
             self._waiting.append((client, request, attempt))
             return []
-        if packet.operation == ftp.BURST and answer.operation == ftp.ACK:  # the burst has begun; a repeated request restarts it
+        if packet.operation == ftp.BURST and answer.operation == ftp.ACK:  # begun; a repeated request restarts it
             return []
         self._answered.pop(client, None)
         if len(self._answered) >= MOST_CLIENTS:
