@@ -48,8 +48,8 @@ def assemble(
 ) -> AgentNode:
     """Return the node that the options describe, on an open transport. `say` is the same as for AgentNode.
 
-    The caller closes the transport. `assemble` registers everything else that must be closed in `opened`.
-    Raises `REFUSALS`.
+    The caller closes the transport. `assemble` registers everything else that must be closed in `opened`. Raises
+    `REFUSALS`.
     """
     clock = MonotonicClock()
     faults = AgentFaults(clock)

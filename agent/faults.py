@@ -46,8 +46,7 @@ class AgentFaults:
     """Active faults, on the transport that `wrap` returned and on the clock of the run.
 
     `answering`: the next message answers XITL_RUN and is exempt, as is the answer to a tick in lockstep. In lockstep,
-    time
-    does not advance by itself, and faults of clock, delay and load have no effect.
+    time does not advance by itself, and faults of clock, delay and load have no effect.
     """
 
     def __init__(self, monotonic: Clock) -> None:

@@ -31,21 +31,20 @@ class AgentNode:
     """Serves one host over one link, in a role.
 
     In real time, the tasks run on this machine's monotonic clock. In lockstep, they run on XITL_TICK alone, and each
-    tick
-    ends with the role's answer, so that a run repeats bit for bit. Values that vary with the machine are then reported
-    as
-    unknown. Only the urgent tasks run before the answer. The others run while the host continues, and their messages
-    are
-    sent before the next answer.
+    tick ends with the role's answer, so that a run repeats bit for bit. Values that vary with the machine are then
+    reported as unknown. Only the urgent tasks run before the answer. The others run while the host continues, and their
+    messages are sent before the next answer.
 
     A role may leave a tick open because the autopilot behind it has not followed yet. Each `poll` then asks the role
-    again,
-    because the host sends a tick only once over a lossless link.
+    again, because the host sends a tick only once over a lossless link.
 
-    executor: runs the tasks of the run. faults: faults of `link`'s transport. silence_s: a host that is silent for this
-    time in real time is gone, and its run ends; 0 waits forever. clock: clock of this machine. say: reports to the user
-    of
-    this machine. A run belongs to its host: the link refuses others, and the role reports them.
+    executor: runs the tasks of the run.
+    faults: faults of `link`'s transport.
+    silence_s: a host that is silent for this time in real time is gone, and its run ends; 0 waits forever.
+    clock: clock of this machine.
+    say: reports to the user of this machine.
+
+    A run belongs to its host: the link refuses others, and the role reports them.
     """
 
     def __init__(
@@ -136,7 +135,7 @@ class AgentNode:
         return self._clock.now_ns() if self._running else self._monotonic.now_ns()
 
     def _due_now(self) -> Executor | None:
-        """Executor whose tasks this machine's clock triggers, None in lockstep."""
+        """Executor of the tasks that this machine's clock triggers, None in lockstep."""
         if not self._running:
             return self._idle
         return None if self._lockstep else self.executor

@@ -49,8 +49,9 @@ def origin_of(data: bytes) -> str:
 
 
 def compiled(data: bytes) -> bytes:
-    """Return the archive `data` with bytecode for this Python added. The bytecode is stored uncompressed, so that it
-    loads fast.
+    """Return the archive `data` with bytecode for this Python added.
+
+    The bytecode is stored uncompressed, so that it loads fast.
     """
     made = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as archive:

@@ -211,7 +211,9 @@ def check_clock(root: Path, resolution_s: float) -> DoctorFinding:
 
 
 def check_date(root: Path, year: int, released: int) -> DoctorFinding:
-    """Check the date. released: a year that is certainly past.
+    """Check the date.
+
+    released: a year that is certainly past.
 
     Only file dates and log dates depend on it. The agent keeps time by the monotonic clock.
     """
@@ -364,7 +366,8 @@ def main(arguments: list[str], program: str) -> int:
 def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/")) -> list[DoctorFinding]:
     """Return the findings of all checks.
 
-    needed: oldest usable Python version. root: directory that contains /proc, /sys and /dev.
+    needed: oldest usable Python version.
+    root: directory that contains /proc, /sys and /dev.
     """
     system = os.uname()
     place = Path.cwd()

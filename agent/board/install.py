@@ -75,8 +75,9 @@ def settings_from_json(data: bytes) -> DeploySettings:
 
 
 def checked_options(options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Check the options. Raises DeploySettingsError for a name or value that one line of a configuration file cannot
-    hold.
+    """Check the options.
+
+    Raises DeploySettingsError for a name or value that one line of a configuration file cannot hold.
     """
     checked: dict[str, tuple[str, ...]] = {}
     for key, values in options.items():
@@ -232,7 +233,9 @@ def _make(directory: Path) -> None:
 def _write(path: Path, data: bytes, mode: int, tried: bool = False) -> bool:
     """Write `data` to `path` atomically. Return False when the file already has this content.
 
-    tried: run the file before it replaces the old one. Raises InstallError.
+    tried: run the file before it replaces the old one.
+
+    Raises InstallError.
     """
     try:
         if path.read_bytes() == data and path.stat().st_mode & 0o777 == mode:

@@ -1,8 +1,8 @@
 """First program on a board without xitl: read the archive from standard input, check it and run it.
 
-`xitl_cli.deploy.ssh` sends the text of this file to `python3 -c`, whose version is unknown. So this file must run on
-Python 3.6. Standard input then carries one line of JSON (`bytes`, `sha256`, `arguments`), the archive, and the
-standard input of the archive.
+`xitl_cli.deploy.ssh` sends the text of this file to `python3 -c`. The Python version of the board is unknown, so this
+file must run on Python 3.6. Standard input then carries one line of JSON (`bytes`, `sha256`, `arguments`), the archive,
+and the standard input of the archive.
 """
 
 import hashlib

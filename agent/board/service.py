@@ -58,7 +58,9 @@ class ServiceError(Exception):
 def unit_text(command: list[str], directory: str, system: bool) -> str:
     """Return the text of the unit that runs `command` in `directory`.
 
-    system: a system service instead of a user service. Raises ServiceError.
+    system: a system service instead of a user service.
+
+    Raises ServiceError.
     """
     quoted(directory)
     return _UNIT.format(

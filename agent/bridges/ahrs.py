@@ -1,8 +1,8 @@
 """Simulated navigation unit on a separate line. It sends our sensors as the frames that an external-AHRS driver reads.
 
-Stock firmware treats it as a unit on a serial port (SERIALn_PROTOCOL 36) and runs its own EKF on the data.
-Two makes are implemented: `vectornav` and `microstrain`. Every inertial sample is sent at once, with the newest
-magnetic field and pressure. Every fix is sent when it arrives, so that it has the latency of our receiver.
+Stock firmware treats it as a unit on a serial port (SERIALn_PROTOCOL 36) and runs its own EKF on the data. Two makes
+are implemented: `vectornav` and `microstrain`. Every inertial sample is sent at once, with the newest magnetic field
+and pressure. Every fix is sent when it arrives, so that it has the latency of our receiver.
 
 The solution of our own estimator is sent at 50 Hz, once the position is known. Before that, a position of zeros would
 make software-in-the-loop builds of ArduPilot end with a panic.
@@ -54,12 +54,12 @@ class SensorLine:
     """Line to the autopilot: frames are sent at once on a stream, and bundled on datagrams.
 
     An ArduPilot reads one datagram every 10 ms, on Linux and in software in the loop. More datagrams would queue
-    without
-    limit. Up to `WAITING_FRAMES` frames wait when the line does not accept them. Beyond that, the oldest is dropped and
-    counted.
+    without limit. Up to `WAITING_FRAMES` frames wait when the line does not accept them. Beyond that, the oldest is
+    dropped and counted.
 
-    unsent: number of frames dropped, or sent while nobody was connected. sent: number of frames that the line accepted,
-    by kind. calls: we connect to the other end, at the next `receive` after each `call`.
+    unsent: number of frames dropped, or sent while nobody was connected.
+    sent: number of frames that the line accepted, by kind.
+    calls: we connect to the other end, at the next `receive` after each `call`.
     """
 
     def __init__(self, transport: Transport, calls: bool = False) -> None:

@@ -1,5 +1,6 @@
-"""HIL messages over the autopilot's own MAVLink link. A script on the autopilot converts them to navigation-unit
-frames.
+"""HIL messages over the autopilot's own MAVLink link.
+
+A script on the autopilot converts them to navigation-unit frames.
 
 `firmware_params/lua/xitl_hil.lua` runs on the autopilot and emulates a VectorNav there. So one cable to stock ArduPilot
 is enough. Once a second, NAMED_VALUE_FLOAT reports how many messages the script received and how many frames it
@@ -143,8 +144,9 @@ class HilMessages(Injector):
             setattr(self.counts, counter, getattr(self.counts, counter) + max(round(value - before), 0))
 
     def _began_anew(self, taken: float) -> bool:
-        """Whether the script has restarted since its last message. Before the first message: whether it started in this
-        run.
+        """Whether the script has restarted since its last message.
+
+        Before the first message: whether it started in this run.
         """
         before = self._told.get("in")
         counts = self.counts

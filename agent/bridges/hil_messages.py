@@ -29,8 +29,9 @@ def updated_fields(sample: object) -> int:
 
 
 def sensor_message(sample: InertialSample, updated: int) -> Message:
-    """Return HIL_SENSOR, stamped with the sensors' clock. updated: bits of the fields that are new since the last
-    message.
+    """Return HIL_SENSOR, stamped with the sensors' clock.
+
+    updated: bits of the fields that are new since the last message.
     """
     height_m = standard_height_m(max(sample.pressure_pa, 0.0))
     message: Message = mav.MAVLink_hil_sensor_message(

@@ -42,10 +42,12 @@ class InjectorError(ValueError):
 
 
 class Injector:
-    """Interface that the role calls. Instants are on the clock of the run. Nothing here raises for bytes from the
-    autopilot.
+    """Interface that the role calls. Instants are on the clock of the run.
 
-    title: name for people. counts: new with every `reset`; `taken` is True when the autopilot accepts the samples.
+    Nothing here raises for bytes from the autopilot.
+
+    title: name for people.
+    counts: new with every `reset`; `taken` is True when the autopilot accepts the samples.
     """
 
     title: str

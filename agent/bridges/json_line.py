@@ -1,9 +1,9 @@
 """Socket of ArduPilot's JSON simulator interface: servo packets in, frames out, and the list of unanswered frames.
 
 A servo packet is little-endian: magic u16, frame rate u16 (Hz), frame count u32, then the pulse widths u16 (us). There
-are 16 pulse widths after magic 18458 and 32 after magic 29569. The answer is a line of JSON between newlines.
-ArduPilot searches it for keys as plain text. So nothing may be between a key and its value, and a comma and one space
-separate the numbers of a vector (libraries/SITL/SIM_JSON.cpp).
+are 16 pulse widths after magic 18458 and 32 after magic 29569. The answer is a line of JSON between newlines. ArduPilot
+searches it for keys as plain text. So nothing may be between a key and its value, and a comma and one space separate
+the numbers of a vector (libraries/SITL/SIM_JSON.cpp).
 """
 
 from __future__ import annotations
@@ -96,10 +96,13 @@ ASKED_AGAIN_S = 0.5  # ArduPilot repeats a request after 1 s; an earlier repeat 
 
 
 class JsonLine:
-    """Bound socket that serves the autopilot that sent the last request. Each accepted answer triggers the next
-    request.
+    """Bound socket that serves the autopilot that sent the last request.
 
-    asked: frame of the current request, None before the first. served: first frame without an answer.
+    Each accepted answer triggers the next request.
+
+    asked: frame of the current request, None before the first.
+    served: first frame without an answer.
+
     `on_start(sender, anew)` is called when another sender requests frames, or the same sender restarts at frame 0.
     """
 
@@ -225,8 +228,9 @@ class JsonLine:
                 answers.popleft()
 
     def _answer_again(self) -> None:
-        """Repeat the answers, because the autopilot missed one. Without an answer yet, the autopilot only waits for the
-        host.
+        """Repeat the answers, because the autopilot missed one.
+
+        Without an answer yet, the autopilot only waits for the host.
         """
         if self._answers and monotonic() - self._sent_s > ASKED_AGAIN_S:
             self.counts.world_resent += 1
@@ -251,8 +255,9 @@ class JsonLine:
                 self.counts.unsent += 1
 
     def _send_at_once(self, answers: list[bytes]) -> bool:
-        """Send all answers in one call, which Linux splits into datagrams. A call and a wake-up cost more than an
-        answer.
+        """Send all answers in one call, which Linux splits into datagrams.
+
+        A call and a wake-up cost more than an answer.
         """
         length = len(answers[0])
         if len(answers) > SEGMENTS or any(len(answer) != length for answer in answers):

@@ -30,8 +30,9 @@ this surplus, and ArduPilot's clock stays equal to ours.
 
 
 class FrameTimes:
-    """Instants of the frames. Frame k after a change of rate is k / rate after the change, truncated to
-    microseconds.
+    """Instants of the frames.
+
+    Frame k after a change of rate is k / rate after the change, truncated to microseconds.
     """
 
     def __init__(self, start_us: int) -> None:
@@ -95,8 +96,7 @@ class MotionInterpolator:
     """Interpolates the motion between two truth samples, and extrapolates it at constant velocity.
 
     Position is the cubic with the positions and velocities of both ends (Hermite). Velocity is linear. Attitude is
-    linear
-    and then normalised.
+    linear and then normalised.
     """
 
     def __init__(self, start: TruthSample, end: TruthSample) -> None:

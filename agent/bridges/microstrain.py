@@ -64,10 +64,8 @@ def pack_solution_frame(navigation: Navigation) -> bytes:
     """State of the filter, position (deg, m), velocity (m/s), attitude, and uncertainties of position and velocity.
 
     The height field is defined above the ellipsoid; we send the height above mean sea level. The time is the time of
-    the
-    newest fix, not of the filter. ArduPilot's driver uses it as the time of the fix. If it advances more than 20 times
-    a
-    second, ArduPilot treats the receiver as lagging and unhealthy.
+    the newest fix, not of the filter. ArduPilot's driver uses it as the time of the fix. If it advances more than 20
+    times a second, ArduPilot treats the receiver as lagging and unhealthy.
     """
     n = navigation
     horizontal_m, speed_mps = n.horizontal_accuracy_m, n.speed_accuracy_mps
@@ -107,8 +105,9 @@ def _time(gps_ns: int) -> bytes:
 
 
 class MicroStrain7(Ahrs):
-    """MicroStrain unit. It sends a solution only after the receiver's first fix, because the driver reads the height
-    there.
+    """MicroStrain unit.
+
+    It sends a solution only after the receiver's first fix, because the driver reads the height there.
     """
 
     title = "MicroStrain 7"

@@ -5,9 +5,9 @@ A board in HITL mode (SYS_HITL 1) uses its MAVLink, in real time. SITL is tested
 the code follows PX4's source (mavlink_receiver, pwm_out_sim).
 
 Lockstep is one-sided. The stamps of HIL_SENSOR are the clock of a SITL build, so it does not run without us. But
-nothing
-prevents us from running ahead of it, because HIL_ACTUATOR_CONTROLS does not answer a HIL_SENSOR. PX4 sends it when the
-control loops have new outputs, at their rate. It sends none while it starts and, for a rover, while it is disarmed.
+nothing prevents us from running ahead of it, because HIL_ACTUATOR_CONTROLS does not answer a HIL_SENSOR. PX4 sends it
+when the control loops have new outputs, at their rate. It sends none while it starts and, for a rover, while it is
+disarmed.
 
 So there are two ways to pace the run. While outputs arrive, we wait for each one when the period of the last outputs
 shows that it is due. While none arrive, we run a little slower than real time and never catch up, so that PX4 has
@@ -48,7 +48,9 @@ _LOCKSTEP = 1  # HIL_ACTUATOR_CONTROLS.flags
 class Px4Line:
     """Line that listens at `url` and serves the PX4 that connects.
 
-    junk: number of bytes and frames that are not MAVLink 2. restarts: number of times PX4 disconnected in this run.
+    junk: number of bytes and frames that are not MAVLink 2.
+    restarts: number of times PX4 disconnected in this run.
+
     Raises TransportError at construction.
     """
 
@@ -60,8 +62,9 @@ class Px4Line:
         self.begin()
 
     def begin(self) -> None:
-        """Start a run at stamp 0. Its samples continue after those of the last run, because PX4's clock must not step
-        back.
+        """Start a run at stamp 0.
+
+        Its samples continue after those of the last run, because PX4's clock must not step back.
         """
         if self._newest_us:
             self._base_us = self._newest_us + APART_US
@@ -332,8 +335,9 @@ class Px4Injector(Injector):
             self.counts.unsent += 1
 
     def _handed_on(self, line: Px4Line, message: Message) -> bool:
-        """Forward a sample. Return False when the line cannot take it now. A sample not newer than the last one is
-        dropped.
+        """Forward a sample. Return False when the line cannot take it now.
+
+        A sample not newer than the last one is dropped.
         """
         if line.is_old(message):
             self.counts.unsent += 1

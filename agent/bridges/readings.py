@@ -122,8 +122,9 @@ def _is_measured(time_us: int, *values: float) -> bool:
 
 
 class SampleDecimator:
-    """Selects samples at a period. A `period_ns` of 0 selects every sample. A stamp that steps back restarts the
-    period.
+    """Selects samples at a period. A `period_ns` of 0 selects every sample.
+
+    A stamp that steps back restarts the period.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -148,9 +149,11 @@ class SampleDecimator:
 class SensorReadings:
     """Samples of one run, the newest samples of the slow sensors, the date, and the unit's navigation solution.
 
-    field, pressure: None before the first sample. refused: number of messages with invalid values, which are ignored.
-    The date is fixed in lockstep. Otherwise it is the value of `unix_s` at the first inertial sample.
+    field, pressure: None before the first sample.
+    refused: number of messages with invalid values, which are ignored.
     solves: compute a solution.
+
+    The date is fixed in lockstep. Otherwise it is the value of `unix_s` at the first inertial sample.
     """
 
     def __init__(self, lockstep: bool, unix_s: Callable[[], float], solves: bool = True) -> None:

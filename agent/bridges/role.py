@@ -74,9 +74,9 @@ def bridge_status_message(
 ) -> Message:
     """Return XITL_BRIDGE_STATUS: counts of all injectors since the run began.
 
-    outputs_in: number of received output sets. unsent: messages of the host that the autopilot's line did not accept.
-    They
-    are added to the unsent frames of the injectors.
+    outputs_in: number of received output sets.
+    unsent: messages of the host that the autopilot's line did not accept. They are added to the unsent frames of the
+      injectors.
     """
     link = vehicle.counters
 
@@ -131,8 +131,8 @@ class BridgeRole(Role):
     """Bridge role with the functions LS, LC and LA of the other autopilot.
 
     `send` hands messages to the host. The role serves everything else. The injectors are asked in their order: the
-    first
-    with outputs supplies them. Otherwise SERVO_OUTPUT_RAW supplies them. reboots: reboot the autopilot after each run.
+    first with outputs supplies them. Otherwise SERVO_OUTPUT_RAW supplies them.
+    reboots: reboot the autopilot after each run.
     """
 
     title = "bridge to an autopilot"
@@ -199,8 +199,9 @@ class BridgeRole(Role):
         return (*waiting, status, last)
 
     def _give_last_orders(self) -> None:
-        """Disarm, then reboot, because an armed autopilot refuses a reboot. In real time, each command must be
-        acknowledged.
+        """Disarm, then reboot, because an armed autopilot refuses a reboot.
+
+        In real time, each command must be acknowledged.
 
         In lockstep, the autopilot continues for a while after the run and reads the commands then.
         """
@@ -299,8 +300,9 @@ class BridgeRole(Role):
         return self._followed
 
     def _reach(self) -> bool:
-        """Hold the run for the connection, so that no message of the autopilot's start is missed. Give up after a
-        while.
+        """Hold the run for the connection, so that no message of the autopilot's start is missed.
+
+        Give up after a while.
         """
         vehicle = self._vehicle
         if vehicle.line_is_up:

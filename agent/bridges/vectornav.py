@@ -130,9 +130,10 @@ class CommandError(Exception):
 class CommandPort:
     """Command port of the unit. `feed` takes received bytes and returns the answers.
 
-    on: whether outputs are enabled. divisors: rate divisors of the requested outputs, by register.
-    commands: number of answered lines, including refused ones. restarts: number of set-ups that began after a complete
-    one.
+    on: whether outputs are enabled.
+    divisors: rate divisors of the requested outputs, by register.
+    commands: number of answered lines, including refused ones.
+    restarts: number of set-ups that began after a complete one.
     junk: number of bytes outside of commands.
     """
 

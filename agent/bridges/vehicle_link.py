@@ -87,9 +87,11 @@ class VehicleLink:
     `send` serves injectors and host. Every tap receives the autopilot's messages, and `receive` returns them to the
     caller.
 
-    vessel: expected MAVLink system, None for any. Another system is accepted with a warning, normally at once.
-    In a fleet, an autopilot may forward messages of other vessels. So another system is accepted only when the expected
-    one is not heard, and is replaced when the expected one appears. Raises TransportError at construction.
+    vessel: expected MAVLink system, None for any. Another system is accepted with a warning, normally at once. In a
+    fleet, an autopilot may forward messages of other vessels. So another system is accepted only when the expected one
+    is not heard, and is replaced when the expected one appears.
+
+    Raises TransportError at construction.
     """
 
     def __init__(self, url: str, outputs_wanted: bool = True, vessel: int | None = None, fleet: bool = False) -> None:
@@ -143,8 +145,9 @@ class VehicleLink:
         self._taps.append(tap)
 
     def send(self, *messages: Message) -> bool:
-        """Send messages to the autopilot, with its address as the target. Return False when the line does not accept
-        all of them.
+        """Send messages to the autopilot, with its address as the target.
+
+        Return False when the line does not accept all of them.
         """
         for message in messages:
             kind: Any = type(message)
@@ -158,8 +161,9 @@ class VehicleLink:
         return self._link.send(*messages)
 
     def send_sample(self, message: Message) -> bool:
-        """Send a message that would mislead when late. Return False without sending while other messages wait for the
-        line.
+        """Send a message that would mislead when late.
+
+        Return False without sending while other messages wait for the line.
         """
         return self._link.waiting < SAMPLES_WAITING and self.send(message)
 
@@ -187,8 +191,9 @@ class VehicleLink:
         return for_host
 
     def update(self, now_ns: int) -> None:
-        """Send the heartbeat and stream requests, and warn when the autopilot is silent. Called several times a second
-        in runs.
+        """Send the heartbeat and stream requests, and warn when the autopilot is silent.
+
+        Called several times a second in runs.
         """
         if self._beat_ns is None or now_ns - self._beat_ns >= HEARTBEAT_NS:
             self._beat_ns = now_ns
@@ -309,8 +314,9 @@ class VehicleLink:
 
 
 class _RequestedStream:
-    """One message stream. It is requested until it arrives, and again when it stops. After some tries, requests are
-    rare.
+    """One message stream. It is requested until it arrives, and again when it stops.
+
+    After some tries, requests are rare.
 
     rates_hz: requested rate, followed by the rates to try when messages arrive at less than a quarter of it.
     """
@@ -393,7 +399,7 @@ class StreamRequests:
         return requests
 
     def is_own_acknowledgement(self, message: Message, now_ns: int) -> bool:
-        """Whether the message acknowledges one of our own requests. The host must not receive it."""
+        """Whether the message acknowledges a request of this link. The host must not receive it."""
         if not isinstance(message, mav.MAVLink_command_ack_message):
             return False
         times = self._unanswered.get(message.command)

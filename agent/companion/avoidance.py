@@ -224,8 +224,9 @@ def _from_points_m(sailed: Array, points_ne_m: Array) -> Array:
 class AvoidancePlanner:
     """Plans avoidance courses.
 
-    margin_m: clearance to keep. begin_m: a path with less clearance is blocked. horizon_s: horizon of the collision
-    check.
+    margin_m: clearance to keep.
+    begin_m: a path with less clearance is blocked.
+    horizon_s: horizon of the collision check.
     hull_m: radius of the circle around the hull.
     """
 
@@ -260,8 +261,9 @@ class AvoidancePlanner:
         stays: bool,
         current_ne_mps: Array,
     ) -> AvoidanceChoice:
-        """Choose the best of all candidate courses. `last_rad`, the course held so far, is kept unless another is
-        better.
+        """Choose the best of all candidate courses.
+
+        `last_rad`, the course held so far, is kept unless another is better.
 
         Obstacles are passed upstream if possible, because the current sets both them and the vessel downstream.
         stays: whether the vessel is stopped because no course is free.

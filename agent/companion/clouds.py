@@ -44,9 +44,9 @@ class PointCloud(NamedTuple):
     offset_s: NDArray[np.float32]
     """(n,) float32: time of each point after `stamp_ns`."""
     intensity: NDArray[np.uint8]
-    """(n,) uint8: calibrated reflectivity as lidar makers define it. 0 to 150 are 0 to 100 %, higher values are
-    retroreflectors.
-    In a map, it is the raw intensity of the sensor.
+    """(n,) uint8: calibrated reflectivity as lidar makers define it.
+
+    0 to 150 are 0 to 100 %, higher values are retroreflectors. In a map, it is the raw intensity of the sensor.
     """
     chunks_lost: int = 0
 

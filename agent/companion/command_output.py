@@ -159,8 +159,9 @@ class CommandOutput:
         return _target_message(target, _VELOCITY_AND_YAW, np.zeros(2), vel_ne_mps, yaw_rad)
 
     def _enter(self, manoeuvre: int) -> None:
-        """Enter a manoeuvre and count it. A detour lasts until the vessel is back on the leg, even if the course
-        changes.
+        """Enter a manoeuvre and count it.
+
+        A detour lasts until the vessel is back on the leg, even if the course changes.
         """
         if self.manoeuvre == NONE and manoeuvre != STOP:
             self.detours += 1
@@ -176,8 +177,9 @@ def _is_past(legs: PathLegs, pos: Array) -> bool:
 
 
 def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> PathLegs:
-    """Return the legs ahead. Start them here when the vessel is past the end of the first leg, to which the autopilot
-    returns.
+    """Return the legs ahead.
+
+    Start them here when the vessel is past the end of the first leg, to which the autopilot returns.
     """
     points = np.array(points_ne_m)
     legs = PathLegs(points)

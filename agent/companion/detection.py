@@ -1,8 +1,8 @@
 """Obstacle detection: cells above the water, in the autopilot's local NED, and clusters of them.
 
-Turbid water returns some light at short range. That range is learnt from the clouds: rings around the lidar in which
-most directions have low points are water, out to the last such ring. Within it, a point must be higher than the waves.
-Beyond it, a return is not water, however low it seems: one degree of pitch is half a metre at 30 m.
+Turbid water returns some light at short range. That range is learnt from the clouds. A ring around the lidar is water
+if most directions have low points in it. The range ends at the last such ring. Within it, a point must be higher than
+the waves. Beyond it, a return is not water, however low it seems: one degree of pitch is half a metre at 30 m.
 """
 
 from __future__ import annotations
@@ -125,8 +125,9 @@ class ObstacleDetector:
         return ned_m, level_m + self.waterline_m - ned_m[:, 2]
 
     def _level(self, down_m: float, stamp_ns: int) -> float:
-        """Return the mean down position of the floating vessel. The estimated height drifts over minutes; heave lasts
-        seconds.
+        """Return the mean down position of the floating vessel.
+
+        The estimated height drifts over minutes; heave lasts seconds.
         """
         if self._level_m is None:
             self._level_m = down_m
@@ -177,8 +178,9 @@ class ObstacleDetector:
 
 
 def _water_height_m(range_m: Array, height_m: Array) -> float:
-    """Height of the nearby water above the level expected from the vessel's height, whose drift exceeds the wave
-    height.
+    """Height of the nearby water above the level expected from the vessel's height.
+
+    That estimate drifts by more than the wave height.
 
     0 when too little of it is visible.
     """

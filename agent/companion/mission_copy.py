@@ -41,8 +41,9 @@ class MissionPosition(NamedTuple):
 
 
 class MissionCopy:
-    """Copy of the mission. `items` is the last complete mission, None before the first. `poll` and `handle` download
-    it.
+    """Copy of the mission. `items` is the last complete mission, None before the first.
+
+    `poll` and `handle` download it.
     """
 
     def __init__(self) -> None:

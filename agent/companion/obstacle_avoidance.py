@@ -76,11 +76,15 @@ def make_proximity_messages(
 class ObstacleAvoidance:
     """Detects, tracks and avoids obstacles, in the autopilot's local NED. Its parts have the counters.
 
-    margin_m: clearance between hull and obstacle. horizon_s: horizon of the collision check. speed_mps: speed of the
-    vessel if its mission sets none. length_m, width_m: size of the vessel. waterline_m: depth of the water level below
-    the
-    body's origin. range_m: obstacles farther away are ignored. avoids: False only detects and tracks.
-    view_yaw_rad: direction of the lidar, clockwise from the bow. vessels: long objects may be other vessels.
+    margin_m: clearance between hull and obstacle.
+    horizon_s: horizon of the collision check.
+    speed_mps: speed of the vessel if its mission sets none.
+    length_m, width_m: size of the vessel.
+    waterline_m: depth of the water level below the body's origin.
+    range_m: obstacles farther away are ignored.
+    avoids: False only detects and tracks.
+    view_yaw_rad: direction of the lidar, clockwise from the bow.
+    vessels: long objects may be other vessels.
     """
 
     def __init__(

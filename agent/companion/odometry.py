@@ -4,9 +4,9 @@ The method is KISS-ICP (Vizzo et al., KISS-ICP: in defense of point-to-point ICP
 parts of the package, with three differences for a river:
 
 - Prediction and deskewing use the clock. So a lost cloud is a longer step and not a jump. A cloud that does not fit is
-refused before it enters the map.
+  refused before it enters the map.
 - Some hundred points of a cloud are static and thousands are on the water. The water points are thinned. They still
-carry height and attitude but cannot hold the vessel back.
+  carry height and attitude but cannot hold the vessel back.
 - With so few points, a registered pose is weighted against the prediction, see odometry_filters.py.
 """
 
@@ -66,13 +66,14 @@ class RegisteredCloud(NamedTuple):
 class LidarOdometry:
     """Registers clouds in order of time. The same clouds give the same poses, bit for bit.
 
-    max_range_m, min_range_m: range of the points that are used. voxel_m: edge of the cells of the local map, which
-    covers
-    max_range_m. motion: body motion from the autopilot; without it, only clouds are used.
+    max_range_m, min_range_m: range of the points that are used.
+    voxel_m: edge of the cells of the local map, which covers max_range_m.
+    motion: body motion from the autopilot; without it, only clouds are used.
 
-    poses, poses_refused: number of registered and refused clouds. unaided: clouds without a motion. points_refused:
-    points
-    that are not finite or invalid. restarts: number of restarts of the local map.
+    poses, poses_refused: number of registered and refused clouds.
+    unaided: clouds without a motion.
+    points_refused: points that are not finite or invalid.
+    restarts: number of restarts of the local map.
 
     Raises OdometryError if KISS-ICP is not installed.
     """
@@ -114,8 +115,9 @@ class LidarOdometry:
         self._state: OdometryFilterState | None = None
 
     def register(self, stamp_ns: int, points_frd_m: Points, offset_s: Points) -> RegisteredCloud | None:
-        """Register a cloud that began at `stamp_ns`: points (n, 3), each offset_s (n,) later. Return None if it does
-        not fit.
+        """Register a cloud that began at `stamp_ns`: points (n, 3), each offset_s (n,) later.
+
+        Return None if it does not fit.
         """
         # Keep the valid points, with their time before the end of the cloud
         kept = self._good_points(points_frd_m, offset_s)

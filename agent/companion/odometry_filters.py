@@ -1,10 +1,10 @@
 """Prediction and correction of the odometry's pose: aided by the autopilot, or from the clouds alone.
 
 `AidedFilter` is an error-state Kalman filter. A vessel that avoids an obstacle faces open water for seconds. A lidar
-then has no information on the vessel's rotation, but its autopilot has: rotation since the last cloud from its
-gyroscopes, down from gravity, and the change of velocity. The autopilot's position is not used. The errors (9,) are of
-position, attitude (a rotation of the odometry's frame) and velocity, all in the odometry's frame (Sola, Quaternion
-kinematics for the error-state Kalman filter, arXiv:1711.02508, sec. 7).
+then has no information on the vessel's rotation, but its autopilot has. It measures the rotation since the last cloud
+by gyroscopes, down by gravity, and the change of velocity. The autopilot's position is not used. The errors (9,) are of
+position, attitude and velocity, all in the odometry's frame. The attitude error is a rotation of that frame (Sola,
+Quaternion kinematics for the error-state Kalman filter, arXiv:1711.02508, sec. 7).
 
 `LidarOnlyFilter` is an alpha-beta filter: constant velocity, with roll and pitch from the water plane.
 """
@@ -98,7 +98,9 @@ class _AutopilotSample(NamedTuple):
 
 
 class AutopilotMotionSource:
-    """Motions from an autopilot's pose history. own_ns: converts the sensors' clock to the history's clock.
+    """Motions from an autopilot's pose history.
+
+    own_ns: converts the sensors' clock to the history's clock.
 
     Each motion begins at the pose at which the last one ended, as estimated then. So errors of extrapolation cancel.
     """
@@ -219,7 +221,8 @@ class AidedFilter:
     ) -> OdometryFilterState:
         """Return the state after an observation (k,).
 
-        noise: covariance (k, k). jacobian: (k, 9) with respect to the errors.
+        noise: covariance (k, k).
+        jacobian: (k, 9) with respect to the errors.
         """
         before = self._covariance
         gain = np.linalg.solve(jacobian @ before @ jacobian.T + noise, jacobian @ before).T

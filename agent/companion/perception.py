@@ -72,7 +72,8 @@ class _Tally(NamedTuple):
 class Perception:
     """Odometry, map and obstacle avoidance of one run. `say(text)` reports to the user.
 
-    parameters: current values. avoidance: runs on this machine's clock.
+    parameters: current values.
+    avoidance: runs on this machine's clock.
     """
 
     def __init__(

@@ -90,8 +90,9 @@ class PoseHistory:
         return min(self._turned[-1].stamp_ns, self._placed[-1].stamp_ns)
 
     def pose_at(self, stamp_ns: int) -> VehiclePose | None:
-        """Pose at an instant. Extrapolated by the rates a little past the newest sample, None farther off or before all
-        samples.
+        """Pose at an instant.
+
+        Extrapolated by the rates a little past the newest sample, None farther off or before all samples.
         """
         turned, place = self._turned_at(stamp_ns), self._place_at(stamp_ns)
         if turned is None or place is None:

@@ -75,8 +75,8 @@ class CompanionParameters:
 class PerceptionTuning:
     """Tuned numbers of odometry, obstacle detection, tracking and avoidance. All use the one instance `TUNED`.
 
-    If a comment gives no other source, the value was tuned on the shipped river (profiles/sites, `sitl-perception`).
-    It has a Mid-70 at 10 clouds a second, waves of 0.2 m, and debris that drifts with the current. The values were then
+    If a comment gives no other source, the value was tuned on the shipped river (profiles/sites, `sitl-perception`). It
+    has a Mid-70 at 10 clouds a second, waves of 0.2 m, and debris that drifts with the current. The values were then
     checked on seeds that were not used for tuning, see docs/perception.md.
 
     Suffixes are units. `share` and `gain` are dimensionless. `hits`, `clouds`, `points` and `plans` are counts.

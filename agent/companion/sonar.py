@@ -77,9 +77,10 @@ def ping_messages(ping: SonarPing) -> list[Message]:
 class PingReassembler:
     """Reassembles pings from chunks.
 
-    pings: returned pings. chunks_lost: missing chunks. late: chunks of a returned ping, or repeated ones. refused:
-    invalid
-    chunks.
+    pings: returned pings.
+    chunks_lost: missing chunks.
+    late: chunks of a returned ping, or repeated ones.
+    refused: invalid chunks.
     """
 
     def __init__(self) -> None:

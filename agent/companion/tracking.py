@@ -53,7 +53,7 @@ class StructureMap:
     def add_hits(self, stamp_ns: int, points_ne_m: Array, pos_ne_m: Array, water_reach_m: float) -> None:
         """Add the points of the present hits, seen from pos_ne_m (2,).
 
-        Hits within water_reach_m, where water returns light, have little weight.
+        Hits within water_reach_m have little weight, because water returns light there.
         """
         cells, one_each = np.unique(cells_of(points_ne_m), return_index=True)
         known = np.searchsorted(self._cells, cells)
@@ -95,9 +95,7 @@ class StructureMap:
         self._first_ns, self._seen_ns, self._dry = self._first_ns[keep], self._seen_ns[keep], self._dry[keep]
 
     def forget_swept(self, since_ns: int, track: ObstacleTrack) -> None:
-        """Drop the cells that a moving object was mistaken for: cells near its path whose first hit is later than
-        `since_ns`.
-        """
+        """Drop the cells of a moving object: cells near its path with a first hit after `since_ns`."""
         if not len(self._cells):
             return
         off = self._points_ne_m - track.first_ne_m
@@ -186,10 +184,9 @@ class OutlineMotion:
     """Decides whether an object moves, and not only its visible part.
 
     The visible part of a wall or boom varies from look to look: one end moves, or both move apart. Both ends of a
-    moving
-    object's outline move in the same direction by the same distance. If one end is out of view, the other decides. An
-    end
-    that only enters the view keeps its distance; the end of an object that we approach comes steadily nearer.
+    moving object's outline move in the same direction by the same distance. If one end is out of view, the other
+    decides. An end that only enters the view keeps its distance; the end of an object that we approach comes steadily
+    nearer.
     """
 
     def __init__(self) -> None:
@@ -264,9 +261,10 @@ def _end_way(then: _OutlineLook, between: _OutlineLook, now: _OutlineLook) -> Ar
 class ObstacleTrack:
     """A drifting object, or another vessel.
 
-    state: north, east (m), their rates (m/s). length_m: along `heading_rad`. stands: it was long in the last look and
-    is
-    structure as far as is known. moves: its whole outline moves.
+    state: north, east (m), their rates (m/s).
+    length_m: along `heading_rad`.
+    stands: it was long in the last look and is structure as far as is known.
+    moves: its whole outline moves.
     """
 
     def __init__(self, number: int, cluster: Cluster, drift_ne_mps: Array, hits_needed: int) -> None:
@@ -444,8 +442,9 @@ class ObstacleTracker:
         water_reach_m: float,
         drift_ne_mps: Array,
     ) -> None:
-        """Update with clusters up to `now_ns`, seen from a position and heading. New tracks start with the current's
-        drift.
+        """Update with clusters up to `now_ns`, seen from a position and heading.
+
+        New tracks start with the current's drift.
         """
         view = _View(pos_ne_m, bow_rad, water_reach_m)
         found = self._match_vessels(found, view)

@@ -28,12 +28,12 @@ class WaterLevel(NamedTuple):
 
 
 class WaterPlane:
-    """Plane of the water: down = a forward + b right + c in body FRD, where a, b and c are linear in time within a
-    cloud.
+    """Plane of the water: down = a forward + b right + c in body FRD.
+
+    Within a cloud, a, b and c are linear in time.
 
     A boat of some metres rolls within a second. A cloud of 0.1 s covers a tenth of the swing, and its water shows the
-    rate.
-    The last plane is stored for clouds without water.
+    rate. The last plane is stored for clouds without water.
     """
 
     def __init__(self) -> None:

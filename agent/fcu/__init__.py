@@ -1,5 +1,5 @@
 """Embedded autopilot in layers. Each layer imports only the layers before it.
 
-The layers are data and parameters (here), `estimation` (LS) and `control` (LC, LA), and `vehicle` (modes, navigation,
-failsafes, the autopilot). `mavlink` and `dataflash` serve and log it.
+The layers are data and parameters (here), `estimation` (LS) and `control` (LC, LA), and `vehicle`. That one has modes,
+navigation, failsafes and the autopilot. `mavlink` and `dataflash` serve and log it.
 """

@@ -149,8 +149,9 @@ _ROWS: tuple[Parameter, ...] = (
 
 
 def _channel_rows(number: int) -> tuple[Parameter, ...]:
-    """Parameters of an RC channel. MIN is 1101: a ground station treats exactly 1100, 1500 and 1900 as an uncalibrated
-    radio.
+    """Parameters of an RC channel.
+
+    MIN is 1101: a ground station treats exactly 1100, 1500 and 1900 as an uncalibrated radio.
     """
     name = f"RC{number}"
     return (
@@ -199,8 +200,9 @@ def _fixed(name: str, value: float, type: int, meaning: str, unit: str = "") -> 
 
 
 def _compass_rows() -> Iterator[Parameter]:
-    """One calibrated compass. Device ids are those of ArduPilot's simulated sensors (libraries/AP_HAL,
-    devtype SITL).
+    """One calibrated compass.
+
+    Device ids are those of ArduPilot's simulated sensors (libraries/AP_HAL, devtype SITL).
     """
     for number in ("", "2", "3"):
         yield _fixed(f"COMPASS_DEV_ID{number}", 0 if number else 97539, INT32, "the compass; 0 for none")
@@ -380,8 +382,9 @@ def checked_parm(text: str, source: str) -> list[tuple[int, str, float]]:
 
 
 def load_parm(text: str, source: str = "parameters") -> dict[str, float]:
-    """Return names and values of an ArduPilot .parm text, not checked against the table. The last of a repeated name
-    wins.
+    """Return names and values of an ArduPilot .parm text, not checked against the table.
+
+    The last of a repeated name wins.
 
     A line is `NAME value` or `NAME,value`. A comment begins with `#`. Raises ParameterError with file and line.
     """

@@ -120,8 +120,9 @@ class StatusTextSender:
         self._text_id = 0
 
     def messages(self, severity: int, text: str) -> Messages:
-        """Return the messages of a sentence. Longer ones are split into chunks of TEXT_BYTES; the last chunk is not
-        full.
+        """Return the messages of a sentence.
+
+        Longer ones are split into chunks of TEXT_BYTES; the last chunk is not full.
         """
         data = text.encode("ascii", "replace")
         if len(data) <= TEXT_BYTES:

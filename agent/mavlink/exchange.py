@@ -50,8 +50,8 @@ class Timer:
 class Request:
     """One request, sent every `answer_s` until `is_answer` is true for a message, at most `tries` times.
 
-    make: builds the message of an attempt, counted from 0. answer: the answering message; None with `done` after a
-    timeout.
+    make: builds the message of an attempt, counted from 0.
+    answer: the answering message; None with `done` after a timeout.
     """
 
     def __init__(

@@ -48,8 +48,9 @@ Result = TypeVar("Result")
 
 
 class FtpRefusedError(Exception):
-    """Raised when the vehicle refuses. `code` is the protocol's error code; `errno` is its file system's error, 0 for
-    none.
+    """Raised when the vehicle refuses.
+
+    `code` is the protocol's error code; `errno` is its file system's error, 0 for none.
     """
 
     def __init__(self, data: bytes) -> None:

@@ -41,10 +41,12 @@ class Logs(Protocol):
 
 
 class LogServer:
-    """Serves `logs` to one link, numbered from 1. refused: returns the messages of a refusal.
+    """Serves `logs` to one link, numbered from 1.
 
-    `poll` sends the requested data, at most PER_POLL messages each time. dropped: requests for parts that arrived while
-    MOST_PARTS others waited.
+    refused: returns the messages of a refusal.
+
+    `poll` sends the requested data, at most PER_POLL messages each time.
+    dropped: requests for parts that arrived while MOST_PARTS others waited.
     """
 
     def __init__(self, logs: Logs, refused: Callable[[str], Messages]) -> None:

@@ -69,9 +69,9 @@ class MissionUpload:
     """An exchange that uploads a plan. An empty plan is done at once and sends nothing.
 
     The upload is announced again when no request arrived for `repeat_s`, for at most `give_up_s`. A refusal is final
-    after
-    `refused_s`, because an autopilot that has just started may have no room yet.
-    accepted: whether the plan was accepted. result: the latest MAV_MISSION_RESULT, None before the first.
+    after `refused_s`, because an autopilot that has just started may have no room yet.
+    accepted: whether the plan was accepted.
+    result: the latest MAV_MISSION_RESULT, None before the first.
     """
 
     def __init__(
@@ -133,9 +133,10 @@ class MissionUpload:
 class MissionDownload:
     """An exchange that downloads a plan. It repeats its request every REPEAT_NS, without limit.
 
-    items: MISSION_ITEM_INT messages, the complete plan once `done`, but at most `most` items. asked_ns: time of the
-    last
-    request. tries: unanswered requests since the last item. answered: whether an answer followed the last request.
+    items: MISSION_ITEM_INT messages, the complete plan once `done`, but at most `most` items.
+    asked_ns: time of the last request.
+    tries: unanswered requests since the last item.
+    answered: whether an answer followed the last request.
     """
 
     def __init__(self, target: Target, mission_type: int = MISSION, most: int = 65535) -> None:
@@ -247,10 +248,10 @@ class MissionServer:
     current.
 
     A new plan replaces the old one only after its last item has arrived and the complete plan is accepted. A missing
-    item
-    is requested again. Rally points are not supported: such a plan is always empty.
+    item is requested again. Rally points are not supported: such a plan is always empty.
 
-    warn: reports the reason of a refusal. set_current: continues from an item of the mission and returns the replies.
+    warn: reports the reason of a refusal.
+    set_current: continues from an item of the mission and returns the replies.
     guide: goes to the position of an item that is a GUIDED target, or returns the refusal.
     """
 
@@ -333,8 +334,9 @@ class MissionServer:
         return [upload.request()]
 
     def _on_item(self, message: Any, now_ns: int) -> Messages:
-        """Handle an item. The previous item is a duplicate and ignored. After any other item, the expected one is
-        requested again.
+        """Handle an item. The previous item is a duplicate and ignored.
+
+        After any other item, the expected one is requested again.
         """
         sender, mission_type = _sender(message), message.mission_type
         upload, plan = self._upload, self._plans.get(mission_type)

@@ -1,7 +1,7 @@
 """Modes of ArduRover and PX4: numbers, names, and the parameters of MAV_CMD_DO_SET_MODE.
 
-The embedded autopilot has ArduRover's numbers. A mode of PX4 is a main mode, and for automatic modes also a sub mode:
-bytes 2 and 3 of a heartbeat's custom_mode, parameters 2 and 3 of MAV_CMD_DO_SET_MODE
+The embedded autopilot has ArduRover's numbers. A mode of PX4 is a main mode, and for automatic modes also a sub mode.
+They are bytes 2 and 3 of a heartbeat's custom_mode, and parameters 2 and 3 of MAV_CMD_DO_SET_MODE
 (src/modules/commander/px4_custom_mode.h). PX4's counterpart of GUIDED is Hold, with a position from DO_REPOSITION.
 """
 

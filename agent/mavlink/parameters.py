@@ -24,7 +24,8 @@ class ParameterClient:
 
     bytewise: integers are the raw four bytes of the field (PX4, MAV_PROTOCOL_CAPABILITY PARAM_ENCODE_BYTEWISE).
     typed: a parameter is set with its own type, which bytewise needs; otherwise as REAL32, which ArduPilot accepts.
-    tries, answer_s: number of attempts of a request and timeout of each. new_timer: creates the timers.
+    tries, answer_s: number of attempts of a request and timeout of each.
+    new_timer: creates the timers.
     """
 
     def __init__(
@@ -55,8 +56,9 @@ class ParameterClient:
         return self._request(message, name)
 
     def set(self, name: str, value: float) -> Request:
-        """Return the request to set a parameter. The answer is the PARAM_VALUE afterwards, which may have another
-        value.
+        """Return the request to set a parameter.
+
+        The answer is the PARAM_VALUE afterwards, which may have another value.
 
         Raises ValueError for a value that an integer parameter of PX4 cannot hold.
         """
@@ -137,9 +139,10 @@ class ParameterList:
 class ParameterServer:
     """Serves the parameters of `types` (MAV_PARAM_TYPE by name), in their order.
 
-    A list is sent with `per_poll` values per call of `poll`. value: returns a parameter by its name. set_value: sets
-    it, or
-    raises ValueError. refused: returns messages for the text of that error, sent in addition to the old value.
+    A list is sent with `per_poll` values per call of `poll`.
+    value: returns a parameter by its name.
+    set_value: sets it, or raises ValueError.
+    refused: returns messages for the text of that error, sent in addition to the old value.
     read_only: names that cannot be set.
     """
 
@@ -187,8 +190,9 @@ class ParameterServer:
         return [self._message(index)] if 0 <= index < len(self._names) else []
 
     def _on_set(self, message: Any, now_ns: int) -> Messages:
-        """Set a parameter and answer with its value. After a refusal, answer with the reason, the old value and
-        PARAM_ERROR.
+        """Set a parameter and answer with its value.
+
+        After a refusal, answer with the reason, the old value and PARAM_ERROR.
         """
         name = message.param_id
         index = self._index.get(name)

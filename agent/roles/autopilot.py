@@ -25,14 +25,16 @@ if TYPE_CHECKING:
 
 
 class AutopilotRole(Role):
-    """Sensors in, actuators out at LOOP_HZ. make_channel: builds a new autopilot for every run.
+    """Sensors in, actuators out at LOOP_HZ.
 
-    send: sends messages to the host. ground: serves ground stations, between runs too, when parameters and plans can be
-    set
-    without motion. storage: keeps their settings over a restart. make_log: takes this node's clock and returns a flight
-    log, which starts a new file with each run. This role closes none of these three. stored_logs: logs that stations
-    may
-    read.
+    make_channel: builds a new autopilot for every run.
+
+    send: sends messages to the host.
+    ground: serves ground stations, between runs too, when parameters and plans can be set without motion.
+    storage: keeps their settings over a restart.
+    make_log: takes this node's clock and returns a flight log, which starts a new file with each run. This role closes
+      none of these three.
+    stored_logs: logs that stations may read.
     """
 
     title = "embedded autopilot"

@@ -1,4 +1,4 @@
-"""All ground stations of one agent: those that the agent sends to, and those that connect to it."""
+"""All ground stations of one agent. The agent sends to some, and others connect to it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STUCK_NS = 10_000_000_000  # a station that accepts nothing for this time is dro
 
 
 class StationCounters(NamedTuple):
-    """Counts since the start, over all stations, including those that have left."""
+    """Counts since the start, over all stations, including former ones."""
 
     connected: int
     turned_away: int
@@ -58,11 +58,9 @@ class StationCounters(NamedTuple):
 class GroundStations:
     """Sends to `udp://host:port`. Listens at `tcp://host:port` for up to `MOST_CLIENTS` stations.
 
-    When another one connects, an idle one makes room: first one that never sent a valid frame, then the longest silent
-    one.
-    While all have been heard recently, the new one waits. The constructor raises TransportError. Afterwards, nothing
-    that a
-    station does raises or blocks.
+    When another one connects, an idle one makes room: first a station without any valid frame, then the longest silent
+    one. While all have been heard recently, the new one waits. The constructor raises TransportError. Afterwards,
+    nothing that a station does raises or blocks.
     """
 
     def __init__(self, urls: Sequence[str], system_id: int, component_id: int, signing: Signing | None = None) -> None:
@@ -157,7 +155,7 @@ class GroundStations:
             client.telemetry(now_ns)
 
     def keep_alive(self, now_ns: int) -> None:
-        """Continue the heartbeat while the vehicle's clock stands still."""
+        """Continue the heartbeat while the vehicle's clock is stopped."""
         if time.monotonic_ns() - self._spoke_ns >= SILENCE_NS:
             self._spoke_ns = time.monotonic_ns()
             for client in self._clients:
@@ -223,9 +221,9 @@ class GroundStations:
 class GroundStation:
     """Serves one station. Nothing here blocks or raises for received bytes, and a slow station costs at most one try.
 
-    skipped: cycles of telemetry omitted because the station did not accept the last one. unpackable: messages with a
-    value
-    that does not fit the wire. heard_ns: time of the last valid frame on the monotonic clock, 0 for never.
+    skipped: cycles of telemetry omitted because the station did not accept the last one.
+    unpackable: messages with a value that does not fit the wire.
+    heard_ns: time of the last valid frame on the monotonic clock, 0 for never.
     """
 
     def __init__(self, link: Link, name: str) -> None:

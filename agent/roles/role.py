@@ -28,7 +28,9 @@ class Traffic(NamedTuple):
 class Role:
     """Interface that the node calls. Instants are on the clock of the run, which between runs is this machine's clock.
 
-    title: name for people. nodes: node kinds, for instance LS,LC,LA. telemetry_hz: rate of the calls of `telemetry`.
+    title: name for people.
+    nodes: node kinds, for instance LS,LC,LA.
+    telemetry_hz: rate of the calls of `telemetry`.
     peers: kind of the peers at `addresses`, other than the host.
     """
 

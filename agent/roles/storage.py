@@ -47,7 +47,7 @@ class Storage:
         self._thread.start()
 
     def apply(self, autopilot: Autopilot) -> None:
-        """Apply the stored settings. Omit those that do not fit this version, with an event."""
+        """Apply the stored settings. Omit invalid ones for this version, with an event."""
         contents = self._contents
         for name, value in contents.parameters.items():
             try:

@@ -29,7 +29,7 @@ class MonotonicClock:
 
 
 class TickClock:
-    """Lockstep clock, which stands still between ticks."""
+    """Lockstep clock, which is constant between ticks."""
 
     def __init__(self, now_ns: int = 0) -> None:
         self._now_ns = now_ns
@@ -67,8 +67,7 @@ class SteppedClock:
         """Step to `offset_ns` ahead and run fast by `skew_ppm` (below 0: slow) from now on.
 
         The effect of an earlier skew remains. Return False without a change for a smaller offset than the present one,
-        because
-        time never steps back.
+        because time never steps back.
         """
         if offset_ns < self.offset_ns or not -1e6 < skew_ppm < 1e6:
             return False

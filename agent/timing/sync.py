@@ -1,8 +1,8 @@
 """Relation of another machine's clock to this one, from four-timestamp exchanges over a link with jitter.
 
 In an exchange, t2 - t1 is the offset plus the delay there, and t3 - t4 is the offset minus the delay back. Delays have
-a floor and accumulate above it, so the truth is at the edges. One line is below all t2 - t1, the other above all
-t3 - t4 (the linear programme of Moon, Skelly and Towsley, INFOCOM 1999). Both lines have the same drift, and each drift
+a floor and accumulate above it, so the truth is at the edges. One line is below all t2 - t1, the other above all t3 -
+t4 (the linear programme of Moon, Skelly and Towsley, INFOCOM 1999). Both lines have the same drift, and each drift
 leaves a gap between them.
 
 If delays decrease exponentially from their floor, the widest gap is the likeliest drift. The estimate is the mean of
@@ -74,8 +74,7 @@ class ClockSync:
     `PENDING` ones start a new history. Fewer are outliers and dropped.
 
     uneven_ns: amount by which the remote clock may fall behind and catch up again, which is not a step. The observed
-    part
-    of it increases the bound of the offset.
+    part of it increases the bound of the offset.
     """
 
     def __init__(self, max_drift_ppm: float = 500.0, uneven_ns: float = 0.0) -> None:

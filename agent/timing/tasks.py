@@ -18,8 +18,7 @@ MOST_KEPT = 64
 class TaskStats:
     """Timing of one task since the start, on the executor's clock.
 
-    A TickClock stands still while a task runs, so run times are 0 under it. `agent.timing.tasks` defines the
-    histograms.
+    A TickClock is constant while a task runs, so run times are 0 under it. `agent.timing.tasks` defines the histograms.
     """
 
     name: str
@@ -124,12 +123,11 @@ class Executor:
     """Runs functions at fixed rates. The caller waits, and the executor decides which are due.
 
     Cycle k of a task is due at start + k / rate, whatever happened before. A late task runs once, for the newest due
-    cycle.
-    Missed cycles are skipped and counted, and never made up. A clock that jumps ahead has the same effect. When the
-    clock
-    steps back, the deadlines step back with it, so that no wait is repeated.
+    cycle. Missed cycles are skipped and counted, and never made up. A clock that jumps ahead has the same effect. When
+    the clock steps back, the deadlines step back with it, so that no wait is repeated.
 
-    misses: the missed deadlines. steps_back: number of times that the clock stepped back.
+    misses: the missed deadlines.
+    steps_back: number of times that the clock stepped back.
     """
 
     def __init__(self, clock: Clock) -> None:

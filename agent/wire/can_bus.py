@@ -275,10 +275,11 @@ class CanTransport(Transport):
     """One node of a bus that communicates with one other, `peer`.
 
     A failed bus (adapter unplugged, interface gone) is reopened, first after `FIRST_RETRY_S`, then after twice as long
-    each
-    time up to `LAST_RETRY_S`. losses: number of failures. errors: frames that python-can could not read, and error
-    frames
-    of the controller. `Reassembler` defines the other `counts`.
+    each time up to `LAST_RETRY_S`.
+    losses: number of failures.
+    errors: frames that python-can could not read, and error frames of the controller.
+
+    `Reassembler` defines the other `counts`.
     """
 
     name = "can"

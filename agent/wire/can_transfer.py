@@ -1,8 +1,7 @@
 """Chunks of bytes as CAN frames: segmentation, reassembly, and the duration of a frame. This module uses no bus.
 
 A chunk of up to 510 bytes is one transfer: two bytes of length, little endian, then the chunk. It is split into parts
-of
-8 bytes (classic CAN) or 64 (CAN FD, with the last part padded to a valid length). Identifier, 29 bits, high first:
+of 8 bytes (classic CAN) or 64 (CAN FD, with the last part padded to a valid length). Identifier, 29 bits, high first:
 
     priority 2 | tag 4 | sender 6 | destination 6 | transfer 5 | index 6
 
@@ -130,9 +129,12 @@ class _Transfers:
 class Reassembler:
     """Reassembles the chunks from `sender` to `destination`. Memory is bounded: 8 open transfers per priority.
 
-    incomplete: abandoned transfers with missing parts. malformed: transfers with inconsistent parts. repeated: repeated
-    frames. foreign: frames of other nodes, for other nodes, or of another protocol. Own frames that a bus echoes are
-    ignored.
+    incomplete: abandoned transfers with missing parts.
+    malformed: transfers with inconsistent parts.
+    repeated: repeated frames.
+    foreign: frames of other nodes, for other nodes, or of another protocol.
+
+    Own frames that a bus echoes are ignored.
     """
 
     def __init__(self, sender: int, destination: int) -> None:

@@ -17,8 +17,7 @@ class x25crc:  # noqa: N801  the name the generated codec asks for
     """Running checksum over bytes, in `crc`.
 
     `binascii.crc_hqx` has the same polynomial (0x1021) with reversed bits. Reflecting each input byte and the 16-bit
-    result
-    converts one into the other.
+    result converts one into the other.
     """
 
     def __init__(self, buf: bytes | bytearray | None = None) -> None:

@@ -30,6 +30,7 @@ class FramingCounters:
     """Classification of the received bytes.
 
     bytes_in = bytes_good + bytes_dropped + bytes of an unfinished frame that is still held (streams only).
+
     The dropped_ fields count events, not bytes. All bytes within the claimed length of a damaged frame belong to its
     event.
     """
@@ -62,22 +63,19 @@ class Framer:
     """Finds the frames of the XITL dialect in chunks of bytes.
 
     stream=False: every chunk is a datagram of complete frames. A frame that is cut off at its end is dropped as
-    truncated.
+      truncated.
     stream=True: a frame may continue in the next chunk. At most `LARGEST_FRAME` bytes are held. In a stream, a damaged
-    frame may claim to be long. A frame after it is then returned when the claimed bytes have arrived.
+      frame may claim to be long. A frame after it is then returned when the claimed bytes have arrived.
 
     - A wrong checksum, or a damaged length that causes one: dropped_bad_crc. The search continues at the next 0xFD,
-      also
-    inside the damaged frame, so garbage never hides a good frame.
+      also inside the damaged frame, so garbage never hides a good frame.
     - An id that the dialect lacks, or an incompatibility flag other than "signed": dropped_unknown. The checksum cannot
-      be
-    verified, or the protocol forbids a guess.
+      be verified, or the protocol forbids a guess.
     - With `mavlink1`, MAVLink 1 frames count too. Each is returned as the MAVLink 2 frame of its message, see
-    `is_mavlink1`. Without it, they are bytes outside any frame, because XITL ids do not fit them.
+      `is_mavlink1`. Without it, they are bytes outside any frame, because XITL ids do not fit them.
     - Bytes outside any frame: dropped_noise, one event per run.
     - With `foreign`, the other end has messages that the dialect lacks. Their checksum cannot be verified. So such a
-      frame
-    is returned if it ends with the chunk or another frame begins after it.
+      frame is returned if it ends with the chunk or another frame begins after it.
     - Signed frames are accepted by their checksum. The raw frame contains the signature, which is not verified here.
     """
 

@@ -43,12 +43,12 @@ class ImpairedTransport(Transport):
     """Another transport, `inner`, with faults on its outgoing frames. Incoming frames are unchanged.
 
     Faults act on complete frames, so `datagram_bytes` is 0 while faults are active: a link then sends each frame
-    separately. Frames with an `exempt` message number are sent at once. clock_s: clock of the delays.
+    separately. Frames with an `exempt` message number are sent at once.
+    clock_s: clock of the delays.
 
     patience_s: longest wait of a frame for another one that overtakes it; inf if time does not advance by itself.
-    lost: frames that never reached `inner`, or that it refused after their delay. duplicated, reordered: frames that
-    were
-    sent twice, and overtaken.
+    lost: frames that never reached `inner`, or that it refused after their delay.
+    duplicated, reordered: frames that were sent twice, and overtaken.
     """
 
     def __init__(

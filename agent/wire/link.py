@@ -40,11 +40,9 @@ class SequenceMonitor:
     """Counts lost, late and repeated frames, by the sequence numbers of each sender (system, component).
 
     A number up to 127 ahead of the expected one means that the numbers between are lost. A number behind it is late if
-    it
-    was counted as lost, and the loss is then cancelled. It is repeated if the last frame with this number has the same
-    check value, and of the next round otherwise. So frames sent = frames received - repeated + lost, as long as fewer
-    than
-    256 consecutive frames are lost.
+    it was counted as lost, and the loss is then cancelled. It is repeated if the last frame with this number has the
+    same check value, and of the next round otherwise. So frames sent = frames received - repeated + lost, as long as
+    fewer than 256 consecutive frames are lost.
 
     Numbers wrap after 256. Of longer losses they show only the remainder, so `lost` is a lower bound until the sender
     reports its count (`heard_total`). That determines the rounds if fewer than 128 frames are then in transit or out of
@@ -178,15 +176,14 @@ class Link:
     signing: signs frames as from link `link_id`. Frames that it refuses are counted in `refused_signature` and dropped.
 
     foreign: the other end has messages that the dialect lacks. They are counted in `passed` and dropped, and their
-    sequence
-    numbers count. mavlink1: the other end may use MAVLink 1. It gets MAVLink 1 until it sends a MAVLink 2 frame.
+      sequence numbers count.
+    mavlink1: the other end may use MAVLink 1. It gets MAVLink 1 until it sends a MAVLink 2 frame.
 
     wait_for_room: called before each send, to wait for a transport without room. None by default: frames without room
-    are
-    unsent, and a run in real time continues.
+    are unsent, and a run in real time continues.
 
-    On a transport with a capacity, messages that are not urgent wait until the line has room, see `WaitingMessages`.
-    `receive` sends them, and `wake_s` returns when to call it.
+    On a transport with a capacity, messages that are not urgent wait until the line has room. `WaitingMessages` holds
+    them, `receive` sends them, and `wake_s` returns when to call it.
     """
 
     def __init__(
@@ -245,8 +242,7 @@ class Link:
         """Send messages in order, in as few datagrams as possible. Return False when the transport did not accept all.
 
         Raises MessageRefusedError when a field does not fit the wire. Then no message of this call is sent. Returns
-        True for a
-        message that waits for its turn.
+        True for a message that waits for its turn.
         """
         return self.send_prepared([prepare(message) for message in messages])
 
@@ -321,8 +317,7 @@ class Link:
         """Return the messages that have arrived, in order. Wait for bytes at most timeout_s.
 
         Bytes without a good frame end the wait too, except on a slow line, which delivers frames in pieces. No received
-        bytes
-        raise. Each message has its sender and sequence number (get_srcSystem(), ...).
+        bytes raise. Each message has its sender and sequence number (get_srcSystem(), ...).
         """
         transport, note, tap = self.transport, self._sequence.note, self.tap
         messages: list[Message] = []

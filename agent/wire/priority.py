@@ -30,14 +30,12 @@ class WaitingMessages:
     """Messages of one end that wait for the line, at most `MOST_WAITING`. Beyond that, the oldest is dropped.
 
     Urgent messages overtake them. They wait only while the transport accepts nothing, at most `MOST_URGENT`. In
-    lockstep
-    nothing overtakes: from a XITL_TICK to the next XITL_RUN, in either direction, all messages keep their order. The
-    tick
-    states that everything before it was sent.
+    lockstep nothing overtakes: from a XITL_TICK to the next XITL_RUN, in either direction, all messages keep their
+    order. The tick states that everything before it was sent.
 
     hand_on: gives a message to the transport and returns whether it was accepted. It assigns the sequence number, so
-    that
-    overtaking leaves no gaps. given_up: number of dropped messages.
+      that overtaking leaves no gaps.
+    given_up: number of dropped messages.
     """
 
     def __init__(self, transport: Transport, hand_on: Callable[[Prepared], bool]) -> None:

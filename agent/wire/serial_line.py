@@ -40,7 +40,8 @@ class SerialTransport(Transport):
     """A serial port, opened exclusively.
 
     An unplugged port is searched again, first after `FIRST_RETRY_S`, then after twice as long each time up to
-    `LAST_RETRY_S`. Until then nothing is sent. losses: number of times that it disappeared.
+    `LAST_RETRY_S`. Until then nothing is sent.
+    losses: number of times that it disappeared.
     """
 
     name = "serial"

@@ -1,7 +1,8 @@
 """MAVLink 2 message signing (mavlink.io, "Message Signing").
 
-A signed frame ends in 13 bytes: the sender's link number, a timestamp in units of 10 microseconds since 2015 (6 bytes,
-little endian), and the first 6 bytes of SHA-256 over key, frame, link number and timestamp.
+A signed frame ends in 13 bytes: link number of the sender, timestamp and signature. The timestamp has 6 bytes, little
+endian, in units of 10 microseconds since 2015. The signature is the first 6 bytes of SHA-256 over key, frame, link
+number and timestamp.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ def read_key(text: str, source: str) -> bytes:
 
 
 def read_key_file(path: str, option: str) -> bytes:
-    """Return the key in a file, see `read_key`. option: option that named the file, for messages.
+    """Return the key in a file, see `read_key`.
+
+    option: option that named the file, for messages.
 
     Raises SigningKeyError for a missing file, and when another user may read, write or replace it.
     """

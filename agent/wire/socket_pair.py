@@ -18,11 +18,12 @@ CHUNKS = 1024  # per receive(), so that a flood does not block the caller
 
 
 class SocketPairTransport(Transport):
-    """One end of a pair, with the SOCK_SEQPACKET `sock`, which it closes. lost: the other end is closed.
+    """One end of a pair, with the SOCK_SEQPACKET `sock`, which it closes.
+
+    lost: the other end is closed.
 
     gather: collect outgoing bytes up to this number, until `flush` or a `receive` that waits. Waking another process
-    costs
-    more than sending.
+    costs more than sending.
     """
 
     name = "pair"

@@ -103,9 +103,8 @@ class _Connection:
 class TcpTransport(Transport):
     """A stream to one peer. `connection` is None while there is none. Subclasses define the source of a peer.
 
-    losses: connections that the other side ended or the network broke. chunks, chunk_bytes: limits of one `receive`;
-    the
-    rest waits in the system's buffer.
+    losses: connections that the other side ended or the network broke.
+    chunks, chunk_bytes: limits of one `receive`; the rest waits in the system's buffer.
     """
 
     name = "tcp"
@@ -263,9 +262,8 @@ class TcpListener:
 class TcpPeerOfListener(TcpTransport):
     """Listens at an address and serves one peer at a time, until it leaves or gives way, see `ServedPeer`.
 
-    Other callers wait. While the peer has an active run, they are refused and counted as `strangers`. peer_changes:
-    number
-    of times that a peer gave way.
+    Other callers wait. While the peer has an active run, they are refused and counted as `strangers`.
+    peer_changes: number of times that a peer gave way.
     """
 
     serves_one = True

@@ -74,8 +74,7 @@ class ServedPeer:
     """The served peer at an address that is open to anybody: one peer, until it leaves or is silent for too long.
 
     A peer that has started a run is served until RUN_SILENCE_S after its last good frame, and is `bound` meanwhile. A
-    peer
-    that only asked is served for `asked_s`, and gives way to one that starts a run.
+    peer that only asked is served for `asked_s`, and gives way to a peer that starts a run.
     """
 
     def __init__(self, asked_s: float = ASKED_S) -> None:
@@ -151,17 +150,22 @@ class TransportClosedError(TransportError):
 
 
 class Transport(ABC):
-    """Carries chunks of bytes in both directions between this end and one peer. One end is not safe for several
-    threads.
+    """Carries chunks of bytes in both directions between this end and one peer.
 
-    name: kind of transport, for instance "udp". address: URL of this end, for people.
+    One end is not safe for several threads.
+
+    name: kind of transport, for instance "udp".
+    address: URL of this end, for people.
     stream: False when each `send` arrives as one chunk or not at all; True when chunks may be split and joined.
-    unsent: number of failed sends. learns_peer: True when received chunks define the peer. serves_one: True when others
-    wait for the peer to leave; both need `accept_sender`. strangers: datagrams and calls refused unread because their
-    sender is not the peer. stranger: sender of the latest. datagram_bytes: preferred limit of one `send`; a single
-    frame
-    may be longer. capacity_bps: payload capacity of the line in bytes per second, None when the line is not the limit.
-    lossless: True when all sent chunks arrive while the connection lasts. losses: number of lost connections.
+    unsent: number of failed sends.
+    learns_peer: True when received chunks define the peer.
+    serves_one: True when others wait for the peer to leave; both need `accept_sender`.
+    strangers: datagrams and calls refused unread because their sender is not the peer.
+    stranger: sender of the latest.
+    datagram_bytes: preferred limit of one `send`; a single frame may be longer.
+    capacity_bps: payload capacity of the line in bytes per second, None when the line is not the limit.
+    lossless: True when all sent chunks arrive while the connection lasts.
+    losses: number of lost connections.
     """
 
     name: str = ""
@@ -212,17 +216,17 @@ class Transport(ABC):
         return ""
 
     def accept_sender(self, index: int, standing: SenderStatus) -> bool:
-        """Note that chunk `index` of the last `receive` held a good frame, whose sender has the status `standing`.
+        """Note that chunk `index` of the last `receive` held a good frame from a sender with the status `standing`.
 
         A transport that is open to anybody learns its peer from this, so that stray bytes never redirect the answers.
-        Return
-        False when the sender is not the peer. Its messages are then not for this end.
+        Return False when the sender is not the peer. Its messages are then not for this end.
         """
         return True
 
     def wait_for_room(self, timeout_s: float) -> bool:
-        """Wait for room for `send` at most timeout_s and return whether there is room. True if the transport cannot
-        know.
+        """Wait for room for `send` at most timeout_s and return whether there is room.
+
+        True if the transport cannot know.
         """
         return True
 

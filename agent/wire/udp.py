@@ -23,17 +23,14 @@ class UdpTransport(Transport):
     """A bound socket that learns its peer (listen), or a connected one.
 
     A listening socket answers its peer: the first sender of a good frame, until it gives way, see `ServedPeer`. So
-    garbage
-    never changes the peer, and a second host that only asks does not redirect the answers. A host that restarts on
-    another
-    port is served. While the peer has an active run, datagrams of others are refused unread. At other times those of
-    any
-    sender are returned, a few at a time, because they may be a flood.
+    garbage never changes the peer, and a second host that only asks does not redirect the answers. A host that restarts
+    on another port is served. While the peer has an active run, datagrams of others are refused unread. At other times
+    those of any sender are returned, a few at a time, because they may be a flood.
 
-    refused: number of reports by the other machine that nobody listens at the port (ICMP). peer_changes: number of
-    changes
-    of the peer. batch: largest number of datagrams per `receive`. longest: longer datagrams are dropped, and counted in
-    `too_long`.
+    refused: number of reports by the other machine that nobody listens at the port (ICMP).
+    peer_changes: number of changes of the peer.
+    batch: largest number of datagrams per `receive`.
+    longest: longer datagrams are dropped, and counted in `too_long`.
     """
 
     name = "udp"

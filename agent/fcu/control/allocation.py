@@ -74,11 +74,9 @@ def allocate(
 ) -> Allocation:
     """Allocate the demands to port and starboard.
 
-    `thrust` 1 is both propellers full ahead. `steering` 1 is port full ahead and starboard full astern, which the
-    weaker
-    thrust astern may limit. steering_first applies when both do not fit: 1 gives steering its full demand, 0.5 limits
-    both
-    equally, and less limits steering further.
+    `thrust` 1 is both propellers full ahead. `steering` 1 is port full ahead and starboard full astern. The weaker
+    thrust astern may limit it. steering_first applies when both do not fit: 1 gives steering its full demand, 0.5
+    limits both equally, and less limits steering further.
     """
     widest = 0.5 * (1.0 + gains.astern)
     turn = min(max(steering, -widest), widest)
@@ -108,10 +106,11 @@ def vectored(
     """Vectored thrust: return the part of full thrust, the share of the full angle, and the achieved part of
     `steering`.
 
-    thrust: in [-astern, 1]. Steering is a lateral part of full thrust and has priority. If `thrust` is too small for
-    the
-    steering at full angle, it is raised, ahead. ArduRover leaves this to the pilot. Steering below a twentieth does not
-    raise thrust. With way ahead and hard steering, thrust is not reversed to brake, because the vessel would fall off.
+    thrust: in [-astern, 1].
+
+    Steering is a lateral part of full thrust and has priority. If `thrust` is too small for the steering at full angle,
+    it is raised, ahead. ArduRover leaves this to the pilot. Steering below a twentieth does not raise thrust. With way
+    ahead and hard steering, thrust is not reversed to brake, because the vessel would fall off.
     """
     slope, widest, size = math.tan(vector_rad), math.sin(vector_rad), abs(steering)
     sign, most, ahead = (1.0, 1.0, thrust) if thrust >= 0.0 else (-1.0, gains.astern, -thrust)
@@ -270,8 +269,9 @@ class MotorsMixer:
 
 
 def _directed(thruster: Thruster, share: Share) -> tuple[float, float]:
-    """Return the thrust and the share of its gear's angle, which turns thrust to port. Thrust beyond the angle is
-    astern.
+    """Return the thrust and the share of its gear's angle, which turns thrust to port.
+
+    Thrust beyond the angle is astern.
     """
     part, to_starboard_rad = math.hypot(share.along, share.across), math.atan2(share.across, share.along)
     if abs(to_starboard_rad) > thruster.most_rad + 1e-9:

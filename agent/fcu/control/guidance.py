@@ -110,8 +110,11 @@ class GuidanceOutput(NamedTuple):
 
 
 def make_leg(start: tuple[float, float], end: tuple[float, float], after: tuple[float, float] | None) -> GuidanceLeg:
-    """Return the leg between two (north, east) points in m. after: end of the next leg. A leg of zero length heads
-    north.
+    """Return the leg between two (north, east) points in m.
+
+    after: end of the next leg.
+
+    A leg of zero length heads north.
     """
     north_m, east_m = end[0] - start[0], end[1] - start[1]
     course_rad = math.atan2(east_m, north_m)
@@ -207,8 +210,8 @@ class StationKeeping:
     """Keeps within LOIT_RADIUS of a position, as ArduRover's boats do: drift near it, and drive back farther away.
 
     ArduRover starts to drive back at the radius, so it stays a little outside in a current. Here the vessel starts at
-    half
-    the radius. A vessel that cannot turn on the spot drifts at its present heading, and turns in an arc with way on.
+    half the radius. A vessel that cannot turn on the spot drifts at its present heading, and turns in an arc with way
+    on.
     """
 
     def __init__(self, lat_deg: float, lon_deg: float) -> None:
@@ -277,7 +280,8 @@ class PointTransit:
 class CircleTransit:
     """Path onto a circle around a position and along it, clockwise or counterclockwise.
 
-    radius_m: at least TURN_RADIUS. speed_mps: limit from the lateral acceleration and the turn rate.
+    radius_m: at least TURN_RADIUS.
+    speed_mps: limit from the lateral acceleration and the turn rate.
     turned_rad: angle travelled since the circle was reached.
     """
 
@@ -294,8 +298,9 @@ class CircleTransit:
         self._angle_rad: float | None = None  # of the vessel seen from the centre, on the circle
 
     def steer(self, now: GuidanceInput) -> GuidanceOutput:
-        """Return heading and speed. Line of sight turns the tangent toward the circle, as `follow_leg` does
-        for a line.
+        """Return heading and speed.
+
+        Line of sight turns the tangent toward the circle, as `follow_leg` does for a line.
         """
         gains, frame, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s = now
         north_m, east_m = frame.to_local(self.lat_deg, self.lon_deg)

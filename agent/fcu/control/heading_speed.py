@@ -114,7 +114,9 @@ def turn_rate_control(
 def speed_control(
     gains: SpeedGains, state: SpeedState, target_mps: float, speed_mps: float, limited: bool, dt_s: float
 ) -> tuple[SpeedState, float]:
-    """Return the thrust demand in [-1, 1] for `target_mps` over ground. limited: as for `turn_rate_control`.
+    """Return the thrust demand in [-1, 1] for `target_mps` over ground.
+
+    limited: as for `turn_rate_control`.
 
     The feed-forward grows with the square of the speed, like a hull's drag. ArduRover's is linear. Both are equal at
     CRUISE_SPEED.
@@ -135,8 +137,7 @@ def ground_speed_mps(yaw_rad: float, vel_north_mps: float, vel_east_mps: float) 
     """Speed over ground, negative astern.
 
     With way on it is the length of the velocity, so that a crabbing vessel makes good the commanded speed. Near
-    standstill
-    it blends into the forward speed, because thrust cannot oppose a drift to the side.
+    standstill it blends into the forward speed, because thrust cannot oppose a drift to the side.
     """
     forward = vel_north_mps * math.cos(yaw_rad) + vel_east_mps * math.sin(yaw_rad)
     length = math.hypot(vel_north_mps, vel_east_mps)

@@ -70,8 +70,9 @@ class ManualControl:
         )
 
     def override(self, widths_us: tuple[int, ...], now_ns: int) -> str:
-        """Apply RC_CHANNELS_OVERRIDE: 65535 keeps a channel, 0 releases it. From channel 9 on, 0 keeps and 65534
-        releases.
+        """Apply RC_CHANNELS_OVERRIDE: 65535 keeps a channel, 0 releases it.
+
+        From channel 9 on, 0 keeps and 65534 releases.
 
         Return the error, or an empty text.
         """
@@ -90,8 +91,9 @@ class ManualControl:
         return ""
 
     def set_axes(self, y: int | None, z: int | None, now_ns: int) -> str:
-        """Apply MANUAL_CONTROL: y steers, z is the throttle, each in [-1000, 1000]. None releases the channel, as in
-        ArduPilot.
+        """Apply MANUAL_CONTROL: y steers, z is the throttle, each in [-1000, 1000].
+
+        None releases the channel, as in ArduPilot.
 
         Return the error, or an empty text.
         """
@@ -119,7 +121,7 @@ class ManualControl:
         return Sticks(self._deflection(self._steering, now_ns), self._deflection(self._throttle, now_ns))
 
     def problems(self, now_ns: int) -> list[ArmingProblem]:
-        """Return the channels whose stick is not centred. Steering is on the roll channel."""
+        """Return the channels with a stick that is not centred. Steering is on the roll channel."""
         return [
             ArmingProblem("RC", f"{name} (RC{index + 1}) is not neutral")
             for name, index in (("Roll", self._steering), ("Throttle", self._throttle))

@@ -59,9 +59,9 @@ class Share(NamedTuple):
 class ForceAllocation:
     """Thrusters and rudders of one vessel, with its full thrust, steering and lateral force.
 
-    full_moment_nm: all thrusters at their greatest moment, and full rudder at `base_mps`. full_thrust_n: all thrusters
-    that
-    push ahead. pivots: whether the vessel can turn without thrust and without way on.
+    full_moment_nm: all thrusters at their greatest moment, and full rudder at `base_mps`.
+    full_thrust_n: all thrusters that push ahead.
+    pivots: whether the vessel can turn without thrust and without way on.
     """
 
     def __init__(self, thrusters: list[Thruster], rudders: list[RudderBlade], base_mps: float) -> None:
@@ -85,9 +85,8 @@ class ForceAllocation:
     ) -> tuple[list[Share], Vector]:
         """Return the shares of all actuators, thrusters first, and the resulting steering, thrust and lateral force.
 
-        lateral: None accepts the side force that results from steering. last: previous shares, whose thrust defines the
-        race
-        over the rudders.
+        lateral: None accepts the side force that results from steering.
+        last: previous shares. Their thrust defines the race over the rudders.
         """
         demand = (steering, thrust, lateral or 0.0)
         slack = (_SLACK[0], _SLACK[1], _FREE if lateral is None else _SLACK[2])
@@ -103,8 +102,9 @@ class ForceAllocation:
         return shares, _sum_of(shares, self._columns, blades)
 
     def _within(self, demand: Vector, slack: Vector, blades: list[Vector], senses: list[float] | None) -> list[Share]:
-        """Solve, and add the residual that the slack leaves to the demand. Correct steering and rows with a small
-        residual.
+        """Solve, and add the residual that the slack leaves to the demand.
+
+        Correct steering and rows with a small residual.
         """
         most, least = self._most_steering(blades, senses)
         wanted: Vector = (min(max(demand[0], least), most), demand[1], demand[2])

@@ -221,7 +221,9 @@ class ChangeLog:
 
 
 class FlightLog:
-    """Logs to the file that `opener` opens, each run to a new log. now_ns: the agent's clock, for measurements.
+    """Logs to the file that `opener` opens, each run to a new log.
+
+    now_ns: the agent's clock, for measurements.
 
     Nothing here waits for the disk, except in lockstep. There the clock stops meanwhile, and the log must be the same
     every time.

@@ -35,8 +35,7 @@ class StoredLogs:
     """The numbered logs of a directory, or one file, oldest first. See `agent.mavlink.logs.Logs`.
 
     A log that is being written is included up to its present end. Only regular files are listed and read. A symbolic
-    link
-    could lead to any file of this machine, and a pipe would block the thread.
+    link could lead to any file of this machine, and a pipe would block the thread.
     """
 
     def __init__(self, directory: Path | None = None, file: Path | None = None) -> None:

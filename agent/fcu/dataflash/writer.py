@@ -31,15 +31,15 @@ class LogWriter:
     """One log file. Only its own thread accesses the disk, including the opening.
 
     Once a second the queue is written and synced, so that a killed process or a power failure costs the last second.
-    When
-    the disk is too slow, records are dropped and counted. After a write error no queued record is lost. The write is
-    retried every second from the byte at which it stopped, so that the file remains a sequence of records.
+    When the disk is too slow, records are dropped and counted. After a write error no queued record is lost. The write
+    is retried every second from the byte at which it stopped, so that the file remains a sequence of records.
 
     lossless: `put` waits for room, for a clock that stops meanwhile. It waits only once for a faulty disk.
 
-    dropped, dropped_bytes: refused by `put`, or unwritten when `close` gave up. errors: failed attempts to open or
-    write.
-    problem: error of the last attempt, empty after a success. path: of the file, None until it is open.
+    dropped, dropped_bytes: refused by `put`, or unwritten when `close` gave up.
+    errors: failed attempts to open or write.
+    problem: error of the last attempt, empty after a success.
+    path: of the file, None until it is open.
     """
 
     def __init__(

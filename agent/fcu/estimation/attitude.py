@@ -25,8 +25,9 @@ _INTERVAL_S = (0.02, 2.0)
 
 
 class AttitudeCorrection:
-    """Correcting rates in body FRD. Gains start high and then settle, so that the turn-on bias is estimated
-    in seconds.
+    """Correcting rates in body FRD.
+
+    Gains start high and then settle, so that the turn-on bias is estimated in seconds.
     """
 
     def __init__(self, tilt_gain_per_s: float, yaw_gain_per_s: float) -> None:
@@ -49,8 +50,9 @@ class AttitudeCorrection:
         self._learns = since_levelled_s >= _BIAS_WAIT_S
 
     def tilt(self, state: InertialState, north_rad: float, east_rad: float, dt_s: float, trust: float = 1.0) -> None:
-        """Correct a tilt error: the estimate is rotated too far about north and east. dt_s: interval of the
-        measurement.
+        """Correct a tilt error: the estimate is rotated too far about north and east.
+
+        dt_s: interval of the measurement.
         """
         north_rad, east_rad = _limited(north_rad), _limited(east_rad)
         gain = min(self._tilt_gain * self._boost, 0.5 / dt_s) * trust
@@ -58,8 +60,9 @@ class AttitudeCorrection:
         self._learn(gain, self._tilt_rate, dt_s)
 
     def heading(self, state: InertialState, error_rad: float, dt_s: float) -> None:
-        """Correct a heading error: the true heading exceeds the estimate by `error_rad`. dt_s: interval of the
-        measurement.
+        """Correct a heading error: the true heading exceeds the estimate by `error_rad`.
+
+        dt_s: interval of the measurement.
         """
         gain = min(self._yaw_gain * self._boost, 0.5 / dt_s)
         self._yaw_rate = ned_to_frd(state, (0.0, 0.0, gain * _limited(error_rad)))
@@ -101,8 +104,7 @@ class InitialAlignment:
     """Averages specific force until an initial attitude is available.
 
     The average over heave motion is level to a few degrees, which is enough for the attitude filter to start. Turning
-    while
-    levelling does no harm, because the heading is from the newest compass sample.
+    while levelling does no harm, because the heading is from the newest compass sample.
     """
 
     def __init__(self) -> None:

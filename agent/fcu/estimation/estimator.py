@@ -74,9 +74,9 @@ _SPEED_LIMIT2 = 100.0**2
 class Estimator:
     """Fuses measurements into `estimate()`. `frame` is None before the first fixes.
 
-    refused: number of implausible measurements, by sensor; `on_...` returns False for each. restarts: number of
-    restarts
-    of the estimator. imu_accepted: number of accepted IMU samples.
+    refused: number of implausible measurements, by sensor; `on_...` returns False for each.
+    restarts: number of restarts of the estimator.
+    imu_accepted: number of accepted IMU samples.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -166,8 +166,9 @@ class Estimator:
         return True
 
     def _bridge(self, state: InertialState, sample: ImuMeasurement, step_ns: int) -> bool:
-        """Continue from the last attitude after a gap. Refuse any other stamp, and restart after 200 consecutive
-        refusals.
+        """Continue from the last attitude after a gap.
+
+        Refuse any other stamp, and restart after 200 consecutive refusals.
         """
         if not 0 < step_ns <= _JUMP_NS:
             self.refused["imu"] += 1
@@ -206,8 +207,9 @@ class Estimator:
             self._tilt(state, north_mps2, east_mps2, _HOUSEKEEPING_NS * 1e-9, _TRUST_WITHOUT_FIX)
 
     def _tilt(self, state: InertialState, north_mps2: float, east_mps2: float, dt_s: float, trust: float) -> None:
-        """Correct the tilt. Acceleration that the attitude predicts but that did not occur is gravity under a tilt
-        error.
+        """Correct the tilt.
+
+        Acceleration that the attitude predicts but that did not occur is gravity under a tilt error.
         """
         self._attitude.tilt(state, east_mps2 / self._gravity_mps2, -north_mps2 / self._gravity_mps2, dt_s, trust)
 
@@ -289,7 +291,7 @@ class Estimator:
             self._barometer.calibrate(sample.alt_m, stamp_ns)
 
     def _tilt_from(self, fix: TiltReference) -> None:
-        """Compare the velocity change since the last fix with the one that the attitude predicts."""
+        """Compare the velocity change since the last fix with the prediction of the attitude."""
         last, self._fix = self._fix, fix
         self._fix_arrived_ns = self.stamp_ns
         unexplained = None if last is None else fix.unexplained(last)

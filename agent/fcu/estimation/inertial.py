@@ -1,5 +1,6 @@
-"""Inertial integration: one IMU sample propagates the state to the next. Pure functions on plain floats, on the hot
-path.
+"""Inertial integration: one IMU sample propagates the state to the next.
+
+Pure functions on plain floats, on the hot path.
 """
 
 from __future__ import annotations

@@ -163,8 +163,7 @@ def fuse_position(c: AxisCovariance, fix: FixVariances, innovations: tuple[float
     """Fuse the position of a fix.
 
     A position outside the gate may be a jump of the drift, for example when a satellite sets or a reflection begins.
-    Then
-    the drift becomes unknown and absorbs the jump. A position still farther off is refused.
+    Then the drift becomes unknown and absorbs the jump. A position still farther off is refused.
     """
     found = fuse(c, c.of_fix, fix.white_m2, innovations, gate2)
     if found.ratio <= 1.0:
@@ -196,8 +195,7 @@ class PositionFilter:
     """Two covariances: one for north and east, which have equal noises, and one for down.
 
     A receiver reports a two-dimensional position accuracy and a three-dimensional velocity accuracy, as hAcc and sAcc
-    of a
-    u-blox receiver. An axis gets its share of the variance.
+    of a u-blox receiver. An axis gets its share of the variance.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -258,7 +256,8 @@ class PositionFilter:
     ) -> StateCorrection:
         """Fuse a fix. Innovations are measured minus stored values.
 
-        accuracy: the receiver's own (horizontal, vertical, speed). acceleration_ne_mps2: mean since the last fix.
+        accuracy: the receiver's own (horizontal, vertical, speed).
+        acceleration_ne_mps2: mean since the last fix.
         """
         level, down = self._fix_variances(accuracy)
         self._predict_horizontal(stamp_ns, level.drift_m2, acceleration_ne_mps2)
@@ -330,8 +329,9 @@ class PositionFilter:
         self._drift_ned_m = (keep * north_m, keep * east_m, down_m)
 
     def _predict_vertical(self, stamp_ns: int, drift_m2: float) -> None:
-        """Predict the vertical axis. A fix is older than the barometer samples fused before it, so the time never steps
-        back.
+        """Predict the vertical axis.
+
+        A fix is older than the barometer samples fused before it, so the time never steps back.
         """
         dt_s = _step_s(self._vertical_ns, stamp_ns)
         self._vertical = predict_covariance(self._vertical, dt_s, self._noise, drift_m2)

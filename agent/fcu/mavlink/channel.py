@@ -34,8 +34,8 @@ class MavlinkChannel:
     """Serves one station: call `handle` for each message, and `poll` once a cycle. Send the messages that they return.
 
     Several stations have as many channels on one `hub`. The host sends the sensor samples and the received AIS. A
-    ground
-    station (`ground=True`) sends none, receives changes that others make, and its settings persist over a restart.
+    ground station (`ground=True`) sends none, receives changes that others make, and its settings persist over a
+    restart.
 
     Field values never raise. An implausible sample is counted in `refused`. An impossible request is answered by its
     protocol and a STATUSTEXT. Messages for another system or component are ignored.

@@ -88,11 +88,12 @@ class Outbox:
 class MavlinkHub:
     """One autopilot, its newest samples, and its events, which every station's outbox receives.
 
-    storage, log: stores of settings and samples, None without one. logs: logs that stations may read.
-    task_stats: statistics of the agent's tasks, up to the last second. unix_s: date for the first fix, None for the
-    fixed
-    date of repeatable runs. traffic: other vessels, from AIS. reboot_asked: a station requested a restart, see
-    `reboot`.
+    storage, log: stores of settings and samples, None without one.
+    logs: logs that stations may read.
+    task_stats: statistics of the agent's tasks, up to the last second.
+    unix_s: date for the first fix, None for the fixed date of repeatable runs.
+    traffic: other vessels, from AIS.
+    reboot_asked: a station requested a restart, see `reboot`.
     """
 
     def __init__(self, autopilot: Autopilot) -> None:
@@ -177,12 +178,12 @@ class MavlinkHub:
             self._outboxes.remove(outbox)
 
     def distribute(self, now_ns: int) -> None:
-        """Add the autopilot's events since the last call to every outbox. The same warning is sent at most once a
-        second.
+        """Add the autopilot's events since the last call to every outbox.
+
+        The same warning is sent at most once a second.
 
         A faulty station may cause fifty different events a second. So the number of events is limited too, separately
-        for
-        urgent ones. Dropped events are counted as lost, and a text reports their number.
+        for urgent ones. Dropped events are counted as lost, and a text reports their number.
         """
         reached, events = self.autopilot.navigator.drain_reached(), self.autopilot.events.drain()
         if not reached and not events and not self._left_out:

@@ -52,8 +52,9 @@ class MissionPlan:
         return PlanItem(seq, item.frame, item.command, item.parameters, item.lat_deg, item.lon_deg, item.alt_m)
 
     def guide(self, item: PlanItem) -> RefusedItem | None:
-        """Go to the item's position in GUIDED. Return the reason of a refusal; the autopilot's own refusals are already
-        events.
+        """Go to the item's position in GUIDED.
+
+        Return the reason of a refusal; the autopilot's own refusals are already events.
         """
         made = mission_item_from(item)
         if isinstance(made, RefusedItem):

@@ -25,8 +25,9 @@ class HeardVessel(NamedTuple):
 class TrafficTable:
     """Newest report of each vessel. A vessel that is silent for TIMEOUT_NS is dropped.
 
-    Beyond MOST_VESSELS, the vessel that was silent for longest is dropped. refused: messages without an MMSI or a valid
-    position. dropped: vessels dropped for lack of room.
+    Beyond MOST_VESSELS, the vessel that was silent for longest is dropped.
+    refused: messages without an MMSI or a valid position.
+    dropped: vessels dropped for lack of room.
     """
 
     def __init__(self) -> None:

@@ -3,7 +3,7 @@
 Its input is sensors, its output actuators. It uses two clocks and never mixes them: measurements have stamps of the
 sensors' clock, and `now_ns` is the agent's clock. Times of the agent's clock are compared only with each other.
 
-`modes` defines the orders of each mode, `navigation` the state that the modes steer by, `commands` the operators'
+`modes` defines the orders of each mode, and `navigation` the state of the modes. `commands` contains the operators'
 commands, and `failsafes` the reaction to failures and the fence.
 """
 
@@ -63,11 +63,11 @@ _PATH_EVERY = 10  # cycles between two points of the return path
 class Autopilot:
     """Parts of an autopilot and its control loop. Feed `estimator` and call `control` at LOOP_HZ.
 
-    make_controller: builds a replacement of HeadingSpeedController. estimates_used: number of estimates (LS) that
-    control
-    (LC) has used. gps_time: the date, None until a receiver provides it. Methods that can refuse return the reason,
-    which
-    is empty on success.
+    make_controller: builds a replacement of HeadingSpeedController.
+    estimates_used: number of estimates (LS) that control (LC) has used.
+    gps_time: the date, None until a receiver provides it.
+
+    Methods that can refuse return the reason, which is empty on success.
     """
 
     def __init__(self, parameters: Parameters | None = None, make_controller: MakeController | None = None) -> None:
@@ -267,7 +267,9 @@ class Autopilot:
             self._prearm_passed = False
 
     def arm(self, force: bool = False) -> tuple[str, ...]:
-        """Arm, or return the reasons of a refusal. force: skip the checks.
+        """Arm, or return the reasons of a refusal.
+
+        force: skip the checks.
 
         Home moves to the vessel, unless it was set.
         """

@@ -53,8 +53,9 @@ class FailsafeCondition:
 
 
 class FailsafeMonitor:
-    """Conditions of IMU, estimate (EKF) and ground station (GCS). Each `update_...` returns whether its condition
-    changed.
+    """Conditions of IMU, estimate (EKF) and ground station (GCS).
+
+    Each `update_...` returns whether its condition changed.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -90,7 +91,9 @@ class FailsafeMonitor:
             self._gcs_heard_ns = now_ns
 
     def update_imu(self, accepted: int, armed: bool, now_ns: int) -> bool:
-        """Update the IMU condition. accepted: number of samples.
+        """Update the IMU condition.
+
+        accepted: number of samples.
 
         Silence counts after the first sample, or when armed.
         """
@@ -108,8 +111,7 @@ class FailsafeMonitor:
         limit.
 
         It does not change while the IMU is silent, because outputs are then neutral, nor just after. Steering then
-        continues
-        with the first fix.
+        continues with the first fix.
         """
         if not steering_by_it and not self.ekf.active:
             return False

@@ -78,9 +78,8 @@ class Stage(Protocol):
 class PlaceStage:
     """Go to a position along a line, and stay there for `stay_s`.
 
-    after: target of the next line, so that the corner is taken at speed; None to arrive slowly. before: stage at whose
-    end
-    this line starts; None to start at the vessel's position.
+    after: target of the next line, so that the corner is taken at speed; None to arrive slowly.
+    before: this line starts at the end of this stage; None to start at the vessel's position.
     """
 
     def __init__(
@@ -249,10 +248,10 @@ class MissionProgress:
 
     The first leg, and the leg after an interruption, starts at the vessel's position. Every other leg joins two
     waypoints.
-    home: target of RETURN_HOME, or None for the mission's own item 0. say: reports progress. perform: executes an item
-    that
-    is not a stage, and returns a text if it is skipped. utc_s: time for a DELAY until a time of day, None without a
-    date.
+    home: target of RETURN_HOME, or None for the mission's own item 0.
+    say: reports progress.
+    perform: executes an item that is not a stage, and returns a text if it is skipped.
+    utc_s: time for a DELAY until a time of day, None without a date.
     """
 
     def __init__(

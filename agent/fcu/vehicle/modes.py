@@ -88,8 +88,9 @@ def _acro(navigator: Navigator, now: ModeInput) -> ModeOutput:
 
 
 def _steering(navigator: Navigator, now: ModeInput) -> ModeOutput:
-    """Lateral acceleration from the steering stick, speed from the throttle. At zero throttle, the stick is a turn
-    rate.
+    """Lateral acceleration from the steering stick, speed from the throttle.
+
+    At zero throttle, the stick is a turn rate.
     """
     wanted_mps = now.sticks.throttle * navigator.speed_max_mps
     if wanted_mps == 0.0:

@@ -34,8 +34,8 @@ _MOST_REACHED = 64
 class GuidedTarget(NamedTuple):
     """A target. Each kind uses some of the fields. Speeds are over ground, negative astern.
 
-    POSITION: a position. VELOCITY: over ground, with `heading_rad` if a heading was also commanded.
-    COURSE: `heading_rad` and `speed_mps`. TURN: `turn_rate_radps` and `speed_mps`.
+    POSITION: a position. VELOCITY: over ground, with `heading_rad` if a heading was also commanded. COURSE:
+    `heading_rad` and `speed_mps`. TURN: `turn_rate_radps` and `speed_mps`.
     """
 
     kind: int
@@ -140,10 +140,14 @@ class ModeInput(NamedTuple):
 class Navigator:
     """State that the modes keep between cycles.
 
-    output: guidance of the present mode, None without guidance. asked_mps: commanded speed while the mode lasts.
-    astern: follow legs and circles stern first. home: position of arming or of the first fix, unless it was set.
-    reached: waypoints that were not drained yet. simple_heading_rad: reference of the headings in SIMPLE.
-    perform: executes the mission items that are not stages. utc_s: UTC for delays until a time of day.
+    output: guidance of the present mode, None without guidance.
+    asked_mps: commanded speed while the mode lasts.
+    astern: follow legs and circles stern first.
+    home: position of arming or of the first fix, unless it was set.
+    reached: waypoints that were not drained yet.
+    simple_heading_rad: reference of the headings in SIMPLE.
+    perform: executes the mission items that are not stages.
+    utc_s: UTC for delays until a time of day.
     pivots: whether the vessel can turn on the spot.
     """
 

@@ -114,8 +114,9 @@ class ReturnPath:
         self._thinned = len(self.points)
 
     def _cut_loops(self) -> bool:
-        """Compare from the end back. A segment near an earlier one removes the part between. Return True at the
-        beginning.
+        """Compare from the end back. A segment near an earlier one removes the part between.
+
+        Return True at the beginning.
         """
         points, at = self.points, min(self._at or 0, len(self.points) - 1)
         pairs = 0
@@ -139,7 +140,7 @@ class ReturnPath:
 
 
 def thinned(points: Sequence[Point], least_m: float) -> list[Point]:
-    """Return a subset of the points whose line is nowhere farther than `least_m` from the others. Both ends remain."""
+    """Return a subset of the points. Its line is nowhere farther than `least_m` from the others. Both ends remain."""
     if len(points) < 3:
         return list(points)
     kept = {0, len(points) - 1}

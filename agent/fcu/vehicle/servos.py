@@ -35,8 +35,9 @@ class ServoOutputs:
         return problem
 
     def repeat(self, output: int, width_us: int, times: int, period_s: float) -> str:
-        """Move an output to `width_us` and back to 1500 us, `times` times. Return the reason of a refusal, or an empty
-        text.
+        """Move an output to `width_us` and back to 1500 us, `times` times.
+
+        Return the reason of a refusal, or an empty text.
         """
         problem = self._problem(output, width_us)
         if not problem:
