@@ -35,7 +35,7 @@ class MachineHealth(NamedTuple):
     """Health of the machine."""
 
     cpu_percent: float
-    """Of one core, by this process since an earlier reading, at least `SHORTEST_S` ago."""
+    """Load of one core by this process since an earlier reading, at least `SHORTEST_S` ago."""
     load_1min: float
     """Below 0: unknown."""
     temperature_degc: float | None

@@ -1,6 +1,6 @@
 """`xitl-agent.pyz install`: install this archive and its settings on this board. `xitl agent deploy` starts it.
 
-                     root                          other user
+                     root                             other user
     archive          /usr/local/bin/xitl-agent.pyz    ~/.local/bin/xitl-agent.pyz
     settings         /etc/xitl/agent.conf             ~/.config/xitl/agent.conf
     logs, storage    /var/lib/xitl                    ~/.local/state/xitl

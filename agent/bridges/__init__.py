@@ -1,3 +1,1 @@
-"""Bridge to another autopilot: pass the host's sensors to it, its outputs to the host, and MAVLink in both
-directions.
-"""
+"""Bridge to another autopilot: pass sensors to it, its outputs to the host, and MAVLink in both directions."""

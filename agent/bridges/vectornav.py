@@ -66,9 +66,7 @@ def pack_inertial_frame(sample: InertialSample) -> bytes:
 
 
 def pack_solution_frame(navigation: Navigation, faults: int = 0) -> bytes:
-    """Attitude (deg, and as a quaternion), position (deg, m), velocity (m/s), with their uncertainties (deg,
-    m, m/s).
-    """
+    """Attitude (deg, and as a quaternion), position (deg, m), velocity (m/s), and uncertainties (deg, m, m/s)."""
     n = navigation
     w, x, y, z = n.quat_ned_frd
     tilt_deg, heading_deg = n.tilt_accuracy_deg, n.heading_accuracy_deg

@@ -327,9 +327,7 @@ class AvoidancePlanner:
         return cost
 
     def waiting_position(self, pos_ne_m: Array, vel_ne_mps: Array, around: Obstacles, current_ne_mps: Array) -> Array:
-        """Position (2,) to wait at: the point where the vessel stops, or a point up the current with enough
-        clearance.
-        """
+        """Position (2,) to wait at: the stopping point, or a point up the current with enough clearance."""
         speed = math.hypot(*vel_ne_mps.tolist())
         rest = pos_ne_m + vel_ne_mps * (0.5 * speed / 0.7)
         drift_mps = math.hypot(*current_ne_mps.tolist())

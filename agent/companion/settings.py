@@ -170,11 +170,11 @@ class PerceptionTuning:
     structure_kept_ns: int = 600_000_000_000
     structure_unseen_ns: int = 2_500_000_000  # a cell in view without a hit for this time does not exist
     structure_settled_ns: int = 1_500_000_000  # a cell counts when its hits span this time
-    structure_settled_hits: int = 6  # and there are so many
+    structure_settled_hits: int = 6  # least number of these hits
     structure_wet_ns: int = 8_000_000_000  # the same in water that returns light
     structure_wet_hits: int = 40
     structure_wet_kept_ns: int = 20_000_000_000
-    wet_hit_ns: int = 280_000_000  # and hits there have this mean interval: crests vary, every look hits structure
+    wet_hit_ns: int = 280_000_000  # largest mean interval of hits there: crests vary, every look hits structure
     strewn_share: float = 1.4  # of the water's range: single crests return light up to there
     structure_view_deg: float = 28.0  # to either side
     structure_far_m: float = 100.0

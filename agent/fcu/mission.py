@@ -61,7 +61,7 @@ class MissionCommand(NamedTuple):
     """A command that ArduRover accepts in a mission."""
 
     name: str
-    """As in ArduPilot's texts."""
+    """Name in ArduPilot's texts."""
     parameters: int = 0
     """Number of parameters in use."""
     has_place: bool = False

@@ -27,7 +27,7 @@ class ImuMeasurement(NamedTuple):
 
 
 class GnssMeasurement(NamedTuple):
-    """Position and velocity of the antenna. Accuracies are RMS errors as a receiver reports them."""
+    """Position and velocity of the antenna, with accuracies as a receiver reports them."""
 
     stamp_ns: int
     lat_deg: float
@@ -35,11 +35,11 @@ class GnssMeasurement(NamedTuple):
     alt_m: float
     vel_ned_mps: Vector3
     horizontal_accuracy_m: float = 1.0
-    """Of both horizontal axes together."""
+    """RMS error of both horizontal axes together."""
     vertical_accuracy_m: float = 1.0
-    """Of the vertical axis."""
+    """RMS error of the vertical axis."""
     speed_accuracy_mps: float = 0.2
-    """Of all three axes of the velocity together."""
+    """RMS error of all three axes of the velocity together."""
     fix_type: int = 3
     """3 is a three-dimensional fix."""
     satellites: int = 10

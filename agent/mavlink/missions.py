@@ -184,9 +184,7 @@ class MissionDownload:
 
 
 class RefusedItem(NamedTuple):
-    """Refusal of an item or a plan: a MAV_MISSION_RESULT and a sentence, which is empty when it was reported
-    already.
-    """
+    """Refusal of an item or a plan: a MAV_MISSION_RESULT and a sentence, empty when already reported."""
 
     result: int
     problem: str

@@ -23,7 +23,7 @@ class RealtimeState(NamedTuple):
     """Real-time state of the process."""
 
     priority: int = 0
-    """Of SCHED_FIFO, 0 for none."""
+    """Priority of SCHED_FIFO, 0 for none."""
     memory_locked: bool = False
     pinned: bool = False
     problems: tuple[str, ...] = ()

@@ -18,7 +18,8 @@ MOST_KEPT = 64
 class TaskStats:
     """Timing of one task since the start, on the executor's clock.
 
-    A TickClock is constant while a task runs, so run times are 0 under it. `agent.timing.tasks` defines the histograms.
+    A TickClock is constant while a task runs, so run times are 0 under it. `histogram_bin` defines the bins of the
+    histograms.
     """
 
     name: str

@@ -137,8 +137,7 @@ class LinkCounters:
     sent: int
     """Frames handed to the transport."""
     unsent: int
-    """Frames that it refused (their sequence numbers are reused), and messages displaced while waiting for a
-    slow line.
+    """Frames that it refused (their sequence numbers are reused), and messages displaced while waiting for a slow line.
     """
     received: int
     """Good frames."""

@@ -51,9 +51,7 @@ class Demand(NamedTuple):
 
 
 class Motors(tuple[float, ...]):
-    """Commands in [-1, 1] that bypass the allocation: Motors(port, starboard), or one for each actuator of
-    the vessel.
-    """
+    """Commands in [-1, 1] that bypass the allocation: Motors(port, starboard), or one for each actuator."""
 
     def __new__(cls, *commands: float) -> Motors:
         return super().__new__(cls, commands)

@@ -23,7 +23,7 @@ class StoredLog(NamedTuple):
     """A log at the time of the listing."""
 
     name: str
-    """As stations see it."""
+    """Name for stations."""
     path: Path
     size: int
     modified_s: int

@@ -301,9 +301,7 @@ class SetpointHandlers:
     # -- GUIDED
 
     def _on_local(self, m: Any, now_ns: int) -> Messages:
-        """SET_POSITION_TARGET_LOCAL_NED: in the frame of the origin, or relative to the vessel's position
-        and heading.
-        """
+        """SET_POSITION_TARGET_LOCAL_NED: in the frame of the origin, or relative to the vessel."""
         if not self._may_steer("Local target", m, _LOCAL_FRAMES, now_ns):
             return []
         estimate = self._autopilot.state.estimate

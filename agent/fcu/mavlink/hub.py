@@ -1,6 +1,4 @@
-"""Shared state of all MAVLink channels of one autopilot: the newest samples, events for every station,
-stored settings.
-"""
+"""Shared state of the MAVLink channels of an autopilot: newest samples, events for every station, stored settings."""
 
 from __future__ import annotations
 

@@ -238,9 +238,7 @@ def ekf_status(hub: MavlinkHub, now_ns: int) -> Any:
 
 
 def estimator_status(hub: MavlinkHub, now_ns: int) -> Any | None:
-    """ESTIMATOR_STATUS: the same ratios, and the accuracy of both horizontal axes together, as a receiver
-    reports it.
-    """
+    """ESTIMATOR_STATUS: the same ratios, and the accuracy of both horizontal axes together, as in a receiver."""
     variances = hub.autopilot.estimator.variances()
     if variances is None:
         return None

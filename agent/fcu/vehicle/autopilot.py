@@ -1,6 +1,6 @@
 """Embedded autopilot: estimator (LS), modes and controller (LC) and allocation (LA) with one interface.
 
-Its input is sensors, its output actuators. It uses two clocks and never mixes them: measurements have stamps of the
+It reads sensors and commands actuators. It uses two clocks and never mixes them: measurements have stamps of the
 sensors' clock, and `now_ns` is the agent's clock. Times of the agent's clock are compared only with each other.
 
 `modes` defines the orders of each mode, and `navigation` the state of the modes. `commands` contains the operators'

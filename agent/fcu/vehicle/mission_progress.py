@@ -216,9 +216,7 @@ class GuidedStage:
 
 
 class _NextItem(NamedTuple):
-    """The next stage (0 for none), the items passed before it, the jumps made so far by item, and the texts
-    to report.
-    """
+    """The next stage (0 for none), the items before it, the jumps made so far by item, and the texts to report."""
 
     current: int
     passed: tuple[int, ...]
