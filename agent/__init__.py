@@ -1,6 +1,6 @@
-"""What runs on the board: the XITL wire protocol, its timing, and the embedded autopilot.
+"""Program on the board: the XITL wire protocol, its timing, and the embedded autopilot.
 
-Python 3.9 syntax and the standard library alone, so that it runs from one file on a small Linux board.
+It uses Python 3.9 syntax and only the standard library, so that it runs from one file on a small Linux board.
 """
 
 __version__ = "0.1.0"

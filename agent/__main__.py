@@ -1,4 +1,4 @@
-"""`python -m agent`: the agent's process. The same entry serves `xitl agent`."""
+"""Process of the agent: `python -m agent`. `xitl agent` uses the same entry."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def main(arguments: list[str] | None = None, program: str = "python -m agent") -> int:
-    """Serve until interrupted. Returns the exit code: 0 after an interrupt, 2 when it could not start."""
+    """Serve until interrupted.
+
+    Return the exit code: 0 after an interrupt, 2 when the agent could not start.
+    """
     stop: list[int] = []
     parent = os.getppid()
     numbers = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as it is under nohup
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores it: keep that
         numbers.append(signal.SIGHUP)
     for number in numbers:
         signal.signal(number, lambda received, _frame: stop.append(received))
@@ -48,7 +51,7 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
 
 
 def say(sentence: str) -> None:
-    """To whoever looks at this program; nobody has to."""
+    """Print a sentence to standard output. Ignore a closed output."""
     with suppress(OSError, ValueError):
         sys.stdout.write(f"{sentence}\n")
         sys.stdout.flush()
@@ -61,9 +64,9 @@ def _refuse(sentence: str) -> int:
 
 
 def end_with_parent(parent: int) -> None:
-    """Ask the system for SIGTERM when the process that started this one, `parent`, ends, even when it is killed.
+    """Ask the system to send SIGTERM when the parent process `parent` ends, even when the parent is killed.
 
-    A host's agent holds ports that the next run needs. Does nothing where the system does not offer it.
+    An agent that a host started holds ports that the next run needs. Does nothing on systems without this call.
     """
     import ctypes
 
@@ -71,7 +74,7 @@ def end_with_parent(parent: int) -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     except (AttributeError, OSError):
         return
-    if os.getppid() != parent:  # it ended before the system was asked
+    if os.getppid() != parent:  # the parent ended before the call
         os.kill(os.getpid(), signal.SIGTERM)
 
 

@@ -1,4 +1,4 @@
-"""Puts a node together from its options: the one place where the parts of an agent meet."""
+"""Assemble a node from its options. All parts of an agent are connected here."""
 
 from __future__ import annotations
 
@@ -33,22 +33,23 @@ INJECTORS = {
     "hil": "agent.bridges.hil:HilMessages",
     "px4": "agent.bridges.px4:Px4Injector",
 }
-"""How sensors get into another autopilot, by the name in the options: a class with `open(url, vehicle)`."""
+"""Injectors of sensors into another autopilot, by option name. Each is a class with `open(url, vehicle)`."""
 
 _WORLD = "agent.bridges.json_world:JsonWorld"
 
 AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID = 1, 191  # MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_ONBOARD_COMPUTER
 
 REFUSALS = (OptionsError, ParameterError, TransportError, StorageError, SigningKeyError, ControllerError)
-"""What `assemble` raises, each one sentence."""
+"""Exceptions that `assemble` raises. Each message is one sentence."""
 
 
 def assemble(
     transport: Transport, options: Options, opened: ExitStack, say: Callable[[str], None] = lambda sentence: None
 ) -> AgentNode:
-    """The node that the options describe, on a transport that is open; `say` as in AgentNode.
+    """Return the node that the options describe, on an open transport. `say` is the same as for AgentNode.
 
-    The transport stays the caller's to close; what else has to be closed goes to `opened`. Raises `REFUSALS`.
+    The caller closes the transport. `assemble` registers everything else that must be closed in `opened`. Raises
+    `REFUSALS`.
     """
     clock = MonotonicClock()
     faults = AgentFaults(clock)

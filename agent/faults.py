@@ -1,4 +1,4 @@
-"""Faults that the host asks for: on what this end sends, on its clock, on its processors."""
+"""Faults that the host requests: of the agent's outgoing link, its clock and its processors."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     import subprocess
 
 LAPSE_NS = 10_000_000_000
-"""The host says once a second what is in force; when it has not for so long, link and processors are well again."""
+"""Time without a request after which link and processors recover. The host repeats the active faults once a second."""
 
-_MOST_US = 60_000_000  # of delay and of jitter
-_MOST_AHEAD_NS = 10**18  # 31 years: a board that does not know the date is no further off
-# A period of 10 ms. The end of standard input is that of whoever started it.
+_MOST_US = 60_000_000  # limit of delay and jitter
+_MOST_AHEAD_NS = 10**18  # 31 years: a board without the date is not farther off
+# The period is 10 ms. The program ends when its standard input closes, which happens when its parent ends.
 _BURN = """
 import os, select, sys, time
 share, cpu = float(sys.argv[1]), int(sys.argv[2])
@@ -43,10 +43,10 @@ while True:
 
 
 class AgentFaults:
-    """Those in force, on the transport that `wrap` has given and on the clock of the run.
+    """Active faults, on the transport that `wrap` returned and on the clock of the run.
 
-    `answering`: what is sent now answers XITL_RUN and is exempt, as is the answer to a tick in lockstep. There time
-    does not pass by itself, and faults of clock, delay and load do not act.
+    `answering`: the next message answers XITL_RUN and is exempt, as is the answer to a tick in lockstep. In lockstep,
+    time does not advance by itself, and faults of clock, delay and load have no effect.
     """
 
     def __init__(self, monotonic: Clock) -> None:
@@ -61,7 +61,7 @@ class AgentFaults:
         self._heard_ns: int | None = None
 
     def wrap(self, transport: Transport) -> ImpairedTransport:
-        """The same transport, open to faults."""
+        """Return the same transport, with faults applied."""
         self._transport = ImpairedTransport(transport, self._is_exempt)
         return self._transport
 
@@ -70,11 +70,11 @@ class AgentFaults:
 
     @property
     def impaired(self) -> int:
-        """Frames kept back for good since the run began."""
+        """Number of frames dropped since the run began."""
         return 0 if self._transport is None else self._transport.lost - self._lost_before
 
     def start_run(self, clock: SteppedClock | None, executor: Executor) -> None:
-        """A run starts without faults, on this clock, None in lockstep; executor runs its tasks."""
+        """Start a run without faults. clock: clock of the run, None in lockstep. executor: runs its tasks."""
         self.end()
         self._clock = clock
         self._executor = executor
@@ -83,7 +83,7 @@ class AgentFaults:
             self._transport.patience_s = inf if clock is None else OVERTAKEN_S
 
     def handle(self, message: Message) -> Iterator[str]:
-        """XITL_FAULTS: put in force what it says; a repetition changes nothing. Yields what is to be said about it."""
+        """Apply the faults of XITL_FAULTS. A repetition changes nothing. Yield sentences for the user."""
         self._heard_ns = self._monotonic.now_ns()
         wanted = (
             message.delay_usec, message.jitter_usec, message.loss, message.duplicate, message.reorder, message.cut,
@@ -101,7 +101,7 @@ class AgentFaults:
         if self._clock is None:
             return
         offset_ns = message.clock_offset_ns
-        if not any(wanted[:-1]):  # all is to be well again, but time does not go back
+        if not any(wanted[:-1]):  # all faults end, but time does not go back
             offset_ns = self._clock.offset_ns
         before_ns = self._clock.offset_ns
         if self._clock.disturb(offset_ns, message.clock_skew_ppm):
@@ -131,12 +131,12 @@ class AgentFaults:
             yield f"Fault refused: {problem}"
 
     def lapse(self) -> None:
-        """Now and then: end what the host does not ask for any more. The clock stays as it is."""
+        """End faults that the host no longer requests. Called periodically. The clock keeps its offset."""
         if self._heard_ns is not None and self._monotonic.now_ns() - self._heard_ns > LAPSE_NS:
             self.end()
 
     def end(self) -> None:
-        """The link and the processors are well again."""
+        """End the faults of link and processors."""
         self._last, self._heard_ns = (), None
         if self._transport is not None:
             self._transport.set(NO_FAULTS)
@@ -144,12 +144,12 @@ class AgentFaults:
             self._load.close()
 
     def close(self) -> None:
-        """As `end`; nothing that was started is left."""
+        """End the faults, as `end` does. All started processes are ended."""
         self.end()
 
 
 def _problem(message: Message) -> str:
-    """What no fault can be, or nothing."""
+    """Return the error of an invalid request, or an empty text."""
     for name in ("loss", "duplicate", "reorder", "cpu_load"):
         share = getattr(message, name)
         if not 0.0 <= share <= 1.0:
@@ -164,14 +164,14 @@ def _problem(message: Message) -> str:
 
 
 class CpuLoad:
-    """`share` of every processor is kept busy, 0 to 1; 0 at first."""
+    """Load that keeps `share` of every processor busy, 0 to 1; 0 at first."""
 
     def __init__(self) -> None:
         self.share = 0.0
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def set(self, share: float) -> str:
-        """Keep so much busy from now on; the same again changes nothing. Returns why not, or nothing."""
+        """Set the share. The same share changes nothing. Return the reason for a failure, or an empty text."""
         if share == self.share:
             return ""
         self.close()
@@ -199,11 +199,11 @@ class CpuLoad:
 
     @property
     def processes(self) -> list[int]:
-        """Their ids."""
+        """Process ids of the load."""
         return [process.pid for process in self._processes]
 
     def close(self) -> None:
-        """No load any more."""
+        """End the load."""
         processes, self._processes, self.share = self._processes, [], 0.0
         for process in processes:
             process.kill()

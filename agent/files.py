@@ -1,4 +1,4 @@
-"""Files that a person names: regular ones, read whole within bounds. A device or a pipe may never end."""
+"""Files that a user names: regular files, read completely up to a limit. A device or a pipe may never end."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ MOST_BYTES = 16 << 20
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """What is in the file. Raises OSError, whose `strerror` says what is wrong, for one that cannot be read whole."""
+    """Return the content of a file. Raises OSError, with the cause in `strerror`, when it cannot be read completely."""
     return read_with_status(path, most)[0]
 
 
 def read_with_status(path: Path, most: int = MOST_BYTES) -> tuple[bytes, os.stat_result]:
-    """The same, with the status of the file that was read."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # without it a pipe waits for its writer
+    """Return the content, and the status of the file that was read."""
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe would block without it
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
@@ -29,10 +29,10 @@ def read_with_status(path: Path, most: int = MOST_BYTES) -> tuple[bytes, os.stat
 
 
 def read_text(path: Path, most: int = MOST_BYTES) -> str:
-    """The same as UTF-8 text with lines that end in a newline. Raises UnicodeDecodeError too."""
+    """Return the content as UTF-8 text with newline line endings. Raises OSError and UnicodeDecodeError."""
     return as_text(read_bytes(path, most))
 
 
 def as_text(data: bytes) -> str:
-    """UTF-8 text with lines that end in a newline. Raises UnicodeDecodeError."""
+    """Return UTF-8 text with newline line endings. Raises UnicodeDecodeError."""
     return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")

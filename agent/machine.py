@@ -1,4 +1,4 @@
-"""What the agent runs on, and how that is doing. Files under /proc and /sys; what cannot be read is unknown."""
+"""Machine of the agent and its health, from files under /proc and /sys. Unreadable values are unknown."""
 
 from __future__ import annotations
 
@@ -8,43 +8,44 @@ from pathlib import Path
 from typing import NamedTuple
 
 LOOP_PASSES, LOOP_TRIES = 2000, 10
-SHORTEST_S = 0.5  # the processor time of less is that of a single moment
+SHORTEST_S = 0.5  # shortest interval: processor time over less is too noisy
 VIRTUAL, REAL = "virtual", "real"
-EMULATED = "emulated "  # what the name of an emulated board begins with
-_STAND_INS = ("linux,dummy-virt", "riscv-virtio,qemu")  # models that emulators give themselves
+EMULATED = "emulated "  # prefix of the name of an emulated board
+_STAND_INS = ("linux,dummy-virt", "riscv-virtio,qemu")  # models that emulators report
 _CPU_SENSORS = ("cpu", "soc", "x86_pkg", "core", "mcu")  # in a thermal zone's type
 
 
 class Machine(NamedTuple):
-    """What does not change. kind: whether this is a board or a machine that stands in for one.
-
-    name: the board's model, else its processor; of an emulated board that it is one, and how fast Python is there.
-    kernel: system, release, processor, and whether it is PREEMPT_RT.
-    processors: those the agent may use. memory_mib: 0 unknown.
-    """
+    """Constant properties of the machine."""
 
     kind: str
+    """A real board, or a virtual machine in its place."""
     name: str
+    """Model of the board, or else its processor. For an emulated board, its architecture and the speed of Python."""
     kernel: str
+    """System, release, processor, and PREEMPT_RT if it applies."""
     preempt_rt: bool
     processors: int
+    """Number of processors that the agent may use."""
     memory_mib: int
+    """0: unknown."""
 
 
 class MachineHealth(NamedTuple):
-    """How it is doing. cpu_percent: of one core, by this process since an earlier look, `SHORTEST_S` ago or more.
-
-    load_1min: below 0 unknown. temperature_degc: None unknown. memory_kib: resident, 0 unknown.
-    """
+    """Health of the machine."""
 
     cpu_percent: float
+    """Load of one core by this process since an earlier reading, at least `SHORTEST_S` ago."""
     load_1min: float
+    """Below 0: unknown."""
     temperature_degc: float | None
+    """None: unknown."""
     memory_kib: int
+    """Resident memory, 0: unknown."""
 
 
 def read_machine(root: Path = Path("/")) -> Machine:
-    """This machine, with the files under `root`."""
+    """Read the properties of this machine from the files under `root`."""
     model = _text(root / "proc/device-tree/model").rstrip("\0").strip()
     emulated = model in _STAND_INS
     system = os.uname()
@@ -61,7 +62,7 @@ def read_machine(root: Path = Path("/")) -> Machine:
 
 
 class HealthMonitor:
-    """Looks after the machine now and then; a look costs some reads of small files."""
+    """Reads the health of the machine. A reading costs some reads of small files."""
 
     def __init__(self, root: Path = Path("/")) -> None:
         self._thermal = _thermal_zone(root)
@@ -70,7 +71,7 @@ class HealthMonitor:
         self._percent: float | None = None
 
     def read(self) -> MachineHealth:
-        """How it is doing now."""
+        """Read the present health."""
         now_s, cpu_s = time.monotonic(), time.process_time()
         elapsed_s = now_s - self._last_s
         if self._percent is None or elapsed_s >= SHORTEST_S:
@@ -84,7 +85,7 @@ class HealthMonitor:
 
 
 def resident_kib() -> int:
-    """Resident memory of this process, 0 where the system does not tell."""
+    """Resident memory of this process, 0 if unknown."""
     try:
         return int(_text(Path("/proc/self/statm")).split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
     except (OSError, ValueError, IndexError):
@@ -92,7 +93,7 @@ def resident_kib() -> int:
 
 
 def loop_rate_hz() -> float:
-    """How often a second a fixed loop of Python goes round, at the best of some milliseconds' tries."""
+    """Passes per second of a fixed Python loop, the best of several tries of some milliseconds."""
     return LOOP_PASSES / min(_loop_s() for _ in range(LOOP_TRIES))
 
 
@@ -112,7 +113,7 @@ def _emulated_name() -> str:
 
 
 def _text(path: Path) -> str:
-    """What is in a small file, empty when it cannot be read."""
+    """Return the content of a small file, empty when it cannot be read."""
     try:
         with open(path, "rb") as file:  # noqa: PTH123  pathlib costs a slow board more than it gives here
             return file.read(65536).decode("utf-8", "replace")
@@ -139,7 +140,7 @@ def _total_memory_mib(root: Path) -> int:
 
 
 def _thermal_zone(root: Path) -> Path | None:
-    """The file of the zone that is the processor's by its name, else of the first that can be read."""
+    """Temperature file of the processor's zone by its name, or else of the first readable zone."""
     readable = []
     for zone in sorted((root / "sys/class/thermal").glob("thermal_zone*")):
         if _degrees(zone / "temp") is None:

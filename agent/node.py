@@ -1,4 +1,4 @@
-"""The agent between runs and in them: the host's messages in, the tasks of its role, reports out."""
+"""Agent between and during runs: handles the host's messages, runs the tasks of its role and sends reports."""
 
 from __future__ import annotations
 
@@ -23,24 +23,28 @@ IDLE_WAIT_S = 0.5
 SILENCE_S = 60.0
 MISSES_A_CYCLE = 10
 STRANGERS_SAID_NS = 10_000_000_000
-LATEST_NS = 1 << 62  # here a host's time stands still: after 146 years, half of what the wire's signed fields hold
+LATEST_NS = 1 << 62  # limit of a host's time: 146 years, half of the range of the wire's signed fields
 _WARNING = dialect.MAV_SEVERITY_WARNING
 
 
 class AgentNode:
     """Serves one host over one link, in a role.
 
-    In real time the tasks run on this machine's monotonic clock. In lockstep they run on XITL_TICK alone, and each tick
-    ends with the role's answer, so that a run repeats bit for bit: there, what a machine would tell differently each
-    time is unknown. Only the urgent tasks come before the answer; the others run while the host works on, and what they
-    say goes out ahead of the next answer. A role may leave a tick open because the autopilot behind it has not followed
-    yet. Each `poll` then asks it again, as the host sends a tick once where the link loses nothing.
+    In real time, the tasks run on this machine's monotonic clock. In lockstep, they run on XITL_TICK alone, and each
+    tick ends with the role's answer, so that a run repeats bit for bit. Values that vary with the machine are then
+    reported as unknown. Only the urgent tasks run before the answer. The others run while the host continues, and their
+    messages are sent before the next answer.
 
-    executor: runs the tasks of the run. `faults` are those of `link`'s transport. A host that is silent in real time
-    for `silence_s` is gone, and its run with it; 0 waits forever. `clock` is this machine's. `say` gets what the person
-    at this machine has to know.
+    A role may leave a tick open because the autopilot behind it has not followed yet. Each `poll` then asks the role
+    again, because the host sends a tick only once over a lossless link.
 
-    A run is its host's alone: the link refuses others, and the role is told of them.
+    executor: runs the tasks of the run.
+    faults: faults of `link`'s transport.
+    silence_s: a host that is silent for this time in real time is gone, and its run ends; 0 waits forever.
+    clock: clock of this machine.
+    say: reports to the user of this machine.
+
+    A run belongs to its host: the link refuses others, and the role reports them.
     """
 
     def __init__(
@@ -72,7 +76,7 @@ class AgentNode:
         self._strangers = 0
         self._told_strangers_ns = 0
         self._heard_ns = 0
-        self._ahead = 0  # messages of the batch at hand that were received, but not yet handled
+        self._ahead = 0  # received messages of the present batch that were not handled yet
         self._host_is_gone = False
         self._last_messages: Sequence[Message] = ()
         self._deferred: list[Prepared] = []
@@ -80,7 +84,7 @@ class AgentNode:
         self._start_idle()
 
     def serve(self, keep_on: Callable[[], bool]) -> None:
-        """Poll until `keep_on` says no; asked at least every `IDLE_WAIT_S`."""
+        """Poll until `keep_on` returns False. It is called at least every `IDLE_WAIT_S`."""
         while keep_on():
             wait_s = IDLE_WAIT_S
             executor = self._due_now()
@@ -90,7 +94,7 @@ class AgentNode:
             self.poll(wait_s)
 
     def poll(self, timeout_s: float = 0.0) -> None:
-        """Handle what has arrived, waiting at most `timeout_s` for it, then run the tasks that are due."""
+        """Handle the received messages, waiting at most `timeout_s` for them, then run the tasks that are due."""
         if self._tick_is_open:
             timeout_s = 0.0
         elif timeout_s > 0.0:
@@ -115,7 +119,7 @@ class AgentNode:
         self.role.serve_peers(self._now_ns)
 
     def _wait(self, timeout_s: float) -> float:
-        """Wait for all peers that may send; returns what is left to wait for the host alone."""
+        """Wait for all peers that may send. Return the remaining time to wait for the host alone."""
         others = self.role.descriptors()
         if not others:
             return timeout_s
@@ -127,16 +131,16 @@ class AgentNode:
         return 0.0
 
     def _now_ns(self) -> int:
-        """The vehicle's clock, which between runs is this machine's."""
+        """The vehicle's clock, which is this machine's clock between runs."""
         return self._clock.now_ns() if self._running else self._monotonic.now_ns()
 
     def _due_now(self) -> Executor | None:
-        """Whose tasks this machine's clock makes due: in lockstep nobody's."""
+        """Executor of the tasks that this machine's clock triggers, None in lockstep."""
         if not self._running:
             return self._idle
         return None if self._lockstep else self.executor
 
-    # The life of a run
+    # -- start and end of a run
 
     def _reset(self, lockstep: bool, start_ns: int) -> None:
         self._lockstep = lockstep
@@ -151,7 +155,7 @@ class AgentNode:
         self.role.reset(self._clock, lockstep)
 
     def _start_idle(self) -> None:
-        """Between runs the role may have others to serve than the host."""
+        """Start the tasks between runs, in which the role may serve other peers than the host."""
         self._idle = Executor(self._monotonic)
         self.role.add_peer_tasks(self._idle)
 
@@ -169,7 +173,7 @@ class AgentNode:
         self._faults.answering = False
 
     def _start_run(self, lockstep: bool, start_ns: int, token: int) -> None:
-        if self._running:  # the host that started the last run is gone
+        if self._running:  # the host of the last run is gone
             self.role.end_run(self._clock.now_ns())
         self._link.reset_counters()
         self._reset(lockstep, start_ns)
@@ -185,7 +189,7 @@ class AgentNode:
             executor.run_due(self._clock.now_ns())
 
     def _end_run(self) -> None:
-        """Said again when the host asks again: it may have missed it."""
+        """End the run. The last messages are repeated when the host asks again, because it may have missed them."""
         self._host_is_gone = False
         was_running, self._running = self._running, False
         self._tick_is_open = False
@@ -218,11 +222,11 @@ class AgentNode:
             self._answer_tick()
         elif self._tick_is_open:
             self._answer_tick()
-        else:  # the answer alone: what waits goes with the next, as if that had arrived
+        else:  # only the answer: waiting messages are sent with the next tick
             self._link.send(*self.role.end_tick(message.tick, self._clock.now_ns()))
 
     def _answer_tick(self) -> None:
-        """Answer the last tick. When the role cannot yet, the tick stays open and `poll` asks the role again."""
+        """Answer the last tick. If the role is not ready, the tick stays open and `poll` asks the role again."""
         assert self._last_tick is not None
         now_ns = self._clock.now_ns()
         answer = self.role.end_tick(self._last_tick, now_ns)
@@ -234,7 +238,7 @@ class AgentNode:
 
     def _send(self, *messages: Message) -> None:
         if self._lockstep and self._running:
-            self._deferred += map(prepare, messages)  # here, as the host works on
+            self._deferred += map(prepare, messages)  # prepare now, while the host works
         else:
             self._link.send(*messages)
 
@@ -251,7 +255,7 @@ class AgentNode:
                 self.role.add_event(_WARNING, sentence)
 
     def _tell_of_strangers(self) -> None:
-        """At the first of a run, and every `STRANGERS_SAID_NS` while they go on."""
+        """Report strangers at the first one of a run, and every `STRANGERS_SAID_NS` while they continue."""
         now_ns = self._monotonic.now_ns()
         if not self._running or now_ns < self._told_strangers_ns:
             return

@@ -1,4 +1,4 @@
-"""Options of an agent: from the command line, a file, or the program that it is a part of."""
+"""Options of an agent: from the command line, a file, or the program that contains it."""
 
 from __future__ import annotations
 
@@ -22,64 +22,72 @@ _BESIDE = {
     "xitl-agent.pyz": "To check whether this machine is fit for it: xitl-agent.pyz doctor.",
 }
 
-HIGHEST_SYSTEM_ID = 250  # ground stations and tools have those above
+HIGHEST_SYSTEM_ID = 250  # ground stations and tools use higher numbers
 
 WAITS_AT = "waits at"
-"""Of the first line that an agent says; its address ends the line."""
+"""Part of the first line that an agent prints. Its address ends the line."""
 
 
 class OptionsError(ValueError):
-    """An option cannot be; the message says which, why and what to do."""
+    """Raised for an invalid option. The message names the option, the cause and the remedy."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Files are read when the agent is assembled.
-
-    link: where to wait for the host. system_id: MAVLink's number of the vessel, whatever the role. ground: addresses of
-    ground stations. log_dir: a new DataFlash log of each run in this folder; log_file: each run into this file.
-    signing_key: of ground stations; link_key: of the host. realtime: priority of SCHED_FIFO, 0 without. cpus:
-    processors to keep to, empty for any. kind: `real`, `virtual`, or empty to find out. machine: name of the machine,
-    empty to find out. silence_s: a host silent for so long is gone, 0 never. attached: it ends with the program that
-    started it.
-
-    Of a bridge to another autopilot: `autopilot` is the URL of its MAVLink; `world` where its simulator interface (the
-    JSON backend) is served, which sets its time; `sensors` how sensors get in, at `sensor_link` where that is a link of
-    its own; `outputs` the channels that drive the motors in their order, 1 from the bottom up, with `trim_us` for
-    neutral and `span_us` from there to full. after_run: what becomes of it when a run is over, `keep` or `reboot`.
-    fleet: others of a fleet may be heard on the autopilot's line.
-    """
+    """Options of the agent. Files are read when the agent is assembled."""
 
     link: str = DEFAULT_LINK
+    """URL at which to wait for the host."""
     role: str = FCU
     system_id: int = 1
+    """MAVLink system of the vessel, in any role."""
     ground: tuple[str, ...] = ()
+    """Addresses of ground stations."""
     controller: str = ""
     parameters: Path | None = None
     storage: Path | None = None
     log_dir: Path | None = None
+    """Directory for a new DataFlash log of each run."""
     log_file: Path | None = None
+    """File that every run overwrites."""
     signing_key: Path | None = None
+    """Key for ground stations."""
     link_key: Path | None = None
+    """Key for the host."""
     realtime: int = 0
+    """Priority of SCHED_FIFO, 0 without."""
     cpus: tuple[int, ...] = ()
+    """Processors to use, empty for any."""
     kind: str = ""
+    """`real`, `virtual`, or empty to detect."""
     machine: str = ""
+    """Name of the machine, empty to detect."""
     silence_s: float = 60.0
+    """A host that is silent for this time is gone, 0 never."""
     attached: bool = False
+    """Whether it ends with the program that started it."""
     autopilot: str = ""
+    """Bridge: URL of the other autopilot's MAVLink."""
     world: str = ""
+    """Bridge: address that serves the simulator interface (the JSON backend), which sets the autopilot's time."""
     sensors: str = ""
+    """Bridge: injection of the sensors."""
     sensor_link: str = ""
+    """Bridge: separate link of the sensors, if the injection needs one."""
     outputs: tuple[int, ...] = (1, 3)
+    """Bridge: channels that drive the motors, in the order of the motors, from 1."""
     trim_us: float = 1500.0
+    """Bridge: pulse width for neutral."""
     span_us: float = 400.0
+    """Bridge: pulse width from neutral to full."""
     after_run: str = KEEP
+    """Bridge: `keep` or `reboot` the autopilot after a run."""
     fleet: bool = False
+    """Bridge: other vessels of a fleet may be heard on the autopilot's line."""
 
 
 def parse(arguments: list[str] | None, program: str) -> Options:
-    """Options of a command line, and of the file it names; the command line wins. Raises OptionsError.
+    """Parse a command line and the file that it names. The command line has priority. Raises OptionsError.
 
     `--help` and `--version` print and raise SystemExit.
     """
@@ -95,7 +103,7 @@ def parse(arguments: list[str] | None, program: str) -> Options:
 
 
 def check_bridge(options: Options) -> None:
-    """Raises OptionsError for options of a bridge that are missing, contradict each other or belong to no bridge."""
+    """Check the options of a bridge. Raises OptionsError for missing, contradictory or unrelated ones."""
     if options.role != BRIDGE:
         for name in ("autopilot", "world", "sensors", "sensor_link"):
             if getattr(options, name):
@@ -123,7 +131,7 @@ def check_bridge(options: Options) -> None:
 
 
 def _of_file(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
-    """Values by field. The keys of the file are the long options; paths in it start from where it is."""
+    """Return the values by field. The keys of the file are the long options. Paths are relative to the file."""
     from configparser import ConfigParser
     from configparser import Error as ConfigError
 
@@ -171,7 +179,7 @@ def _value(path: Path, key: str, text: str, action: argparse.Action) -> Any:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Refuses in one sentence."""
+    """Parser that refuses with one sentence."""
 
     def error(self, message: str) -> NoReturn:
         raise OptionsError(f"{message}; see {self.prog} --help")

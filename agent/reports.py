@@ -1,4 +1,4 @@
-"""What a node tells the host about itself. Counters wrap at 32 bits; durations stay at the longest that fits."""
+"""Reports of a node to the host. Counters wrap at 32 bits; durations saturate at the largest value that fits."""
 
 from __future__ import annotations
 
@@ -21,12 +21,14 @@ UNKNOWN = MachineHealth(0.0, -1.0, None, 0)
 
 
 class Identity(NamedTuple):
-    """Who a node is. nodes: node kinds. signed: takes signed frames alone from the host."""
+    """Identity of a node."""
 
     nodes: str
+    """Node kinds."""
     machine: Machine
     standing: RealtimeState = RealtimeState()
     signed: bool = False
+    """Whether it accepts only signed frames from the host."""
 
 
 def node_info(now_ns: int, who: Identity) -> Message:
@@ -63,7 +65,7 @@ def node_status(
     health: MachineHealth,
     running: int,
 ) -> Message:
-    """XITL_NODE_STATUS; `counters` are of the instant before, `running` the token of the run, 0 while none is on."""
+    """XITL_NODE_STATUS. counters: values before this message. running: token of the run, 0 between runs."""
     degrees = health.temperature_degc
     message: Message = dialect.MAVLink_xitl_node_status_message(
         now_ns // 1000,

@@ -1,1 +1,1 @@
-"""What a board needs besides the agent: to install it, to keep it running, to say whether the board is fit for it."""
+"""Tools on the board in addition to the agent: installation, the service, and checks of the board."""

@@ -1,7 +1,7 @@
-"""The archive that an agent runs from, and the same archive with this Python's own bytecode in it.
+"""Archive that an agent runs from, and a copy of it that also contains bytecode for this Python.
 
-A board that compiles 2 MB of source at each start takes seconds and twice the memory for it. With the bytecode beside
-the source it does not; a Python that is replaced later by another version finds the source and compiles that.
+A board that compiles 2 MB of source at each start needs seconds and twice the memory for it. Bytecode next to the
+source avoids this. A later Python version ignores the bytecode and compiles the source.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import sys
 import zipfile
 from pathlib import Path
 
-_UNCHECKED_HASH = 0b01  # PEP 552: trusted without a look at the source, which is in the same file
+_UNCHECKED_HASH = 0b01  # PEP 552: Python does not check it against the source, which is in the same file
 _HASH_BYTES = 8
 
 
 class NotAnArchiveError(Exception):
-    """This code does not run from an archive."""
+    """Raised when this code does not run from an archive."""
 
 
 def own_archive() -> Path:
-    """The archive that this module was loaded from. Raises NotAnArchiveError."""
+    """Return the path of the archive that this module was loaded from. Raises NotAnArchiveError."""
     path = getattr(sys.modules[__name__].__loader__, "archive", None)
     if path is None:
         raise NotAnArchiveError("this runs from the xitl-agent.pyz only; make one with: xitl agent package")
@@ -32,7 +32,10 @@ def own_archive() -> Path:
 
 
 def origin(path: Path) -> str:
-    """What `compiled` wrote into the archive at `path`: of which archive, for which Python. Empty when it is none."""
+    """Return the note that `compiled` wrote into the archive at `path`: hash of the source archive and Python version.
+
+    Empty when the file is not such an archive.
+    """
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.comment.decode("ascii", "replace")
@@ -41,12 +44,15 @@ def origin(path: Path) -> str:
 
 
 def origin_of(data: bytes) -> str:
-    """What `origin` says of `compiled(data)`."""
+    """Return the value that `origin` returns for `compiled(data)`."""
     return f"{hashlib.sha256(data).hexdigest()} {sys.implementation.cache_tag}"
 
 
 def compiled(data: bytes) -> bytes:
-    """The archive `data` with bytecode for this Python added, stored so that it loads fast."""
+    """Return the archive `data` with bytecode for this Python added.
+
+    The bytecode is stored uncompressed, so that it loads fast.
+    """
     made = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         first = min(entry.header_offset for entry in archive.infolist())
@@ -63,7 +69,10 @@ def compiled(data: bytes) -> bytes:
 
 
 def _bytecode(name: str, source: bytes) -> bytes:
-    """A .pyc, or nothing for what is no module or does not compile with this Python (which some parts need not)."""
+    """Return the content of a .pyc file.
+
+    Empty when the file is not a module or does not compile with this Python. Some parts do not need to compile.
+    """
     if not name.endswith(".py") or name == "__main__.py":
         return b""
     try:

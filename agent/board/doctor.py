@@ -1,6 +1,6 @@
-"""`xitl-agent.pyz doctor`: whether this machine is fit to run the agent, and what to do where it is not.
+"""`xitl-agent.pyz doctor`: check whether this machine can run the agent, and advise how to correct problems.
 
-The checks read files under /proc, /sys and /dev, whose root is an argument, and change nothing.
+The checks read files under /proc, /sys and /dev and change nothing. The root of these paths is an argument.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ _COLOURS = {OK: "32", WARNING: "33", PROBLEM: "1;31"}
 
 
 class DoctorFinding(NamedTuple):
-    """level: ok, warning (works, less well) or problem (will not work). advice: empty when there is nothing to do."""
+    """Result of one check."""
 
     check: str
     level: str
+    """ok, warning (works with limits) or problem (does not work)."""
     found: str
     advice: str = ""
+    """Empty when no action is needed."""
 
 
 def exit_code(findings: Iterable[DoctorFinding]) -> int:
@@ -39,7 +41,7 @@ def exit_code(findings: Iterable[DoctorFinding]) -> int:
 
 
 def findings_text(findings: Iterable[DoctorFinding], colour: bool = False) -> str:
-    """One line a finding, and one below it for what to do."""
+    """Return one line per finding. Advice follows on a second line."""
     lines = []
     for finding in findings:
         level = finding.level.ljust(len(PROBLEM))
@@ -60,7 +62,7 @@ def findings_to_json(findings: Iterable[DoctorFinding]) -> str:
 
 
 def findings_from_objects(objects: Any) -> list[DoctorFinding]:
-    """Raises ValueError for what `findings_to_objects` did not make."""
+    """Return the findings that `findings_to_objects` wrote. Raises ValueError for any other content."""
     try:
         findings = [DoctorFinding(**{key: str(value) for key, value in one.items()}) for one in objects]
     except (AttributeError, TypeError):
@@ -83,7 +85,7 @@ _IFF_UP = 1
 
 
 def read(path: Path) -> str:
-    """What is in a small file, empty when it cannot be read."""
+    """Return the content of a small file, empty when it cannot be read."""
     try:
         return path.read_text(errors="replace").strip("\0 \n")
     except OSError:
@@ -91,7 +93,7 @@ def read(path: Path) -> str:
 
 
 def check_kernel(root: Path, release: str, version: str) -> DoctorFinding:
-    """release, version: as `os.uname()` tells them."""
+    """Check for a real-time kernel. release, version: as in `os.uname()`."""
     if read(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
         return DoctorFinding("kernel", OK, f"{release}, PREEMPT_RT")
     return DoctorFinding(
@@ -103,7 +105,7 @@ def check_kernel(root: Path, release: str, version: str) -> DoctorFinding:
 
 
 def check_real_time(root: Path) -> DoctorFinding:
-    """Whether SCHED_FIFO is permitted to this process."""
+    """Check whether this process may use SCHED_FIFO."""
     limit = _limit(root, "Max realtime priority")
     capable = _capable(root, CAP_SYS_NICE)
     budget = read(root / "proc/sys/kernel/sched_rt_runtime_us")
@@ -128,7 +130,7 @@ def check_real_time(root: Path) -> DoctorFinding:
 
 
 def check_memory_lock(root: Path) -> DoctorFinding:
-    """Whether all memory may be locked."""
+    """Check whether this process may lock all of its memory."""
     limit = _limit(root, "Max locked memory")
     if _capable(root, CAP_IPC_LOCK) or limit == float("inf"):
         return DoctorFinding("memory lock", OK, "memory can be locked")
@@ -142,7 +144,7 @@ def check_memory_lock(root: Path) -> DoctorFinding:
 
 
 def check_governor(root: Path) -> DoctorFinding:
-    """How the processors' clock is governed."""
+    """Check the frequency governor of the processors."""
     found = {read(path) for path in (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")} - {""}
     if not found:
         return DoctorFinding("CPU clock", OK, "not governed by this system")
@@ -163,7 +165,7 @@ def check_processors(count: int) -> DoctorFinding:
 
 
 def check_speed(rate_hz: float) -> DoctorFinding:
-    """rate_hz: of the fixed loop of `agent.machine`; to compare boards by, no more."""
+    """Report the speed, to compare boards. rate_hz: rate of the fixed loop in `agent.machine`."""
     return DoctorFinding("speed", OK, f"a fixed Python loop goes round {rate_hz * 1e-6:.2f} million times a second")
 
 
@@ -193,7 +195,7 @@ def check_disk(place: str, free_bytes: int) -> DoctorFinding:
 
 
 def check_clock(root: Path, resolution_s: float) -> DoctorFinding:
-    """The clock that deadlines are kept with. resolution_s: of CLOCK_MONOTONIC."""
+    """Check the clock that times the deadlines. resolution_s: resolution of CLOCK_MONOTONIC."""
     source = read(root / "sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown source"
     found = f"{source}, resolution {resolution_s * 1e9:.0f} ns"
     if resolution_s > GOOD_RESOLUTION_S:
@@ -209,7 +211,12 @@ def check_clock(root: Path, resolution_s: float) -> DoctorFinding:
 
 
 def check_date(root: Path, year: int, released: int) -> DoctorFinding:
-    """Only files and log dates depend on it: the agent keeps time by the monotonic clock. released: a past year."""
+    """Check the date.
+
+    released: a year that is certainly past.
+
+    Only file dates and log dates depend on it. The agent keeps time by the monotonic clock.
+    """
     advice = "dates in logs will be wrong, nothing else; to set it: timedatectl set-ntp true"
     if year < released:
         return DoctorFinding("date", WARNING, f"this machine believes it is {year}", advice)
@@ -254,7 +261,7 @@ def check_temperature(root: Path) -> DoctorFinding:
 
 
 def check_serial_devices(root: Path) -> Iterator[DoctorFinding]:
-    """One finding a device; one that says so when there is none."""
+    """Yield one finding per serial device, or one finding that reports none."""
     console = [
         word[8:].partition(",")[0] for word in read(root / "proc/cmdline").split() if word.startswith("console=")
     ]
@@ -290,7 +297,7 @@ def check_usb_ethernet(root: Path) -> DoctorFinding:
 
 
 def check_can_interfaces(root: Path) -> Iterator[DoctorFinding]:
-    """One finding an interface; one that says so when there is none."""
+    """Yield one finding per CAN interface, or one finding that reports none."""
     there = [path for path in (root / "sys/class/net").glob("*") if read(path / "type") == str(_ARPHRD_CAN)]
     if not there:
         yield DoctorFinding("CAN", OK, "no SocketCAN interface (matters only for can://socketcan links)")
@@ -314,7 +321,7 @@ def _link_name(path: Path) -> str:
 
 
 def _limit(root: Path, name: str) -> float | None:
-    """The soft limit of this process."""
+    """Return the soft limit of this process."""
     for line in read(root / "proc/self/limits").splitlines():
         if line.startswith(name):
             value = line[len(name) :].split()[0]
@@ -340,7 +347,7 @@ _PACKAGES = {"serial": "pyserial", "can": "python-can"}
 
 
 def main(arguments: list[str], program: str) -> int:
-    """Print the findings; 1 when something will not work."""
+    """Print the findings. Return 1 when something will not work."""
     parser = argparse.ArgumentParser(prog=program, description="Check whether this machine is fit to run the agent.")
     parser.add_argument("--link", metavar="URL", help="link to try as well: its port, device or interface")
     parser.add_argument("--json", action="store_true", help="findings as JSON")
@@ -357,7 +364,11 @@ def main(arguments: list[str], program: str) -> int:
 
 
 def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/")) -> list[DoctorFinding]:
-    """Everything about this machine. needed: the oldest Python that will do. root: where /proc, /sys and /dev are."""
+    """Return the findings of all checks.
+
+    needed: oldest usable Python version.
+    root: directory that contains /proc, /sys and /dev.
+    """
     system = os.uname()
     place = Path.cwd()
     return [
@@ -383,7 +394,7 @@ def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/"
 
 
 def check_packages(link_url: str | None) -> list[DoctorFinding]:
-    """What is needed for serial and CAN links; a problem only where the link wants it."""
+    """Check the packages for serial and CAN links. A missing package is a problem only when the link needs it."""
     found = []
     for module, package in _PACKAGES.items():
         wanted = (link_url or "").startswith(f"{module}:")
@@ -399,7 +410,7 @@ def check_packages(link_url: str | None) -> list[DoctorFinding]:
 
 
 def check_link(url: str | None) -> DoctorFinding:
-    """Open the link for a moment, as the agent would, and close it again."""
+    """Open the link briefly, as the agent would, and close it again."""
     wanted = url or DEFAULT_LINK
     try:
         open_transport(wanted, listen=True).close()

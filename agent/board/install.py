@@ -1,13 +1,13 @@
-"""`xitl-agent.pyz install`: put this archive and its settings in place on this board. Started by `xitl agent deploy`.
+"""`xitl-agent.pyz install`: install this archive and its settings on this board. `xitl agent deploy` starts it.
 
-                  of root                          of a user
-    archive       /usr/local/bin/xitl-agent.pyz    ~/.local/bin/xitl-agent.pyz
-    settings      /etc/xitl/agent.conf             ~/.config/xitl/agent.conf
-    logs, kept    /var/lib/xitl                    ~/.local/state/xitl
-    service       of the system                    of that user
+                     root                             other user
+    archive          /usr/local/bin/xitl-agent.pyz    ~/.local/bin/xitl-agent.pyz
+    settings         /etc/xitl/agent.conf             ~/.config/xitl/agent.conf
+    logs, storage    /var/lib/xitl                    ~/.local/state/xitl
+    service          system service                   user service
 
-DESTDIR goes before all of these, as in `make install`. Every file is written under another name and moved into place,
-and a second time changes nothing. The settings are one JSON object, checked before anything is written.
+DESTDIR is put before all of these paths, as in `make install`. Each file is written under another name and then moved
+into place. A second installation changes nothing. The settings are one JSON object, checked before anything is written.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from agent.board.service import NAME, ServiceError, Systemd, unit_text
 SECRET_FILES = {"link-key": "link.key", "signing-key": "signing.key"}
 PLAIN_FILES = {"parameters": "agent.parm"}
 FILES = {**SECRET_FILES, **PLAIN_FILES}
-"""Options that name a file, and what that file is called on the board."""
+"""Options that name a file, and the name of that file on the board."""
 _KEY = re.compile(r"[a-z][a-z0-9-]{0,40}")
 _LONGEST = 1 << 20
 
 
 class DeploySettingsError(ValueError):
-    """One sentence: which setting is wrong, and how."""
+    """Raised for a wrong setting. The message is one sentence that names the setting and the error."""
 
 
 @dataclass(frozen=True)
 class DeploySettings:
-    """service: enable and start the unit. options: of the agent, by long name, several values where it may be repeated.
-
-    files: contents by option name. None for `options` leaves the configuration that is there alone.
-    """
+    """Settings of one installation."""
 
     service: bool
+    """Whether to enable and start the unit."""
     options: dict[str, tuple[str, ...]] | None
+    """Agent options by long name. A repeatable option has several values. None keeps the existing configuration."""
     files: dict[str, str]
+    """File contents by option name."""
 
 
 def settings_to_json(settings: DeploySettings) -> bytes:
@@ -59,7 +59,7 @@ def settings_to_json(settings: DeploySettings) -> bytes:
 
 
 def settings_from_json(data: bytes) -> DeploySettings:
-    """Raises DeploySettingsError."""
+    """Read the settings. Raises DeploySettingsError."""
     try:
         given: Any = json.loads(data)
     except ValueError:
@@ -75,7 +75,10 @@ def settings_from_json(data: bytes) -> DeploySettings:
 
 
 def checked_options(options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Raises DeploySettingsError for a name or a value that one line of a configuration file cannot hold."""
+    """Check the options.
+
+    Raises DeploySettingsError for a name or value that one line of a configuration file cannot hold.
+    """
     checked: dict[str, tuple[str, ...]] = {}
     for key, values in options.items():
         if not isinstance(key, str) or not _KEY.fullmatch(key):
@@ -105,7 +108,10 @@ def _checked_files(files: dict[str, Any]) -> dict[str, str]:
 
 
 def configuration(options: dict[str, tuple[str, ...]]) -> str:
-    """The text for `--config`: one option a line, further values of the same option on lines of their own."""
+    """Return the text for `--config`: one option per line.
+
+    Further values of the same option follow on separate lines.
+    """
     lines = ["# Written by `xitl agent deploy`", "[agent]"]
     for key, values in sorted(options.items()):
         lines.append(f"{key} = " + "\n    ".join(values))
@@ -119,12 +125,12 @@ _TRY_S = 120.0
 
 
 class InstallError(Exception):
-    """One sentence: what, where, what to do."""
+    """Raised when the installation fails. The message is one sentence with cause, place and remedy."""
 
 
 @dataclass(frozen=True)
 class InstallPlaces:
-    """Where things go. `stage` is put before each when writing, and is no part of what the unit says."""
+    """Target directories of the installation."""
 
     system: bool
     programs: Path
@@ -132,6 +138,7 @@ class InstallPlaces:
     units: Path
     state: Path
     stage: str
+    """Prefix of every path that is written. The unit file does not contain it."""
 
     def staged(self, path: Path) -> Path:
         return Path(self.stage + str(path)) if self.stage else path
@@ -154,7 +161,7 @@ def install_places(system: bool, home: Path, stage: str = "") -> InstallPlaces:
 
 
 def main(arguments: list[str], program: str) -> int:
-    """Install what standard input asks for; the outcome is one line of JSON after `MARK`."""
+    """Install the settings from standard input. Print the outcome as one line of JSON after `MARK`."""
     if arguments or sys.stdin.isatty():
         sys.stdout.write(f"{program}: started by `xitl agent deploy user@host`, which sends what to install\n")
         return 2
@@ -168,7 +175,7 @@ def main(arguments: list[str], program: str) -> int:
 
 
 def install(data: bytes, settings: DeploySettings, where: InstallPlaces) -> dict[str, Any]:
-    """Bring the archive `data`, its configuration and its service into place; what came of it, for people and programs.
+    """Install the archive `data`, its configuration and its service. Return the outcome for people and programs.
 
     Raises InstallError and ServiceError.
     """
@@ -224,7 +231,12 @@ def _make(directory: Path) -> None:
 
 
 def _write(path: Path, data: bytes, mode: int, tried: bool = False) -> bool:
-    """Put `data` at `path` in one move; False when it is there already. `tried` runs it first. Raises InstallError."""
+    """Write `data` to `path` atomically. Return False when the file already has this content.
+
+    tried: run the file before it replaces the old one.
+
+    Raises InstallError.
+    """
     try:
         if path.read_bytes() == data and path.stat().st_mode & 0o777 == mode:
             return False
@@ -254,7 +266,7 @@ def _write(path: Path, data: bytes, mode: int, tried: bool = False) -> bool:
 
 
 def _try(archive: str) -> None:
-    """The new archive has to start here before it takes the place of the old one."""
+    """Check that the new archive starts here before it replaces the old one."""
     try:
         ran = subprocess.run(
             [sys.executable, archive, "--version"],

@@ -1,7 +1,8 @@
-"""Runs on the board before anything of xitl is there: takes the archive from standard input, checks it, runs it.
+"""First program on a board without xitl: read the archive from standard input, check it and run it.
 
-`xitl_cli.deploy.ssh` sends this file as it stands, with `python3 -c` of whatever version, so it is written for Python
-3.6. Then come one line of JSON (`bytes`, `sha256`, `arguments`), the archive, and what the archive gets to read.
+`xitl_cli.deploy.ssh` sends the text of this file to `python3 -c`. The Python version of the board is unknown, so this
+file must run on Python 3.6. Standard input then carries one line of JSON (`bytes`, `sha256`, `arguments`), the archive,
+and the standard input of the archive.
 """
 
 import hashlib
@@ -18,7 +19,10 @@ OLDEST = (3, 9)
 
 
 def receive(source: BinaryIO) -> int:
-    """Run the archive that arrives; returns its exit code. Raises OSError when it cannot be kept, else ValueError."""
+    """Run the archive that arrives. Return its exit code.
+
+    Raises OSError when the archive cannot be stored, and ValueError for every other failure.
+    """
     header = json.loads(source.readline().decode())
     if sys.version_info < OLDEST:
         raise ValueError(
@@ -43,7 +47,7 @@ def receive(source: BinaryIO) -> int:
 
 
 def main() -> int:
-    """Receive from standard input; what goes wrong is one line of JSON after `MARK`."""
+    """Receive from standard input. Print a failure as one line of JSON after `MARK`."""
     try:
         return receive(sys.stdin.buffer)
     except OSError as error:

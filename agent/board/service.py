@@ -1,4 +1,4 @@
-"""The systemd unit of the agent, and systemctl."""
+"""Systemd unit of the agent, and calls of systemctl."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ NoNewPrivileges=yes
 [Install]
 WantedBy={target}
 """
-# Nothing here takes away serial or CAN devices, real-time scheduling, locked memory or a controller's own libraries.
+# These limits keep serial and CAN devices, real-time scheduling, locked memory and the libraries of a controller
+# usable.
 _SYSTEM = """\
 CapabilityBoundingSet=CAP_SYS_NICE CAP_IPC_LOCK CAP_NET_RAW CAP_NET_BIND_SERVICE
 ProtectSystem=full
@@ -51,11 +52,16 @@ SystemCallArchitectures=native
 
 
 class ServiceError(Exception):
-    """One sentence: what systemd would not do, and what to do."""
+    """Raised when systemd refuses a request. The message is one sentence with cause and remedy."""
 
 
 def unit_text(command: list[str], directory: str, system: bool) -> str:
-    """The text of the unit that runs `command` in `directory`, for the system or for one user. Raises ServiceError."""
+    """Return the text of the unit that runs `command` in `directory`.
+
+    system: a system service instead of a user service.
+
+    Raises ServiceError.
+    """
     quoted(directory)
     return _UNIT.format(
         command=" ".join(quoted(word) for word in command),
@@ -67,7 +73,10 @@ def unit_text(command: list[str], directory: str, system: bool) -> str:
 
 
 def quoted(word: str) -> str:
-    """One word of a unit's command line, taken literally. Raises ServiceError for what no unit can hold."""
+    """Return one word of a unit's command line, quoted literally.
+
+    Raises ServiceError for a word that no unit can hold.
+    """
     if not word.isprintable():
         raise ServiceError(f"{word!r}: a path with control characters cannot be started as a service; use another one")
     escaped = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
@@ -76,12 +85,12 @@ def quoted(word: str) -> str:
 
 @dataclass(frozen=True)
 class Systemd:
-    """systemctl for the system, or for this user."""
+    """Calls of systemctl, for the system or for this user."""
 
     system: bool
 
     def apply(self, changed: bool) -> bool:
-        """Have the unit enabled and running; restarted when something changed. True when it was started anew.
+        """Enable and start the unit. Restart it when something changed. Return True when it was started or restarted.
 
         Raises ServiceError.
         """
@@ -97,7 +106,7 @@ class Systemd:
         return self._run("is-active", "--quiet", NAME).returncode == 0
 
     def status(self) -> str:
-        """What `systemctl status` says, for people."""
+        """Return the output of `systemctl status`, for people."""
         return self._run("status", "--no-pager", "--full", "--lines=5", NAME).stdout.strip()
 
     def _do(self, *arguments: str) -> None:
@@ -119,7 +128,7 @@ class Systemd:
         raise ServiceError(f"systemctl {arguments[0]}: {said}; look into it on the board with: {journal}")
 
     def _last_words(self, since_s: int) -> str:
-        """The agent's own sentence on why it ended, from the journal, which has it a little later."""
+        """Return the last error that the agent logged in the journal. The journal receives it with a delay."""
         for _ in range(_JOURNAL_TRIES):
             time.sleep(_JOURNAL_PAUSE_S)
             said = self._run(

@@ -1,4 +1,4 @@
-"""Start of `xitl-agent.pyz`: serve a host, or `doctor` and `install` for its board; and the notice to systemd."""
+"""Start of `xitl-agent.pyz`: serve a host, or run `doctor` or `install` on its board. Also notifies systemd."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from importlib import import_module
 from typing import Callable, cast
 
 COMMANDS = {"doctor": "agent.board.doctor", "install": "agent.board.install"}
-"""Each module has a `main(arguments, program)` that returns the exit code."""
+"""Each module has a function `main(arguments, program)` that returns the exit code."""
 
 
 def main(arguments: list[str], program: str) -> int:
-    """Run what the first argument names; without such a name serve, as `python -m agent` does."""
+    """Run the command that the first argument names. Without a command, serve as `python -m agent` does."""
     name = arguments[0] if arguments else ""
     module = COMMANDS.get(name, "agent.__main__")
     run = cast("Callable[[list[str], str], int]", import_module(module).main)
@@ -22,7 +22,7 @@ def main(arguments: list[str], program: str) -> int:
 
 
 def notify_ready() -> None:
-    """Say so to the service manager that started this process; nothing where none did."""
+    """Notify the service manager that the agent is ready. Do nothing when no service manager started this process."""
     address = os.environ.pop("NOTIFY_SOCKET", "")
     if not address:
         return
@@ -32,4 +32,4 @@ def notify_ready() -> None:
         try:
             manager.sendto(b"READY=1", address)
         except OSError:
-            return  # it will say itself that it waited in vain
+            return  # the service manager will report the timeout

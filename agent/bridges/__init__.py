@@ -1,1 +1,1 @@
-"""Another autopilot behind the agent: the host's sensors in, its outputs back, its MAVLink passed on both ways."""
+"""Bridge to another autopilot: pass sensors to it, its outputs to the host, and MAVLink in both directions."""

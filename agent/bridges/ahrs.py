@@ -1,18 +1,19 @@
-"""A simulated navigation unit on a line of its own: our sensors as the frames that an external-AHRS driver reads.
+"""Simulated navigation unit on a separate line. It sends our sensors as the frames that an external-AHRS driver reads.
 
-Stock firmware takes them for a unit on one of its serial ports (SERIALn_PROTOCOL 36) and runs its own EKF on them.
-Two makes are implemented: `vectornav` and `microstrain`. Every inertial sample goes out at once, with the newest
-magnetic field and pressure; every fix when it comes, so that its latency is that of our receiver; and the solution of
-our own estimator, at 50 Hz, once the position is known: before that, software-in-the-loop builds of ArduPilot end with
-a panic over a position of zeros.
+Stock firmware treats it as a unit on a serial port (SERIALn_PROTOCOL 36) and runs its own EKF on the data. Two makes
+are implemented: `vectornav` and `microstrain`. Every inertial sample is sent at once, with the newest magnetic field
+and pressure. Every fix is sent when it arrives, so that it has the latency of our receiver.
 
-In lockstep the driver's thread still sleeps a millisecond of real time between two reads of its port. Much faster than
-real time there would be turns of the main loop without an inertial sample, which the EKF makes up for twice: at 13
-times real time attitude and heading went wrong by degrees. So a run with such a unit is held to `LOCKSTEP_FACTOR`.
+The solution of our own estimator is sent at 50 Hz, once the position is known. Before that, a position of zeros would
+make software-in-the-loop builds of ArduPilot end with a panic.
 
-Start-up: an ArduPilot without another barometer needs pressure within 0.5 s of its calibration, else it stays in
-"Config Error: Baro: unable to calibrate" for good. So sensors have to flow before it boots: one that is started with
-`:wait` at its port waits to be called, and a line is called when there is a first sample for it, never between runs.
+In lockstep, the driver's thread still sleeps one millisecond of real time between two reads of its port. Well above
+real-time speed, some turns of the main loop would have no inertial sample. The EKF compensates twice for each of them:
+at 13 times real time, attitude and heading drifted by degrees. So such a run is limited to `LOCKSTEP_FACTOR`.
+
+Start-up: an ArduPilot without another barometer needs pressure within 0.5 s of its calibration. Otherwise it stays in
+"Config Error: Baro: unable to calibrate" permanently. So sensors must flow before it boots. An autopilot started with
+`:wait` at its port waits for our connection. We connect when the first sample exists, and never between runs.
 """
 
 from __future__ import annotations
@@ -33,29 +34,32 @@ from agent.wire.dialect import MAV_SEVERITY_NOTICE as _NOTICE
 from agent.wire.dialect import MAV_SEVERITY_WARNING as _WARNING
 from agent.wire.transport import DATAGRAM_BYTES, SenderStatus, Transport, open_transport
 
-WAITING_FRAMES = 32  # 0.1 s of inertial frames at 200 Hz with those between them: older ones would only mislead
-DATAGRAM_NS = 15_000_000  # between two datagrams: in lockstep it is every other tick of 10 ms
-BACKLOG_S = 0.02  # what may lie in the system's buffer of a line before frames wait here, where they can be dropped
+WAITING_FRAMES = 32  # 0.1 s of inertial frames at 200 Hz and the frames between them: older frames would only mislead
+DATAGRAM_NS = 15_000_000  # minimum interval between two datagrams: in lockstep, every other tick of 10 ms
+BACKLOG_S = 0.02  # largest backlog in the system's buffer of a line; further frames wait here and can be dropped
 LISTEN = "?listen"
 
 
 def open_line(url: str) -> SensorLine:
-    """Open the URL of a sensor's line; with `?listen` at its end we wait there to be called. Raises TransportError.
+    """Open the URL of a sensor's line. With `?listen` at its end, wait there for a connection. Raises TransportError.
 
-    tcp://127.0.0.1:5765 calls an autopilot that serves its port, udp://127.0.0.1:14800?listen waits for one that is a
-    client, serial:///dev/ttyUSB0?baud=921600 is the same for both.
+    tcp://127.0.0.1:5765 connects to an autopilot that serves its port. udp://127.0.0.1:14800?listen waits for an
+    autopilot that is a client. serial:///dev/ttyUSB0?baud=921600 is the same for both.
     """
     listen = url.endswith(LISTEN)
     return SensorLine(open_transport(url[: -len(LISTEN)] if listen else url, listen), calls=not listen)
 
 
 class SensorLine:
-    """Frames go out at once on a stream, and bundled on datagrams: an ArduPilot reads one datagram in 10 ms, on Linux
-    and in software in the loop, and more than that would pile up in front of it without an end.
+    """Line to the autopilot: frames are sent at once on a stream, and bundled on datagrams.
 
-    Frames that the line does not take wait, a few of them; when too many do, the oldest is dropped and counted.
-    unsent: frames dropped so, or sent while nobody was there. sent: those that the line took, by kind.
-    calls: the other end has to be called, which is done at the next `receive` after each `call`.
+    An ArduPilot reads one datagram every 10 ms, on Linux and in software in the loop. More datagrams would queue
+    without limit. Up to `WAITING_FRAMES` frames wait when the line does not accept them. Beyond that, the oldest is
+    dropped and counted.
+
+    unsent: number of frames dropped, or sent while nobody was connected.
+    sent: number of frames that the line accepted, by kind.
+    calls: we connect to the other end, at the next `receive` after each `call`.
     """
 
     def __init__(self, transport: Transport, calls: bool = False) -> None:
@@ -69,27 +73,30 @@ class SensorLine:
 
     @property
     def connected(self) -> bool:
-        """Whether somebody is there, as far as the line can know."""
+        """Whether the other end is connected, as far as the line can detect it."""
         return bool(self._transport.peer)
 
     @property
     def address(self) -> str:
-        """Where it is, for people."""
+        """Address of the line, for people."""
         return self._transport.address
 
     def call(self) -> None:
-        """There is something for the other end."""
+        """Request a connection, because there is data for the other end."""
         self._wanted = True
 
     def send(self, frame: bytes, kind: str = "") -> None:
-        """Give a frame to the line; `flush` sends it on."""
+        """Queue a frame. `flush` transmits it."""
         self._waiting.append((frame, kind))
         if len(self._waiting) > WAITING_FRAMES:
             self._waiting.popleft()
             self.unsent += 1
 
     def flush(self, now_ns: int) -> None:
-        """Send on what waits, as far as the line takes it and it is time to; `now_ns` on the clock of the run."""
+        """Transmit waiting frames, as far as the line accepts them and the interval permits.
+
+        now_ns: clock of the run.
+        """
         waiting, transport = self._waiting, self._transport
         if not waiting:
             return
@@ -117,30 +124,30 @@ class SensorLine:
             self.sent[waiting.popleft()[1]] += 1
 
     def receive(self) -> list[bytes]:
-        """What has come in. Looks for the other end too, where one has to be found."""
+        """Return the received bytes. Also connect to the other end if necessary."""
         if self._calls and not self._wanted and not self.connected:
             return []
         self._wanted = False
         return self._transport.receive(0.0)
 
     def accept_sender(self, index: int) -> bool:
-        """Chunk `index` of the last `receive` made sense: its sender is the other end. False when it is not."""
+        """Accept the sender of chunk `index` of the last `receive` as the other end. Return False when it is not."""
         return self._transport.accept_sender(index, SenderStatus.HEARD)
 
     def clear(self) -> None:
-        """Forget what waits, and the counts."""
+        """Discard the waiting frames and reset the counts."""
         self._waiting.clear()
         self._sent_ns = None
         self.unsent = 0
         self.sent.clear()
 
     def descriptors(self) -> tuple[int, ...]:
-        """What becomes readable with bytes from the other end."""
+        """Descriptors that become readable with bytes from the other end."""
         descriptor = self._transport.fileno()
         return () if descriptor is None else (descriptor,)
 
     def close(self) -> None:
-        """Give the line back."""
+        """Close the line."""
         self._transport.close()
 
 
@@ -149,14 +156,14 @@ LONGEST_HOLD_S = 0.5
 
 
 class RateGauge:
-    """How many samples a second come, by their stamps."""
+    """Measure the sample rate from the stamps."""
 
     def __init__(self) -> None:
         self._first_ns = 0
         self._count = 0
 
     def add(self, stamp_ns: int) -> float | None:
-        """The rate, once for every `RATE_WINDOW` samples, None in between."""
+        """Return the rate in Hz once every `RATE_WINDOW` samples, None in between."""
         if self._count == 0 or stamp_ns <= self._first_ns:
             self._first_ns, self._count = stamp_ns, 1
             return None
@@ -169,7 +176,7 @@ class RateGauge:
 
 
 class SpeedLimit:
-    """Holds a run in lockstep back to `factor` times real time."""
+    """Limit a lockstep run to `factor` times real time."""
 
     def __init__(
         self, factor: float, clock_s: Callable[[], float] = monotonic, wait: Callable[[float], None] = sleep
@@ -181,7 +188,7 @@ class SpeedLimit:
         self._due_s = 0.0
 
     def hold(self, now_ns: int) -> None:
-        """The run has got to `now_ns`: wait until it may be there, half a second at most."""
+        """Wait until the run may be at `now_ns`, at most half a second."""
         clock_s = self._clock_s()
         if self._last_ns is not None:
             self._due_s += (now_ns - self._last_ns) * self._wall_s_per_ns
@@ -195,17 +202,17 @@ class SpeedLimit:
 
 SOLUTION_NS = 20_000_000
 LOCKSTEP_FACTOR = 8.0
-PATIENCE_NS = 5_000_000_000  # of a run, before it is said that nothing is heard at the line
+PATIENCE_NS = 5_000_000_000  # on the clock of the run, before a warning reports that the line is silent
 _KINDS = _INERTIAL, _SOLUTION, _FIX = "inertial", "solution", "fix"
-_SLOW = 0.9  # below this part of the rate that was asked for, it is said
+_SLOW = 0.9  # below this fraction of the requested rate, a warning is sent
 
 Say = Callable[[int, str], None]
 
 
 class Ahrs(Injector):
-    """What the two makes have in common; each says what its frames look like and when they may flow.
+    """Common part of the two makes. Each make defines its frames and when they may be sent.
 
-    `unix_s` gives the date of runs in real time; runs in lockstep have a fixed one.
+    unix_s: date of runs in real time. Runs in lockstep have a fixed date.
     """
 
     title = "external AHRS"
@@ -216,37 +223,37 @@ class Ahrs(Injector):
         self._unix_s = unix_s
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
-    # -- what a make has to say
+    # -- defined by each make
 
     def inertial_frame(self, sample: InertialSample) -> bytes | None:
-        """Its frame, None while there is to be none."""
+        """Return the inertial frame, None while none may be sent."""
         raise NotImplementedError
 
     def solution_frame(self, navigation: Navigation) -> bytes | None:
-        """Its frame, None while there is to be none."""
+        """Return the solution frame, None while none may be sent."""
         raise NotImplementedError
 
     def receiver_frame(self, fix: ReceiverFix) -> bytes | None:
-        """Its frame, None while there is to be none."""
+        """Return the receiver frame, None while none may be sent."""
         raise NotImplementedError
 
     def handle_bytes(self, chunk: bytes) -> bool:
-        """Bytes from the autopilot; whether they made sense."""
+        """Handle bytes from the autopilot. Return whether they were valid."""
         raise NotImplementedError
 
     def is_accepted(self) -> bool:
-        """Whether the autopilot takes the frames, as far as can be known."""
+        """Whether the autopilot accepts the frames, as far as can be known."""
         raise NotImplementedError
 
     def requested_hz(self) -> float:
-        """Rate of inertial frames that the autopilot asks for, 0 for any."""
+        """Rate of inertial frames that the autopilot requests, in Hz. 0 for any rate."""
         return 0.0
 
     def hint(self) -> str:
-        """What to check when nothing is heard."""
+        """Return a hint for the user when the line is silent."""
         raise NotImplementedError
 
-    # -- the role's side
+    # -- called by the role
 
     def reset(self, clock: Clock, lockstep: bool, say: Say) -> None:
         self.counts = InjectorCounters()
@@ -283,7 +290,7 @@ class Ahrs(Injector):
         self._flush(now_ns)
         taken = self.is_accepted()
         if taken and not self._was_taken:
-            self._told_absent = True  # from here on it can only leave
+            self._told_absent = True  # from here on, the connection can only be lost
             self._say(_NOTICE, f"the autopilot takes our sensors as a {self.title} at {self._line.address}")
         elif self._was_taken and not taken:
             self._say(_WARNING, f"the autopilot takes no sensors at {self._line.address} any more; they are lost")

@@ -1,8 +1,8 @@
-"""Magnetic declination from the World Magnetic Model, as an inertial navigation unit has it built in.
+"""Magnetic declination from the World Magnetic Model, as built into an inertial navigation unit.
 
-Model and coefficients: WMM2025, NOAA and British Geological Survey (public domain), good for 2025 to 2030; a year
-outside keeps the nearest end. The equations are those of its technical report (section 1.2): Schmidt semi-normalised
-associated Legendre functions in geocentric coordinates, turned to the vertical of the ellipsoid at the end.
+Model and coefficients: WMM2025, NOAA and British Geological Survey (public domain), valid for 2025 to 2030. A year
+outside this range uses the nearest end. The equations follow the technical report of the model (section 1.2): Schmidt
+semi-normalised associated Legendre functions in geocentric coordinates. The result is rotated to the ellipsoid normal.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ _DEGREE = 12
 
 
 def declination_rad(lat_deg: float, lon_deg: float, alt_m: float, year: float) -> float:
-    """Angle from true to magnetic north, east positive; without meaning near the magnetic poles."""
+    """Angle from true to magnetic north, east positive. Meaningless near the magnetic poles."""
     north, east = horizontal_field_nt(lat_deg, lon_deg, alt_m, year)
     return math.atan2(east, north)
 
 
 def horizontal_field_nt(lat_deg: float, lon_deg: float, alt_m: float, year: float) -> tuple[float, float]:
-    """Field to the north and to the east."""
+    """North and east components of the field."""
     age_years = min(max(year, _EPOCH), _LAST_YEAR) - _EPOCH
     lat, lon = math.radians(min(max(lat_deg, -89.99), 89.99)), math.radians(lon_deg)
     sin_lat, cos_lat = math.sin(lat), math.cos(lat)
@@ -48,7 +48,7 @@ def horizontal_field_nt(lat_deg: float, lon_deg: float, alt_m: float, year: floa
 
 
 def _legendre(sin_lat: float, cos_lat: float) -> tuple[list[list[float]], list[list[float]]]:
-    """Schmidt semi-normalised functions by degree and order, and their derivatives by latitude."""
+    """Schmidt semi-normalised functions by degree and order, and their derivatives with respect to latitude."""
     p = [[0.0] * (_DEGREE + 1) for _ in range(_DEGREE + 1)]
     d = [[0.0] * (_DEGREE + 1) for _ in range(_DEGREE + 1)]
     p[0][0] = 1.0

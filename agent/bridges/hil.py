@@ -1,8 +1,10 @@
-"""HIL messages over the autopilot's own MAVLink link, where a script makes them frames of a navigation unit.
+"""HIL messages over the autopilot's own MAVLink link.
 
-`firmware_params/lua/xitl_hil.lua` runs on the autopilot and plays a VectorNav there, so that one cable to stock
-ArduPilot is enough. Once a second it says by NAMED_VALUE_FLOAT how many messages it took and how many frames it handed
-on. The messages go by no handshake: what the line has no room for is lost and counted.
+A script on the autopilot converts them to navigation-unit frames.
+
+`firmware_params/lua/xitl_hil.lua` runs on the autopilot and emulates a VectorNav there. So one cable to stock ArduPilot
+is enough. Once a second, NAMED_VALUE_FLOAT reports how many messages the script received and how many frames it
+forwarded. The messages have no handshake: messages that the line has no room for are lost and counted.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from agent.wire.codec import Message
 
 SOLUTION_NS = 50_000_000
 SILENT_NS = 3_000_000_000
-ABSENT_NS = 1_000_000_000  # a sensor that has not come since the run began will not
+ABSENT_NS = 1_000_000_000  # a sensor without a sample this long after the start of the run is absent
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_DEGC = 101_325.0, 15.0
 _WARNING, _NOTICE = mav.MAV_SEVERITY_WARNING, mav.MAV_SEVERITY_NOTICE
 _PREFIX = "xitl_"
@@ -31,7 +33,9 @@ _COUNTERS = {"in": "script_in", "out": "script_out", "drop": "script_dropped"}
 
 
 class HilMessages(Injector):
-    """Every IMU sample and every fix as it comes, our own solution at 20 Hz once a place is known."""
+    """Injector that sends every IMU sample and every fix at once, and our own solution at 20 Hz once the position is
+    known.
+    """
 
     title = "HIL messages"
 
@@ -39,18 +43,18 @@ class HilMessages(Injector):
         self.counts = InjectorCounters()
         self._vehicle = vehicle
         self._unix_s = unix_s
-        self._told: dict[str, float] = {}  # last by the script, of its own life and not of a run
+        self._told: dict[str, float] = {}  # last values from the script, counted since its own start
         vehicle.add_tap(self._hear)
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
     @classmethod
     def open(cls, url: str, vehicle: VehicleLink) -> HilMessages:
-        """Over the autopilot's link, so that `url` is empty. Raises InjectorError."""
+        """Open the injector over the autopilot's link, so that `url` is empty. Raises InjectorError."""
         if url:
             raise InjectorError("sensor-link: HIL messages go over the autopilot's own link; leave it out")
         return cls(vehicle)
 
-    # -- the role's side
+    # -- called by the role
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
         self.counts = InjectorCounters()
@@ -140,7 +144,10 @@ class HilMessages(Injector):
             setattr(self.counts, counter, getattr(self.counts, counter) + max(round(value - before), 0))
 
     def _began_anew(self, taken: float) -> bool:
-        """Whether the script has started since it was last heard; when never heard before, whether in this run."""
+        """Whether the script has restarted since its last message.
+
+        Before the first message: whether it started in this run.
+        """
         before = self._told.get("in")
         counts = self.counts
         return taken <= counts.imu_out + counts.solution_out + counts.gnss_out if before is None else taken < before

@@ -1,7 +1,7 @@
 """Our samples as the HIL messages of the MAVLink standard.
 
-The standard leaves open what the dilutions `eph` and `epv` of HIL_GPS mean; here, as with PX4, they are the accuracies
-of the position, one sigma, in centimetres. Speed accuracy has no field.
+The standard does not define the dilutions `eph` and `epv` of HIL_GPS. Here, as in PX4, they are the position
+accuracies, one sigma, in centimetres. Speed accuracy has no field.
 """
 
 from __future__ import annotations
@@ -16,20 +16,23 @@ from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
 ACCEL, GYRO, FIELD, BAROMETER = 0x7, 0x38, 0x1C0, 0x1A00
-"""Bits of HIL_SENSOR.fields_updated. PX4 takes a barometer only whole: pressure, pressure altitude and temperature."""
+"""Bits of HIL_SENSOR.fields_updated. PX4 accepts a barometer only with pressure, pressure altitude and temperature."""
 
 _UNKNOWN = 0xFFFF
 
 
 def updated_fields(sample: object) -> int:
-    """Bits of HIL_SENSOR.fields_updated for a sample of a magnetometer or barometer, 0 for anything else."""
+    """Return the bits of HIL_SENSOR.fields_updated for a magnetometer or barometer sample, 0 for any other sample."""
     if isinstance(sample, MagnetometerMeasurement):
         return FIELD
     return BAROMETER if isinstance(sample, BarometerMeasurement) else 0
 
 
 def sensor_message(sample: InertialSample, updated: int) -> Message:
-    """HIL_SENSOR, stamped with the sensors' clock; `updated` says which fields are new since the last one."""
+    """Return HIL_SENSOR, stamped with the sensors' clock.
+
+    updated: bits of the fields that are new since the last message.
+    """
     height_m = standard_height_m(max(sample.pressure_pa, 0.0))
     message: Message = mav.MAVLink_hil_sensor_message(
         sample.stamp_ns // 1000, *sample.accel_frd_mps2, *sample.gyro_frd_radps, *sample.field_frd_gauss,
@@ -39,7 +42,7 @@ def sensor_message(sample: InertialSample, updated: int) -> Message:
 
 
 def gps_message(fix: ReceiverFix) -> Message:
-    """HIL_GPS, stamped with UTC."""
+    """Return HIL_GPS, stamped with UTC."""
     north, east, down = fix.vel_ned_mps
     course_deg = math.degrees(math.atan2(east, north)) % 360.0
     message: Message = mav.MAVLink_hil_gps_message(
@@ -52,7 +55,7 @@ def gps_message(fix: ReceiverFix) -> Message:
 
 
 def state_message(navigation: Navigation, gyro_frd_radps: tuple[float, float, float]) -> Message:
-    """HIL_STATE_QUATERNION of our own solution, without airspeed and specific force."""
+    """Return HIL_STATE_QUATERNION of our own solution, without airspeed and specific force."""
     message: Message = mav.MAVLink_hil_state_quaternion_message(
         navigation.stamp_ns // 1000, list(navigation.quat_ned_frd), *gyro_frd_radps,
         round(navigation.lat_deg * 1e7), round(navigation.lon_deg * 1e7), round(navigation.alt_m * 1e3),

@@ -10,10 +10,10 @@ from agent.wire.codec import Message
 
 
 class InjectorCounters:
-    """Counts since the run began, as XITL_BRIDGE_STATUS tells them.
+    """Counts since the run began, as XITL_BRIDGE_STATUS reports them.
 
-    imu_out, solution_out, gnss_out: frames that the line took, not those counted as `unsent`. refused: messages of the
-    host that were no measurement, which XITL_NODE_STATUS tells.
+    imu_out, solution_out, gnss_out: frames that the line accepted, without those counted as `unsent`.
+    refused: messages of the host that were not valid measurements. XITL_NODE_STATUS reports them.
     """
 
     def __init__(self) -> None:
@@ -38,49 +38,62 @@ class InjectorCounters:
 
 
 class InjectorError(ValueError):
-    """An injector cannot be opened; the message says which option is wrong, why and what to do."""
+    """Raised when an injector cannot be opened. The message names the wrong option, the cause and the remedy."""
 
 
 class Injector:
-    """The role calls; instants are of the clock of the run. Nothing here raises for what the autopilot sends.
+    """Interface that the role calls. Instants are on the clock of the run.
 
-    title: for people. counts: fresh with every `reset`; `taken` says that the autopilot takes what is sent.
+    Nothing here raises for bytes from the autopilot.
+
+    title: name for people.
+    counts: new with every `reset`; `taken` is True when the autopilot accepts the samples.
     """
 
     title: str
     counts: InjectorCounters
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
-        """A run starts on this clock; `say` brings a sentence, with a MAV_SEVERITY, to the host."""
+        """Start a run on this clock. `say` sends a sentence with a MAV_SEVERITY to the host."""
         raise NotImplementedError
 
     def handle(self, message: Message, now_ns: int) -> None:
-        """A sensor sample or the truth from the host; ignored where it is of no use here."""
+        """Handle a sensor sample or the ground truth from the host.
+
+        An injector ignores messages that it does not use.
+        """
         raise NotImplementedError
 
     def repeat(self, now_ns: int) -> None:
-        """Send the newest sample again, for an autopilot that hears its orders only while samples come. Never waits."""
+        """Send the newest sample again, for an autopilot that reads commands only while samples arrive. Never waits."""
 
     def serve(self, now_ns: int) -> None:
-        """With every poll, in runs and between: receive from the autopilot and answer its requests. Never waits."""
+        """Receive from the autopilot and answer its requests. Called at every poll, in runs and between.
+
+        Never waits.
+        """
 
     def advance(self, now_ns: int) -> bool:
-        """Lockstep: let the autopilot run up to this instant; False when it has not followed after a short wait."""
+        """Lockstep: let the autopilot run up to this instant.
+
+        Return False when it has not followed after a short wait.
+        """
         return True
 
     def run_on(self, now_ns: int) -> bool:
         """Lockstep, after the run: let the autopilot run up to this instant, without waiting.
 
-        It has orders to hear and a log to write. Returns whether it has taken all that it needs until then.
+        It still has commands to read and a log to write. Return whether it has received all data that it needs until
+        then.
         """
         return True
 
     def pulses(self) -> Sequence[int] | None:
-        """Latest pulse widths in us, by output from 1 on; None where the outputs do not come back this way."""
+        """Latest pulse widths in us, by output from 1 on. None when the outputs do not return through this injector."""
         return None
 
     def commands(self) -> Sequence[float] | None:
-        """Latest outputs as they are already normalised to [-1, 1]; None where there are none such."""
+        """Latest outputs that are already normalised to [-1, 1]. None when there are none."""
         return None
 
     def descriptors(self) -> Sequence[int]:
@@ -89,8 +102,8 @@ class Injector:
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where it listens or connects to, for people."""
+        """Addresses where it listens or connects to, for people."""
         return ()
 
     def close(self) -> None:
-        """Close what is open."""
+        """Close all open resources."""

@@ -1,9 +1,9 @@
-"""The socket of ArduPilot's JSON simulator interface: servo packets in, frames out, and which frames are still untaken.
+"""Socket of ArduPilot's JSON simulator interface: servo packets in, frames out, and the list of unanswered frames.
 
-A servo packet is little-endian: magic u16, frame rate u16 (Hz), frame count u32, then 16 pulse widths u16 (us) behind
-magic 18458 or 32 behind magic 29569. The answer is a line of JSON between newlines; the other side searches it for keys
-as plain text, so nothing may stand between a key and its value, and the numbers of a vector are separated by a comma
-and one space (libraries/SITL/SIM_JSON.cpp).
+A servo packet is little-endian: magic u16, frame rate u16 (Hz), frame count u32, then the pulse widths u16 (us). There
+are 16 pulse widths after magic 18458 and 32 after magic 29569. The answer is a line of JSON between newlines. ArduPilot
+searches it for keys as plain text. So nothing may be between a key and its value, and a comma and one space separate
+the numbers of a vector (libraries/SITL/SIM_JSON.cpp).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from agent.timing.clock import wait_readable
 from agent.wire.transport import BadUrlError
 from agent.wire.urls import Address, address_url, resolve, transport_error
 
-SLOWEST_HZ, FASTEST_HZ = 11, 20_000  # ArduPilot passes over steps of 0.1 s and more
+SLOWEST_HZ, FASTEST_HZ = 11, 20_000  # ArduPilot skips steps of 0.1 s and more
 RANGEFINDERS = 6
 
 _HEAD = struct.Struct("<HHI")
@@ -36,14 +36,14 @@ _FRAME = (
 
 
 class ServoHead(NamedTuple):
-    """What a servo packet asks for: the answer to `frame`, of a world at `rate_hz`."""
+    """Request of a servo packet: the answer to `frame`, simulated at `rate_hz`."""
 
     rate_hz: int
     frame: int
 
 
 def parse_servo_head(packet: bytes) -> ServoHead | None:
-    """None for what is no servo packet."""
+    """Parse the head of a servo packet. Return None for any other packet."""
     if len(packet) < _HEAD.size:
         return None
     magic, rate_hz, count = _HEAD.unpack_from(packet)
@@ -53,18 +53,18 @@ def parse_servo_head(packet: bytes) -> ServoHead | None:
 
 
 def read_pulses_us(packet: bytes) -> tuple[int, ...]:
-    """Pulse widths in us, channel 1 first, of a packet that has a head."""
+    """Pulse widths in us, channel 1 first, of a packet with a valid head."""
     magic = packet[0] | packet[1] << 8
     return _PULSES[magic].unpack_from(packet, _HEAD.size)
 
 
 def imu_text(gyro_frd_radps: Sequence[float], accel_frd_mps2: Sequence[float]) -> str:
-    """The inside of "imu": angular rate and specific force."""
+    """Content of "imu": angular rate and specific force."""
     return _IMU % (*gyro_frd_radps, *accel_frd_mps2)
 
 
 def extras_text(ranges_m: Sequence[float | None], wind: tuple[float, float] | None) -> str:
-    """What may follow: distances of rangefinders 1 to 6, and the apparent wind (direction in rad, speed in m/s)."""
+    """Optional keys: distances of rangefinders 1 to 6, and the apparent wind (direction in rad, speed in m/s)."""
     text = "".join(
         f',"rng_{number}":{range_m:.3f}' for number, range_m in enumerate(ranges_m, 1) if range_m is not None
     )
@@ -74,12 +74,15 @@ def extras_text(ranges_m: Sequence[float | None], wind: tuple[float, float] | No
 
 
 def frame_text(time_s: float, imu: str, motion: tuple[float, ...], extras: str) -> str:
-    """One answer. motion: position NED in m, quaternion body to NED (w first), velocity NED in m/s, ten numbers."""
+    """Return one answer.
+
+    motion: position NED in m, quaternion body to NED (w first), velocity NED in m/s, ten numbers.
+    """
     return _FRAME % (time_s, imu, *motion, extras)
 
 
 def pack_datagrams(texts: Sequence[str]) -> list[bytes]:
-    """The answers as they are sent: all of one length, so that one call can send them."""
+    """Return the answers as datagrams of one length, so that one call can send them."""
     if not texts:
         return []
     length = max(map(len, texts))
@@ -88,15 +91,19 @@ def pack_datagrams(texts: Sequence[str]) -> list[bytes]:
 
 BATCH = 512
 BUFFER_BYTES = 1 << 20
-UDP_SEGMENT, SEGMENTS = 103, 64  # linux/udp.h: the option, and how many datagrams a call may make
-ASKED_AGAIN_S = 0.5  # ArduPilot asks again after 1 s; what comes sooner is a repeat of the network's
+UDP_SEGMENT, SEGMENTS = 103, 64  # linux/udp.h: the option, and the most datagrams per call
+ASKED_AGAIN_S = 0.5  # ArduPilot repeats a request after 1 s; an earlier repeat is a duplicate by the network
 
 
 class JsonLine:
-    """A bound socket. The autopilot that asked last is served; with each answer that it takes it asks for the next one.
+    """Bound socket that serves the autopilot that sent the last request.
 
-    asked: the frame that it asks for now, None before the first. served: the first frame that is not answered yet.
-    `on_start(sender, anew)` is called when another sender asks, or the same from frame 0 on.
+    Each accepted answer triggers the next request.
+
+    asked: frame of the current request, None before the first.
+    served: first frame without an answer.
+
+    `on_start(sender, anew)` is called when another sender requests frames, or the same sender restarts at frame 0.
     """
 
     def __init__(self, url: str, on_start: Callable[[str, bool], None]) -> None:
@@ -130,16 +137,16 @@ class JsonLine:
 
     @property
     def behind(self) -> int:
-        """How many answers the autopilot has not taken yet."""
+        """Number of answers that the autopilot has not accepted yet."""
         return 0 if self.asked is None else self.served - self.asked
 
     @property
     def peer(self) -> str:
-        """The autopilot's end, empty while there is none."""
+        """Address of the autopilot, empty while there is none."""
         return "" if self._peer is None else address_url("udp", self._peer)
 
     def wait(self, behind: int, until_s: float) -> bool:
-        """Hear the autopilot until it has taken all answers but so many, False at `until_s` of time.monotonic()."""
+        """Receive until at most `behind` answers are not accepted. Return False at `until_s` of time.monotonic()."""
         while True:
             self.hear()
             if self.asked is not None and self.behind <= behind:
@@ -150,12 +157,12 @@ class JsonLine:
             wait_readable((self._socket.fileno(),), left_s)
 
     def hear(self) -> None:
-        """Take what has come, without waiting."""
+        """Handle all packets that have arrived, without waiting."""
         receive, length = self._socket.recvfrom, len(self._newest)
         for _ in range(BATCH):
             try:
                 packet, sender = receive(256)
-            except OSError:  # nothing there, or word of an answer that nobody took
+            except OSError:  # nothing to read, or an error about an undelivered answer
                 return
             if packet[:8] == self._expected and len(packet) == length and sender == self._peer:
                 self._on_next(packet)
@@ -166,7 +173,7 @@ class JsonLine:
                 return
 
     def _on_next(self, packet: bytes) -> None:
-        """The usual: it asks for the frame behind the last one, as before."""
+        """Handle the usual packet: it requests the frame after the last one, and its head is as expected."""
         assert self.asked is not None
         if self._answers:
             self._answers.popleft()
@@ -195,7 +202,7 @@ class JsonLine:
             return
         else:
             step = frame - asked
-            if step < 0:  # overtaken on the way
+            if step < 0:  # the packet was overtaken on its way
                 return
             self.counts.world_lost += step - 1
             self._take(step)
@@ -211,7 +218,7 @@ class JsonLine:
             self._on_start(self.peer, frame == 0)
 
     def _take(self, step: int) -> None:
-        """The autopilot has taken so many answers; more than there were when somebody else answered too."""
+        """Count `step` accepted answers. There can be more than we sent when another program also answered."""
         answers = self._answers
         if step >= len(answers):
             self.served += step - len(answers)
@@ -221,13 +228,16 @@ class JsonLine:
                 answers.popleft()
 
     def _answer_again(self) -> None:
-        """It has missed one; where there is no answer yet, it only waits for the host."""
+        """Repeat the answers, because the autopilot missed one.
+
+        Without an answer yet, the autopilot only waits for the host.
+        """
         if self._answers and monotonic() - self._sent_s > ASKED_AGAIN_S:
             self.counts.world_resent += 1
             self._send(list(self._answers))
 
     def answer(self, answers: list[bytes]) -> None:
-        """Answers for the next frames, one datagram each."""
+        """Send answers for the next frames, one datagram each."""
         self._answers += answers
         self.served += len(answers)
         self._send(answers)
@@ -241,11 +251,14 @@ class JsonLine:
         for answer in answers:
             try:
                 send(answer, peer)
-            except OSError:  # no room, or the autopilot has gone: it asks again
+            except OSError:  # no room, or the autopilot ended: it repeats its request
                 self.counts.unsent += 1
 
     def _send_at_once(self, answers: list[bytes]) -> bool:
-        """Linux cuts the bytes of one call into datagrams: the call and waking the reader cost more than an answer."""
+        """Send all answers in one call, which Linux splits into datagrams.
+
+        A call and a wake-up cost more than an answer.
+        """
         length = len(answers[0])
         if len(answers) > SEGMENTS or any(len(answer) != length for answer in answers):
             return False
@@ -254,22 +267,22 @@ class JsonLine:
             self._socket.sendmsg([b"".join(answers)], segment, 0, self._peer)
         except BlockingIOError:
             return False
-        except OSError:  # not on this system, or not on this way to the autopilot
+        except OSError:  # unsupported by this system or on this route to the autopilot
             self._at_once = False
             return False
         return True
 
     def new_pulses(self) -> tuple[int, ...] | None:
-        """Pulse widths of the newest packet, None when they were fetched before."""
+        """Pulse widths of the newest packet, None when they were read before."""
         if not self._unread:
             return None
         self._unread = False
         return read_pulses_us(self._newest)
 
     def fileno(self) -> int:
-        """Becomes readable when the autopilot asks."""
+        """Descriptor that becomes readable when the autopilot sends a request."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Stop serving."""
+        """Close the socket."""
         self._socket.close()

@@ -1,8 +1,8 @@
-"""ArduPilot's JSON simulator interface in lockstep: the true motion and our inertial samples, at the rate it asks for.
+"""ArduPilot's JSON simulator interface in lockstep: the true motion and our inertial samples, at the rate it requests.
 
-At a tick the autopilot has usually taken all frames of the last one. Its newest pulses are kept, then the frames up to
-the tick are sent all at once: it works through them while the host computes the next step. So its outputs are one
-exchange old.
+At a tick, the autopilot has usually accepted all frames of the last tick. Its newest pulses are stored. Then all frames
+up to the tick are sent at once, and the autopilot processes them while the host computes the next step. So its outputs
+are one exchange old.
 """
 
 from __future__ import annotations
@@ -22,12 +22,18 @@ from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
 _SURPLUS_S = 1e-9
-"""ArduPilot adds each step to its clock in whole microseconds, cut off: a step that is meant to be one more than its
-binary fraction says would lose it. So each is told longer by this, and its clock keeps to ours."""
+"""Surplus of each step. ArduPilot adds each step to its clock in whole microseconds, truncated.
+
+A step can be one microsecond longer than its binary fraction yields, and would lose it. So each step is sent longer by
+this surplus, and ArduPilot's clock stays equal to ours.
+"""
 
 
 class FrameTimes:
-    """Frame k after a change of rate is at its instant + k / rate, cut to microseconds."""
+    """Instants of the frames.
+
+    Frame k after a change of rate is k / rate after the change, truncated to microseconds.
+    """
 
     def __init__(self, start_us: int) -> None:
         self._base_us = start_us
@@ -37,12 +43,15 @@ class FrameTimes:
         self.last_us = start_us
 
     def set_rate(self, rate_hz: int) -> None:
-        """From the last frame on."""
+        """Set the rate that applies after the last frame."""
         if rate_hz != self._rate_hz:
             self._rate_hz, self._base_us, self._index = rate_hz, self.last_us, 0
 
     def next_frames(self, end_us: int, most: int) -> list[tuple[int, float]]:
-        """The next frames that are not after `end_us`, at most so many: instant in us, and the seconds to tell."""
+        """Return the next frames up to `end_us`, at most `most` of them.
+
+        Each is the instant in us and the time in seconds that the frame reports.
+        """
         base_us, rate_hz, index, total = self._base_us, self._rate_hz, self._index, self._total
         found: list[tuple[int, float]] = []
         while len(found) < most:
@@ -64,7 +73,7 @@ MotionValues = tuple[float, float, float, float, float, float, float, float, flo
 
 
 class TruthSample(NamedTuple):
-    """The motion of the body origin at an instant of the sensor clock."""
+    """Motion of the body origin at an instant of the sensor clock."""
 
     stamp_us: int
     pos_ned_m: tuple[float, float, float]
@@ -74,7 +83,7 @@ class TruthSample(NamedTuple):
 
 
 def truth_sample_from(message: Message) -> TruthSample | None:
-    """An XITL_TRUTH; None when not all of it are numbers, or the attitude is none."""
+    """Read an XITL_TRUTH. Return None when a value is not finite or the attitude is not a quaternion."""
     w, x, y, z = message.quat
     length = sqrt(w * w + x * x + y * y + z * z)
     if not isfinite(sum(message.pos_ned) + sum(message.vel_ned) + sum(message.gyro) + length) or length < 0.5:
@@ -84,10 +93,10 @@ def truth_sample_from(message: Message) -> TruthSample | None:
 
 
 class MotionInterpolator:
-    """The motion from one truth to the next, and on from there at constant velocity.
+    """Interpolates the motion between two truth samples, and extrapolates it at constant velocity.
 
-    Position is the cubic with the positions and velocities of both ends (Hermite), velocity goes straight from one to
-    the other, attitude too, normalised.
+    Position is the cubic with the positions and velocities of both ends (Hermite). Velocity is linear. Attitude is
+    linear and then normalised.
     """
 
     def __init__(self, start: TruthSample, end: TruthSample) -> None:
@@ -109,7 +118,7 @@ class MotionInterpolator:
         self._turn = tuple(sign * b - a for a, b in zip(start.quat_ned_frd, end.quat_ned_frd))
 
     def motion_at(self, stamp_us: int) -> MotionValues:
-        """Motion at an instant; before the start it is that of the start."""
+        """Motion at an instant. Before the start it is the motion of the start."""
         length_us = self._length_us
         if length_us <= 0 or stamp_us >= self._start_us + length_us:
             return self._beyond(stamp_us)
@@ -140,11 +149,11 @@ class MotionInterpolator:
         return (n + vn * after_s, e + ve * after_s, d + vd * after_s, *end.quat_ned_frd, vn, ve, vd)
 
     def free_force_frd_mps2(self) -> tuple[float, float, float]:
-        """Specific force beyond the end, where velocity and attitude stay."""
+        """Specific force after the end, at constant velocity and attitude."""
         return _to_body(self._end.quat_ned_frd, (0.0, 0.0, -GRAVITY_MPS2))
 
     def specific_force_frd_mps2(self) -> tuple[float, float, float]:
-        """What an accelerometer at the body origin would measure on the way, at the attitude of the end."""
+        """Specific force of an accelerometer at the body origin between both samples, at the attitude of the end."""
         span_s = self._length_us * 1e-6
         north, east, down = (more / span_s for more in self._more) if span_s > 0.0 else (0.0, 0.0, 0.0)
         return _to_body(self._end.quat_ned_frd, (north, east, down - GRAVITY_MPS2))
@@ -162,13 +171,13 @@ def _to_body(quat: tuple[float, float, float, float], ned: tuple[float, float, f
 
 WAIT_S = 0.45
 SILENT_S = 1.0
-WINDOW = 64  # answers on their way: what any system's buffer holds
-SAMPLES = 4096  # of one exchange
+WINDOW = 64  # unanswered frames: the buffer of any system holds as many
+SAMPLES = 4096  # most samples of one exchange
 _NOTICE, _WARNING = mav.MAV_SEVERITY_NOTICE, mav.MAV_SEVERITY_WARNING
 
 
 class JsonWorld(Injector):
-    """Serves one autopilot at `address`. `open` raises TransportError when that cannot be."""
+    """Serves one autopilot at `address`. `open` raises TransportError when the address cannot be opened."""
 
     title = "JSON world"
 
@@ -204,7 +213,7 @@ class JsonWorld(Injector):
         self._silence_said = False
         self._runs_on = False
 
-    # -- the host's side
+    # -- called for the host
 
     def handle(self, message: Message, now_ns: int) -> None:
         if isinstance(message, mav.MAVLink_xitl_truth_message):
@@ -235,10 +244,10 @@ class JsonWorld(Injector):
             self._wind = wind
             self._extras = extras_text(self._ranges_m, wind)
 
-    # -- the autopilot's side
+    # -- called for the autopilot
 
     def serve(self, now_ns: int) -> None:
-        if monotonic() - self._advanced_s > WAIT_S:  # between runs; in one, `advance` hears it
+        if monotonic() - self._advanced_s > WAIT_S:  # between runs; during a run, `advance` receives
             self._line.hear()
 
     def advance(self, now_ns: int) -> bool:
@@ -279,9 +288,9 @@ class JsonWorld(Injector):
                 return False
 
     def run_on(self, now_ns: int) -> bool:
-        """The vessel goes on at constant velocity, and its inertial samples say the same."""
+        """Continue the motion at constant velocity, with matching inertial samples."""
         path = self._path
-        if path is None or not self._line.peer:  # no autopilot has asked
+        if path is None or not self._line.peer:  # no request from an autopilot yet
             return False
         if not self._runs_on:
             self._runs_on = True
@@ -329,7 +338,7 @@ class JsonWorld(Injector):
 
     @property
     def address(self) -> str:
-        """Where it is served, as a URL."""
+        """Address that serves the world, as a URL."""
         return self._line.address
 
     @property

@@ -1,12 +1,12 @@
-"""MicroStrain 3DM-GQ7, for ArduPilot with EAHRS_TYPE 7: its Linux builds too, for instance on a BeagleBone.
+"""MicroStrain 3DM-GQ7, for ArduPilot with EAHRS_TYPE 7, including its Linux builds, for instance on a BeagleBone.
 
-There is no set-up: packets flow as soon as a peer is there, and the driver never answers. It hands its receiver's last
-fix on again with every packet of the filter, fifty times a second: GPS1_DELAY_MS has to tell the EKF of half the time
+There is no set-up: packets flow as soon as a peer is connected, and the driver never answers. The driver repeats the
+last fix of its receiver with every filter packet, fifty times a second. So GPS1_DELAY_MS must contain half the interval
 between two fixes in addition to the latency of the receiver.
 
 Layout and units: MIP Data Communications Protocol manual of the 3DM-GQ7 (HBK MicroStrain). A packet is `u`, `e`, the
-descriptor set, the length of its fields, the fields (length with itself, descriptor, values, big-endian) and a
-two-byte Fletcher checksum over all before. Quaternions are (w, x, y, z).
+descriptor set, the length of its fields, the fields, and a two-byte Fletcher checksum over all bytes before it. A field
+is its length (including the length byte), the descriptor and the values, big-endian. Quaternions are (w, x, y, z).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SENSORS, FILTER, RECEIVER_1 = 0x80, 0x82, 0x91
 FULL_NAVIGATION = 4  # state of the filter
 
 _FIX_KINDS = {2: 1, 3: 0, 4: 0, 5: 5, 6: 6}
-"""GPS_FIX_TYPE to the unit's: two dimensions, three, three with corrections, RTK floating and fixed."""
+"""Map from GPS_FIX_TYPE to the unit's code: 2D, 3D, 3D with corrections, RTK float and RTK fixed."""
 _NO_FIX = 3
 
 _TIME = struct.Struct(">BBdHH")
@@ -37,13 +37,13 @@ _ALL_VALID = 0xFFFF
 
 
 def packet(descriptor_set: int, fields: bytes) -> bytes:
-    """Header and checksum around fields."""
+    """Return a packet: header, fields and checksum."""
     content = bytes((0x75, 0x65, descriptor_set, len(fields))) + fields
     return content + checksum(content)
 
 
 def checksum(content: bytes) -> bytes:
-    """Fletcher's, of two bytes without carry: sum of the bytes, sum of those sums."""
+    """Fletcher checksum of two bytes without carry: sum of the bytes, and sum of those sums."""
     return bytes((sum(content) & 0xFF, sum(accumulate(content)) & 0xFF))
 
 
@@ -61,11 +61,11 @@ def pack_inertial_frame(sample: InertialSample) -> bytes:
 
 
 def pack_solution_frame(navigation: Navigation) -> bytes:
-    """State of the filter, place (deg, m), velocity (m/s), attitude, and the uncertainties of place and velocity.
+    """State of the filter, position (deg, m), velocity (m/s), attitude, and uncertainties of position and velocity.
 
-    The height is given as above the ellipsoid; mean sea level is taken for it. The time is that of the newest fix and
-    not of the filter: ArduPilot's driver takes it for the time of the fix, and counts a receiver as lagging and
-    unhealthy whose time goes on faster than 20 times a second.
+    The height field is defined above the ellipsoid; we send the height above mean sea level. The time is the time of
+    the newest fix, not of the filter. ArduPilot's driver uses it as the time of the fix. If it advances more than 20
+    times a second, ArduPilot treats the receiver as lagging and unhealthy.
     """
     n = navigation
     horizontal_m, speed_mps = n.horizontal_accuracy_m, n.speed_accuracy_mps
@@ -81,7 +81,7 @@ def pack_solution_frame(navigation: Navigation) -> bytes:
 
 
 def pack_receiver_frame(fix: ReceiverFix, receiver: int = RECEIVER_1) -> bytes:
-    """A fix: kind and satellites, place with one sigma (deg, m), velocity (m/s), dilutions of precision."""
+    """A fix: type and satellites, position with one sigma (deg, m), velocity (m/s), dilutions of precision."""
     d = fix.dilution
     north, east, down = fix.vel_ned_mps
     ground_mps = math.hypot(north, east)
@@ -99,19 +99,22 @@ def pack_receiver_frame(fix: ReceiverFix, receiver: int = RECEIVER_1) -> bytes:
 
 
 def _time(gps_ns: int) -> bytes:
-    """Second of the week and week, both valid."""
+    """Seconds of the week, and the week, both marked valid."""
     week, rest_ns = divmod(gps_ns, WEEK_S * SECOND_NS)
     return _TIME.pack(14, 0xD3, rest_ns * 1e-9, week, 3)
 
 
 class MicroStrain7(Ahrs):
-    """Its solution comes only once the receiver had a fix, as the driver takes height from there."""
+    """MicroStrain unit.
+
+    It sends a solution only after the receiver's first fix, because the driver reads the height there.
+    """
 
     title = "MicroStrain 7"
 
     @classmethod
     def open(cls, url: str, vehicle: VehicleLink) -> MicroStrain7:
-        """Opens the line at `url`. Raises InjectorError and TransportError."""
+        """Open the line at `url`. Raises InjectorError and TransportError."""
         if not url:
             raise InjectorError("sensor-link: microstrain7 needs the port of the autopilot, as udp://127.0.0.1:14800")
         if url.startswith("udp://") and url.endswith(LISTEN):

@@ -1,15 +1,17 @@
 """PX4's simulator messages: HIL_SENSOR and HIL_GPS out, HIL_ACTUATOR_CONTROLS in.
 
-To a program (SITL) over a line of its own: we listen, by custom at TCP 4560, and PX4 calls, once in its life. To a
-board in HITL mode (SYS_HITL 1) over its MAVLink, in real time. Seen with PX4 1.16 in software; for boards, where it has
-not been tried, as its source has it (mavlink_receiver, pwm_out_sim).
+A PX4 program (SITL) uses a separate line: we listen, by convention at TCP 4560, and PX4 connects once in its lifetime.
+A board in HITL mode (SYS_HITL 1) uses its MAVLink, in real time. SITL is tested with PX4 1.16. Boards are not tested;
+the code follows PX4's source (mavlink_receiver, pwm_out_sim).
 
-Lockstep is one-sided. The stamps of HIL_SENSOR are the clock of a SITL build, so it does not run without us; but
-nothing keeps us from running away from it, for HIL_ACTUATOR_CONTROLS is no answer to a HIL_SENSOR: it comes when the
-control loops put out something new, at their rate, and not at all while PX4 starts or, with a rover, while it is
-disarmed. So there are two ways to pace the run: while outputs come, each is waited for when the period of the last
-ones says that it is due; while none come, we stay a bit under real time and never catch up, which leaves PX4 the time
-that it would have had. With every HIL_SENSOR answered, at the 100 Hz of a rover's outputs, its estimator misses none.
+Lockstep is one-sided. The stamps of HIL_SENSOR are the clock of a SITL build, so it does not run without us. But
+nothing prevents us from running ahead of it, because HIL_ACTUATOR_CONTROLS does not answer a HIL_SENSOR. PX4 sends it
+when the control loops have new outputs, at their rate. It sends none while it starts and, for a rover, while it is
+disarmed.
+
+So there are two ways to pace the run. While outputs arrive, we wait for each one when the period of the last outputs
+shows that it is due. While none arrive, we run a little slower than real time and never catch up, so that PX4 has
+enough time. When every HIL_SENSOR is answered, at the 100 Hz of a rover's outputs, PX4's estimator misses no sample.
 """
 
 from __future__ import annotations
@@ -32,11 +34,11 @@ from agent.wire.codec import Message
 from agent.wire.link import Link
 from agent.wire.transport import open_transport
 
-SYSTEM_ID, COMPONENT_ID = 254, 51  # neither the autopilot's nor a ground station's
-FIRST_US = 1_000_000  # PX4's clock at the first sample: never 0, which is no time there
-APART_US = 1_000_000  # between a run and the next with the same PX4
-PACE = 0.9  # of real time, while no outputs come
-RHYTHM = 4  # outputs
+SYSTEM_ID, COMPONENT_ID = 254, 51  # different from the autopilot and from ground stations
+FIRST_US = 1_000_000  # PX4's clock at the first sample: never 0, which PX4 treats as no time
+APART_US = 1_000_000  # between two runs with the same PX4
+PACE = 0.9  # of real time, while no outputs arrive
+RHYTHM = 4  # number of outputs that define the period
 LONGEST_PERIOD_US = 50_000
 EARLY_US = 500
 PATIENCE_S = 0.3  # of real time, for an output that is due
@@ -44,10 +46,12 @@ _LOCKSTEP = 1  # HIL_ACTUATOR_CONTROLS.flags
 
 
 class Px4Line:
-    """Listens at `url` and speaks with the one that calls.
+    """Line that listens at `url` and serves the PX4 that connects.
 
-    junk: bytes and frames that are none of MAVLink 2. restarts: how often the caller left in this run. Raises
-    TransportError at construction.
+    junk: number of bytes and frames that are not MAVLink 2.
+    restarts: number of times PX4 disconnected in this run.
+
+    Raises TransportError at construction.
     """
 
     def __init__(self, url: str) -> None:
@@ -58,7 +62,10 @@ class Px4Line:
         self.begin()
 
     def begin(self) -> None:
-        """A run starts at stamp 0. Its samples go on from the last run's, for PX4's clock must not step back."""
+        """Start a run at stamp 0.
+
+        Its samples continue after those of the last run, because PX4's clock must not step back.
+        """
         if self._newest_us:
             self._base_us = self._newest_us + APART_US
         self._peer = self._transport.peer
@@ -78,31 +85,31 @@ class Px4Line:
 
     @property
     def connected(self) -> bool:
-        """Whether PX4 is there."""
+        """Whether PX4 is connected."""
         return bool(self._transport.peer)
 
     @property
     def address(self) -> str:
-        """Where it is listened."""
+        """Address that listens."""
         return self._transport.address
 
     @property
     def junk(self) -> int:
-        """What came and was no MAVLink 2."""
+        """Number of received bytes and frames that are not MAVLink 2."""
         return self._link.counters.dropped
 
     def take_warning(self) -> str:
-        """A sentence for people, once."""
+        """Return a warning for the user, once. Empty when there is none."""
         word, self._word = self._word, ""
         return word
 
     def is_old(self, message: Message) -> bool:
-        """Whether it is a HIL_SENSOR that is not newer than the last: it would set PX4's clock back."""
+        """Whether the message is a HIL_SENSOR that is not newer than the last one. It would set PX4's clock back."""
         sensor = isinstance(message, mav.MAVLink_hil_sensor_message)
         return sensor and message.time_usec + self._base_us <= self._newest_us
 
     def send(self, message: Message) -> bool:
-        """Send; HIL_SENSOR gets PX4's stamp. False when PX4 is not there or takes nothing more."""
+        """Send a message. HIL_SENSOR gets PX4's stamp. Return False when PX4 is absent or the line is full."""
         if not isinstance(message, mav.MAVLink_hil_sensor_message):
             return self._link.send(message)
         stamp_us = message.time_usec + self._base_us
@@ -115,7 +122,10 @@ class Px4Line:
         return True
 
     def settle(self, until_s: float) -> bool:
-        """Wait until PX4 may get the next sample; False when it may not at `until_s` of the monotonic clock."""
+        """Wait until PX4 may receive the next sample.
+
+        Return False if it may not at `until_s` of the monotonic clock.
+        """
         while self._owed_s is not None and self.connected:
             now_s = monotonic()
             if self._answers and self._keeps_step:
@@ -123,7 +133,7 @@ class Px4Line:
                     self._owed_s = None
                     break
                 if now_s >= self._owed_s:
-                    self._answers = False  # it has fallen silent
+                    self._answers = False  # PX4 no longer sends outputs
                     self._stamps.clear()
                     self._anchor = None
                     continue
@@ -140,7 +150,7 @@ class Px4Line:
         return self._owed_s is None and self.connected
 
     def _due(self) -> bool:
-        """Whether an output of the newest sample is still to come."""
+        """Whether an output for the newest sample is still due."""
         last_us = self._stamps[-1]
         if last_us >= self._newest_us:
             return False
@@ -149,7 +159,7 @@ class Px4Line:
         return self._newest_us + EARLY_US >= last_us + period_us
 
     def _lead_s(self, now_s: float) -> float:
-        """How much the samples are ahead of their pace. What is behind stays behind: PX4 would miss some of a burst."""
+        """Lead of the samples over their pace, in seconds. A lag is not made up: PX4 would miss samples of a burst."""
         lead_s = 0.0
         if self._anchor is not None:
             lead_s = (self._newest_us - self._anchor[1]) * 1e-6 / PACE - (now_s - self._anchor[0])
@@ -158,12 +168,12 @@ class Px4Line:
         return max(lead_s, 0.0)
 
     def receive(self, timeout_s: float) -> list[Message]:
-        """What has come, waiting for it at most so long."""
+        """Return the received messages. Wait at most `timeout_s`."""
         self._listen(timeout_s)
         return self.take_received()
 
     def take_received(self) -> list[Message]:
-        """What came while something else was waited for."""
+        """Return the messages that arrived during other waits."""
         heard, self._heard = self._heard, []
         return heard
 
@@ -193,7 +203,7 @@ class Px4Line:
         self._answers = len(stamps) > 1
 
     def descriptors(self) -> tuple[int, ...]:
-        """What becomes readable when PX4 calls or says something."""
+        """Descriptors that become readable when PX4 connects or sends."""
         descriptor = self._transport.fileno()
         return () if descriptor is None else (descriptor,)
 
@@ -205,14 +215,14 @@ class Px4Line:
 OUTPUTS = 16
 HIL_ENABLED = 32  # MAV_MODE_FLAG_HIL_ENABLED
 UNSIMULATED_NS = 5_000_000_000
-BLOCK_S = 0.4  # the longest wait of one `advance`
+BLOCK_S = 0.4  # longest wait of one `advance`
 UNCALLED_S = 3.0
 UNCALLED = "PX4 does not call at {}: it calls once in its life, so start it anew for each run, with this simulator port"
 _ERROR, _WARNING, _NOTICE = mav.MAV_SEVERITY_ERROR, mav.MAV_SEVERITY_WARNING, mav.MAV_SEVERITY_NOTICE
 
 
 class Px4Injector(Injector):
-    """`line` to a program, None for a board at the other end of `vehicle`."""
+    """Injector for PX4. line: connection to a PX4 program, None for a board at the other end of `vehicle`."""
 
     title = "PX4 simulator messages"
 
@@ -226,10 +236,10 @@ class Px4Injector(Injector):
 
     @classmethod
     def open(cls, url: str, vehicle: VehicleLink) -> Px4Injector:
-        """A program calls at `url`; without one it is a board. Raises TransportError."""
+        """Listen at `url` for a PX4 program. An empty `url` selects a board. Raises TransportError."""
         return cls(vehicle, Px4Line(url) if url else None)
 
-    # -- the role's side
+    # -- called by the role
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
         self.counts = InjectorCounters()
@@ -275,7 +285,7 @@ class Px4Injector(Injector):
             self._say(_WARNING, "PX4 does not simulate: it is not in HITL mode; set SYS_HITL 1 and start it anew")
 
     def advance(self, now_ns: int) -> bool:
-        """Hand on what has been sampled, one IMU sample after the other, each as far as PX4 answers such."""
+        """Forward the queued samples, one IMU sample after the other, each when PX4 is ready for it."""
         line = self._line
         if line is None:
             return True
@@ -325,7 +335,10 @@ class Px4Injector(Injector):
             self.counts.unsent += 1
 
     def _handed_on(self, line: Px4Line, message: Message) -> bool:
-        """False when the line does not take it now. A sample that is not newer than the last one is dropped."""
+        """Forward a sample. Return False when the line cannot take it now.
+
+        A sample not newer than the last one is dropped.
+        """
         if line.is_old(message):
             self.counts.unsent += 1
         elif line.send(message):
@@ -343,7 +356,7 @@ class Px4Injector(Injector):
     # -- in
 
     def _reach(self, line: Px4Line, until_s: float) -> bool:
-        """Whether PX4 is there; waits for its call, and says so once when it does not come."""
+        """Whether PX4 is connected. Wait for the connection, and warn once when it does not arrive."""
         began_s = monotonic()
         while not line.connected and monotonic() < until_s:
             self._note(line.receive(until_s - monotonic()))
@@ -361,14 +374,14 @@ class Px4Injector(Injector):
         return False
 
     def _hear(self, message: Message) -> None:
-        """From the autopilot's MAVLink, where a board has its outputs."""
+        """Handle a message from the autopilot's MAVLink, which carries the outputs of a board."""
         if isinstance(message, mav.MAVLink_heartbeat_message):
             self._on_heartbeat(message)
         elif self._line is None and isinstance(message, mav.MAVLink_hil_actuator_controls_message):
             self._note([message])
 
     def _on_heartbeat(self, message: Message) -> None:
-        """Disarmed, PX4 puts out nothing new: what it put out last is over then."""
+        """Handle a heartbeat. A disarmed PX4 sends no new outputs, so the last ones are reset to 0."""
         if message.autopilot != mav.MAV_AUTOPILOT_PX4:
             return
         armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -400,5 +413,5 @@ class Px4Injector(Injector):
 
 
 def _limited(value: float) -> float:
-    """An output that is none, NaN, is one at rest."""
+    """Limit an output to [-1, 1]. A value that is not finite becomes 0."""
     return max(-1.0, min(1.0, value)) if math.isfinite(value) else 0.0

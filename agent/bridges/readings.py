@@ -1,4 +1,4 @@
-"""Sensor samples from the host's messages, and the navigation solution that a simulated unit computes from them."""
+"""Sensor samples from the host's messages, and the navigation solution of a simulated unit."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMe
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
-TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG = 0.5, 2.0  # what the estimator keeps at sea; it has no covariance of attitude
+TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG = 0.5, 2.0  # accuracy of the estimator at sea; it has no attitude covariance
 
 
 Measurement = Union[ImuMeasurement, MagnetometerMeasurement, BarometerMeasurement, ReceiverFix]
 
 
 class NavigationSolution:
-    """Our own estimator on the samples of a simulated unit, so that the solution's errors are those of a real one.
+    """Our own estimator on the samples of a simulated unit, so that the solution has errors like a real one.
 
-    It has no lever arms: the position is that of the antenna. The declination is found with the first fix.
+    It has no lever arms: the position is the position of the antenna. The first fix sets the declination.
     """
 
     def __init__(self, time: GpsTime) -> None:
@@ -33,7 +33,7 @@ class NavigationSolution:
         self._fix: ReceiverFix | None = None
 
     def add(self, sample: Measurement) -> None:
-        """A sample; one that cannot be true is passed over."""
+        """Add a sample. The estimator ignores implausible samples."""
         if isinstance(sample, ImuMeasurement):
             self._estimator.on_imu(sample)
         elif isinstance(sample, MagnetometerMeasurement):
@@ -59,7 +59,7 @@ class NavigationSolution:
         self._fix = fix
 
     def solution(self) -> Navigation | None:
-        """None before attitude and place are known, and while they are lost."""
+        """Return the solution, None while attitude or position are unknown."""
         frame, fix = self._estimator.frame, self._fix
         if frame is None or fix is None:
             return None
@@ -76,11 +76,11 @@ class NavigationSolution:
 
 
 LATEST_US = (1 << 62) // 1000
-LARGEST = 1e7  # of any value in its unit: a sensor that says more, or no number, has measured nothing
+LARGEST = 1e7  # limit of any value in its unit: a larger or non-finite value is no measurement
 
 
 def imu_sample_from(message: Message) -> ImuMeasurement | None:
-    """An XITL_IMU; None for what no sensor measures."""
+    """Read an XITL_IMU. Return None for values that no sensor can measure."""
     gx, gy, gz = message.gyro
     fx, fy, fz = message.accel
     if not _is_measured(message.time_usec, gx, gy, gz, fx, fy, fz, message.temperature):
@@ -89,7 +89,7 @@ def imu_sample_from(message: Message) -> ImuMeasurement | None:
 
 
 def magnetometer_sample_from(message: Message) -> MagnetometerMeasurement | None:
-    """An XITL_MAGNETOMETER; None for what no sensor measures."""
+    """Read an XITL_MAGNETOMETER. Return None for values that no sensor can measure."""
     x, y, z = message.field
     return (
         MagnetometerMeasurement(message.time_usec * 1000, (x, y, z))
@@ -99,14 +99,14 @@ def magnetometer_sample_from(message: Message) -> MagnetometerMeasurement | None
 
 
 def barometer_sample_from(message: Message) -> BarometerMeasurement | None:
-    """An XITL_BAROMETER; None for what no sensor measures."""
+    """Read an XITL_BAROMETER. Return None for values that no sensor can measure."""
     if not _is_measured(message.time_usec, message.pressure, message.temperature):
         return None
     return BarometerMeasurement(message.time_usec * 1000, message.pressure, message.temperature)
 
 
 def receiver_fix_from(message: Message, time: GpsTime) -> ReceiverFix | None:
-    """An XITL_GNSS; None for what no receiver says."""
+    """Read an XITL_GNSS. Return None for values that no receiver can report."""
     vn, ve, vd = message.velocity
     if not _is_measured(message.time_usec, vn, ve, vd, message.h_acc, message.v_acc, message.s_acc):
         return None
@@ -122,7 +122,10 @@ def _is_measured(time_us: int, *values: float) -> bool:
 
 
 class SampleDecimator:
-    """Every sample whose turn it is; with `period_ns` 0 each one. Stamps that step back begin anew."""
+    """Selects samples at a period. A `period_ns` of 0 selects every sample.
+
+    A stamp that steps back restarts the period.
+    """
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
@@ -131,7 +134,7 @@ class SampleDecimator:
         self._last_ns = 0
 
     def is_due(self, stamp_ns: int) -> bool:
-        """Whether this sample is to be passed on."""
+        """Whether this sample is selected."""
         if self._period_ns == 0:
             return True
         if self._next_ns is None or stamp_ns < self._last_ns or stamp_ns > self._next_ns + self._period_ns:
@@ -144,10 +147,13 @@ class SampleDecimator:
 
 
 class SensorReadings:
-    """The samples of one run, the newest of the slow sensors, the date, and the unit's own navigation solution.
+    """Samples of one run, the newest samples of the slow sensors, the date, and the unit's navigation solution.
 
-    field, pressure: None before the first. refused: messages that were no measurement; they are passed over. The date
-    is fixed in lockstep, else that of `unix_s` at the first inertial sample. Without `solves` there is no solution.
+    field, pressure: None before the first sample.
+    refused: number of messages with invalid values, which are ignored.
+    solves: compute a solution.
+
+    The date is fixed in lockstep. Otherwise it is the value of `unix_s` at the first inertial sample.
     """
 
     def __init__(self, lockstep: bool, unix_s: Callable[[], float], solves: bool = True) -> None:
@@ -161,9 +167,9 @@ class SensorReadings:
         self._solver: NavigationSolution | None = None
 
     def handle(self, message: Message) -> Measurement | None:
-        """The sample in a sensor's message; None for one that is refused, and for any other message.
+        """Return the sample of a sensor message. Return None for a refused message and for any other message.
 
-        Samples of the slow sensors reach the estimator at once; `solve` is for the others.
+        Samples of the slow sensors reach the estimator at once. Call `solve` with the other samples.
         """
         sample: Measurement | None
         if isinstance(message, mav.MAVLink_xitl_imu_message):
@@ -190,7 +196,10 @@ class SensorReadings:
     def inertial_sample(
         self, imu: ImuMeasurement, pressure_pa: float = 0.0, temperature_degc: float = 0.0
     ) -> InertialSample:
-        """An IMU sample with the newest field, pressure and temperature, or no field and the given values."""
+        """Return an IMU sample with the newest field, pressure and temperature.
+
+        Before the first samples, the field is zero and the given pressure and temperature are used.
+        """
         field_frd_gauss = (0.0, 0.0, 0.0) if self.field is None else self.field.field_frd_gauss
         if self.pressure is not None:
             pressure_pa, temperature_degc = self.pressure.pressure_pa, self.pressure.temperature_degc
@@ -198,10 +207,10 @@ class SensorReadings:
         return InertialSample(imu.stamp_ns, *motion, field_frd_gauss, pressure_pa, temperature_degc)
 
     def solve(self, sample: ImuMeasurement | ReceiverFix) -> None:
-        """Let the estimator have a sample; it takes a while, so that what is urgent goes out before."""
+        """Give a sample to the estimator. This takes a while, so send urgent frames first."""
         if self._solver is not None:
             self._solver.add(sample)
 
     def solution(self) -> Navigation | None:
-        """The solution at the newest inertial sample, None while there is none."""
+        """Return the solution at the newest inertial sample, None while there is none."""
         return None if self._solver is None else self._solver.solution()

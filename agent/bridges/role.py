@@ -1,4 +1,7 @@
-"""The bridge role: another autopilot as a node. Sensor injectors in, motor outputs and its MAVLink back."""
+"""Bridge role: another autopilot as a node.
+
+Sensor injectors feed it; its motor outputs and MAVLink return to the host.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +26,9 @@ CHANNELS_OF_A_MESSAGE = 16
 
 @dataclass(frozen=True)
 class MotorOutputs:
-    """Which channels drive the motors, 1 the lowest, in the order of the motors.
+    """Channels that drive the motors, 1 the lowest, in the order of the motors.
 
-    A command is (pulse - trim_us) / span_us, limited to [-1, 1]; a pulse of 0 is no output, which commands 0.
+    A command is (pulse - trim_us) / span_us, limited to [-1, 1]. A pulse of 0 means no output and commands 0.
     """
 
     channels: tuple[int, ...] = (1, 3)
@@ -33,7 +36,7 @@ class MotorOutputs:
     span_us: float = 400.0
 
     def commands_from_pulses(self, pulses_us: Sequence[int]) -> tuple[float, ...]:
-        """Commands of pulse widths by channel, from channel 1 on; a channel that is not among them commands 0."""
+        """Return the commands for pulse widths in us by channel, from channel 1 on. A missing channel commands 0."""
         trim_us, span_us, known = self.trim_us, self.span_us, len(pulses_us)
         commands = []
         for channel in self.channels:
@@ -42,13 +45,13 @@ class MotorOutputs:
         return tuple(commands)
 
     def commands_from_values(self, values: Sequence[float]) -> tuple[float, ...]:
-        """The same channels of outputs that are normalised already."""
+        """Return the commands for outputs that are already normalised, by channel."""
         known = len(values)
         return tuple(max(-1.0, min(1.0, values[n - 1])) if n <= known else 0.0 for n in self.channels)
 
 
 def updated_pulses_us(message: Message, before: Sequence[int]) -> tuple[int, ...]:
-    """Pulse widths of all channels, in us, after a SERVO_OUTPUT_RAW: one set of 16 of them is new."""
+    """Return the pulse widths of all channels, in us, after a SERVO_OUTPUT_RAW, which replaces one set of 16."""
     new = tuple(getattr(message, f"servo{number}_raw") for number in range(1, CHANNELS_OF_A_MESSAGE + 1))
     start = message.port * CHANNELS_OF_A_MESSAGE
     if start == 0:
@@ -69,9 +72,11 @@ _SUMMED = (
 def bridge_status_message(
     now_ns: int, counts: Sequence[InjectorCounters], vehicle: VehicleLink, outputs_in: int, unsent: int
 ) -> Message:
-    """XITL_BRIDGE_STATUS: counts of all injectors since the run began; `outputs_in` sets of outputs were received.
+    """Return XITL_BRIDGE_STATUS: counts of all injectors since the run began.
 
-    unsent: messages of the host that the autopilot's line did not take; they are added to the injectors' frames.
+    outputs_in: number of received output sets.
+    unsent: messages of the host that the autopilot's line did not accept. They are added to the unsent frames of the
+      injectors.
     """
     link = vehicle.counters
 
@@ -102,13 +107,13 @@ def bridge_status_message(
 WATCH_HZ = 10.0
 STATUS_NS = 1_000_000_000
 TELEMETRY_HZ = 10.0
-SPACING_NS = 4_000_000  # of XITL_ACTUATORS in real time, at least
-REST_NS = 100_000_000  # at most, while the autopilot is disarmed: a PX4 then puts out nothing
-REACH_S, PATIENCE_S = 0.4, 3.0  # of real time: at a try, and in all
-LAST_TRIES, LAST_TRY_S, REPEAT_S = 3, 0.3, 0.01  # of real time: two orders end within the 2 s that a host waits
-RUN_ON_NS, RUN_ON_STEP_NS = 1_000_000_000, 10_000_000  # of a run in lockstep, after its end
-LEAVE_NS = 10_000_000_000  # most that there is after that, for an autopilot that has been told to end
-RUN_ON_S, RUN_ON_IDLE_S, RUN_ON_LOOK_S = 1.5, 0.3, 0.0005  # of real time: in all, without progress, between looks
+SPACING_NS = 4_000_000  # minimum interval of XITL_ACTUATORS in real time
+REST_NS = 100_000_000  # maximum interval while the autopilot is disarmed: a PX4 then sends no outputs
+REACH_S, PATIENCE_S = 0.4, 3.0  # of real time: per try, and in total
+LAST_TRIES, LAST_TRY_S, REPEAT_S = 3, 0.3, 0.01  # of real time: two commands end within the 2 s that a host waits
+RUN_ON_NS, RUN_ON_STEP_NS = 1_000_000_000, 10_000_000  # of a lockstep run, after its end
+LEAVE_NS = 10_000_000_000  # maximum time after that, for an autopilot that received the command to end
+RUN_ON_S, RUN_ON_IDLE_S, RUN_ON_LOOK_S = 1.5, 0.3, 0.0005  # of real time: in total, without progress, between checks
 PREFIX = "Bridge: "
 
 _FOR_INJECTORS = (
@@ -123,10 +128,11 @@ _NOTICE, _WARNING = mav.MAV_SEVERITY_NOTICE, mav.MAV_SEVERITY_WARNING
 
 
 class BridgeRole(Role):
-    """LS, LC and LA are the other autopilot's. `send` hands messages to the host; the rest is the role's to serve.
+    """Bridge role with the functions LS, LC and LA of the other autopilot.
 
-    The injectors are asked in their order: the first that has outputs gives them, else SERVO_OUTPUT_RAW does.
-    reboots: the autopilot is rebooted when a run is over.
+    `send` hands messages to the host. The role serves everything else. The injectors are asked in their order: the
+    first with outputs supplies them. Otherwise SERVO_OUTPUT_RAW supplies them.
+    reboots: reboot the autopilot after each run.
     """
 
     title = "bridge to an autopilot"
@@ -153,7 +159,7 @@ class BridgeRole(Role):
         vehicle.add_tap(self._on_vehicle)
         self.reset(MonotonicClock(), False)
 
-    # -- the life of a run
+    # -- start and end of a run
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
         self._clock = clock
@@ -170,7 +176,7 @@ class BridgeRole(Role):
         self._count = 0
         self._efforts = 0
         self._estimates = 0
-        self._unsent = 0  # of the host's messages, once the autopilot was there
+        self._unsent = 0  # messages of the host, counted after the autopilot connected
         self._imu_stamp_us = self._imu_received_us = 0
         self._vehicle.reset(clock, self.add_event)
         for injector in self._injectors:
@@ -181,7 +187,7 @@ class BridgeRole(Role):
         executor.add("bridge", WATCH_HZ, self._watch)
 
     def end_run(self, now_ns: int) -> Sequence[Message]:
-        """The host takes the world away: the autopilot is disarmed, and rebooted where that is wanted."""
+        """End the run: disarm the autopilot, and reboot it if `reboots` is set."""
         self._running = False
         self._give_last_orders()
         neutral = (0.0,) * len(self._outputs.channels)
@@ -193,9 +199,11 @@ class BridgeRole(Role):
         return (*waiting, status, last)
 
     def _give_last_orders(self) -> None:
-        """Disarm, then reboot: an autopilot that is armed refuses that. In real time each has to be acknowledged.
+        """Disarm, then reboot, because an armed autopilot refuses a reboot.
 
-        In lockstep the autopilot runs on for a while, and hears them then.
+        In real time, each command must be acknowledged.
+
+        In lockstep, the autopilot continues for a while after the run and reads the commands then.
         """
         orders: list[tuple[int, ...]] = []
         reboots = self._reboots and self._vehicle.heard
@@ -218,9 +226,9 @@ class BridgeRole(Role):
             self.add_event(_NOTICE, "the autopilot reboots: the run is over")
 
     def _run_on_from(self, over_ns: int) -> None:
-        """Lockstep: the autopilot goes on for a second, hears its last orders and writes what it has logged.
+        """Lockstep: let the autopilot run for one more second, so that it reads its last commands and writes its log.
 
-        After that it goes on in `serve_peers`: a program hears that it is to end only while its time goes on.
+        After that it continues in `serve_peers`: a program reads the command to end only while its time advances.
         """
         self._run_on_ns, self._run_on_end_ns = over_ns, over_ns + RUN_ON_NS
         began_s = moved_s = monotonic()
@@ -236,7 +244,7 @@ class BridgeRole(Role):
         self._run_on_end_ns = self._run_on_ns + LEAVE_NS
 
     def _run_on(self) -> bool:
-        """Whether the autopilot has gone a step further."""
+        """Let the autopilot run one more step. Return whether it did."""
         next_ns = self._run_on_ns + RUN_ON_STEP_NS
         if not all(injector.run_on(next_ns) for injector in self._injectors):
             return False
@@ -246,7 +254,10 @@ class BridgeRole(Role):
         return True
 
     def _hear_with_samples(self, timeout_s: float) -> list[Message]:
-        """What the autopilot says while the newest sample is repeated: without any it may do nothing but wait."""
+        """Receive from the autopilot while repeating the newest sample.
+
+        Without samples, the autopilot may only wait.
+        """
         now_ns = self._clock.now_ns()
         for injector in self._injectors:
             injector.repeat(now_ns)
@@ -255,7 +266,7 @@ class BridgeRole(Role):
         self._waiting += [each for each in heard if not isinstance(each, mav.MAVLink_command_ack_message)]
         return heard
 
-    # -- the host's messages
+    # -- messages of the host
 
     def handle(self, message: Message, now_ns: int) -> Sequence[Message]:
         if isinstance(message, _FOR_INJECTORS):
@@ -289,7 +300,10 @@ class BridgeRole(Role):
         return self._followed
 
     def _reach(self) -> bool:
-        """The world waits a while for the connection, so that nothing of the autopilot's start is missed."""
+        """Hold the run for the connection, so that no message of the autopilot's start is missed.
+
+        Give up after a while.
+        """
         vehicle = self._vehicle
         if vehicle.line_is_up:
             self._patience_s = PATIENCE_S
@@ -304,7 +318,7 @@ class BridgeRole(Role):
             return up
         return True
 
-    # -- the autopilot's side
+    # -- messages of the autopilot
 
     def serve_peers(self, now: Callable[[], int]) -> None:
         now_ns = now()
@@ -326,13 +340,13 @@ class BridgeRole(Role):
             self._send(*out)
 
     def _is_due(self, now_ns: int) -> bool:
-        """Whether motor commands are to be sent: new ones, or those of an autopilot that rests and is there."""
+        """Whether to send motor commands: new ones, or those of a disarmed autopilot that is connected."""
         waited_ns = REST_NS if self._sent_ns is None else now_ns - self._sent_ns
         rests = self._vehicle.connected and not self._vehicle.armed
         return (self._fresh and waited_ns >= SPACING_NS) or (rests and waited_ns >= REST_NS)
 
     def _hear(self, now_ns: int) -> None:
-        """Between runs nobody is told: the counts of the run are closed."""
+        """Receive from the autopilot. Between runs, drop the messages, because the counts of the run are closed."""
         messages = self._vehicle.receive(now_ns)
         if self._running:
             self._waiting += messages
@@ -345,7 +359,7 @@ class BridgeRole(Role):
             self._raw_is_new = True
 
     def _take_outputs(self) -> None:
-        """The latest outputs, from where they come; `_fresh` when there are newer ones than last time."""
+        """Update the latest outputs. `_fresh` is set when they are newer than the last ones."""
         for injector in self._injectors:
             values = injector.commands()
             if values is not None:
@@ -370,7 +384,7 @@ class BridgeRole(Role):
             self._commands, self._vehicle.armed, self._imu_stamp_us, self._imu_received_us, now_ns, self._count
         )
 
-    # -- tasks and words
+    # -- tasks and events
 
     def _watch(self, now_ns: int) -> None:
         self._vehicle.update(now_ns)
@@ -400,14 +414,14 @@ class BridgeRole(Role):
 
     def descriptors(self) -> Sequence[int]:
         if self._lockstep and self._running:
-            return ()  # they are heard at the ticks
+            return ()  # received at the ticks
         found = [*self._vehicle.descriptors()]
         for injector in self._injectors:
             found += injector.descriptors()
         return found
 
     def close(self) -> None:
-        """Give back what is open."""
+        """Close the injectors and the link."""
         for injector in self._injectors:
             injector.close()
         self._vehicle.close()

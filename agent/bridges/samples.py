@@ -1,4 +1,4 @@
-"""What a simulated navigation unit measures (plain values, SI, FRD and NED), whoever made it."""
+"""Measurements of a simulated navigation unit (plain values, SI, FRD and NED), independent of its make."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from agent.fcu.vehicle_state import Quaternion, Vector3
 
-RANGE_ERROR_M = 1.0  # one sigma of a range in the open, which makes an accuracy of a dilution of precision
+RANGE_ERROR_M = 1.0  # one sigma of a range with open sky; converts an accuracy to a dilution of precision
 
 
 class InertialSample(NamedTuple):
-    """Rate and specific force at `stamp_ns`, with the newest field, pressure and temperature beside them."""
+    """Rate and specific force at `stamp_ns`, with the newest field, pressure and temperature."""
 
     stamp_ns: int
     gyro_frd_radps: Vector3
@@ -22,7 +22,7 @@ class InertialSample(NamedTuple):
 
 
 class Dilution(NamedTuple):
-    """Dilutions of precision, without unit."""
+    """Dilutions of precision, dimensionless."""
 
     geometric: float
     position: float
@@ -34,26 +34,29 @@ class Dilution(NamedTuple):
 
 
 class ReceiverFix(NamedTuple):
-    """A fix at `stamp_ns`, which is `gps_ns` since the GPS epoch of 1980; `fix_type` 0 none, 2 or 3 dimensions.
-
-    The altitude is above mean sea level; accuracies are those of a GnssMeasurement.
-    """
+    """A fix of the receiver. Accuracies are those of a GnssMeasurement."""
 
     stamp_ns: int
     gps_ns: int
+    """Instant of `stamp_ns` since the GPS epoch of 1980."""
     lat_deg: float
     lon_deg: float
     alt_m: float
+    """Above mean sea level."""
     vel_ned_mps: Vector3
     horizontal_accuracy_m: float
     vertical_accuracy_m: float
     speed_accuracy_mps: float
     fix_type: int
+    """0: no fix, 2: two dimensions, 3: three dimensions."""
     satellites: int
 
     @property
     def dilution(self) -> Dilution:
-        """As far as accuracies tell it: those over the error of one range; time like the vertical, north like east."""
+        """Dilutions derived from the accuracies, divided by the error of one range.
+
+        The time dilution equals the vertical one. North equals east.
+        """
         horizontal = min(self.horizontal_accuracy_m / RANGE_ERROR_M, 99.0)
         vertical = min(self.vertical_accuracy_m / RANGE_ERROR_M, 99.0)
         position = math.hypot(horizontal, vertical)
@@ -62,16 +65,15 @@ class ReceiverFix(NamedTuple):
 
 
 class Navigation(NamedTuple):
-    """What the unit makes of its own sensors at `stamp_ns`; `fix_gps_ns` is the GPS time of its newest fix.
-
-    The quaternion is (w, x, y, z), body FRD to NED, `euler_rad` (roll, pitch, yaw); accuracies are one sigma of an
-    axis.
-    """
+    """Solution that the unit computes from its own sensors at `stamp_ns`. Accuracies are one sigma per axis."""
 
     stamp_ns: int
     fix_gps_ns: int
+    """GPS time of the newest fix."""
     quat_ned_frd: Quaternion
+    """(w, x, y, z), body FRD to NED."""
     euler_rad: Vector3
+    """(roll, pitch, yaw)."""
     lat_deg: float
     lon_deg: float
     alt_m: float

@@ -1,18 +1,19 @@
 """VectorNav VN-300, for ArduPilot with EAHRS_TYPE 1: boards with ChibiOS and software in the loop.
 
-The driver sets the unit up first, over its command port; nothing flows before. It opens its port anew before every
+The driver first sets up the unit over its command port; no data flows before. The driver reopens its port before every
 read, which empties the buffer on ArduPilot's Linux builds: use the MicroStrain there.
 
 Layout and units: VN-300 User Manual and ICD (VectorNav Technologies), sections on binary output messages, on the
 communication interface and on configuration registers. A binary frame is the sync byte, the groups and their fields,
-the values little-endian, and a CRC16-CCITT over all but the sync byte, big-endian. Quaternions are (x, y, z, w).
+the values in little-endian order, and a CRC16-CCITT. The CRC covers all bytes except the sync byte and is big-endian.
+Quaternions are (x, y, z, w).
 
     $VNWRG,06,0,1*xx        write a register          the answer repeats the command
-    $VNRRG,01*xx            read one                  $VNRRG,01,VN-300*xx
+    $VNRRG,01*xx            read a register           $VNRRG,01,VN-300*xx
     $VNASY,0*xx             outputs off, or on (1)
-    $VNERR,03*xx            the answer to anything else
+    $VNERR,03*xx            the answer to an error
 
-A command's checksum is two hexadecimal digits (all bytes from after `$` to before `*`, exclusive or), four
+A command's checksum is two hexadecimal digits (exclusive or of all bytes between `$` and `*`), four digits
 (CRC16-CCITT), or XX for none.
 """
 
@@ -41,20 +42,20 @@ _INERTIAL = struct.Struct("<Q17f")
 _SOLUTION = struct.Struct("<Q3f4f3fH3d3f2f")
 _RECEIVER = struct.Struct("<QQBB3d3f3ff7fBB")
 
-TRACKING = 2  # mode of INS status: GNSS and attitude within what the unit promises
+TRACKING = 2  # mode of INS status: GNSS and attitude within specification
 HAS_FIX = 1 << 2
 INERTIAL_FAULT, FIELD_FAULT, RECEIVER_FAULT = 1 << 5, 1 << 6, 1 << 7
 
 
 def framed(content: bytes) -> bytes:
-    """Sync byte and checksum around groups, fields and values."""
+    """Return a frame: sync byte, groups, fields and values, checksum."""
     return SYNC + content + crc_hqx(content, 0).to_bytes(2, "big")
 
 
 def pack_inertial_frame(sample: InertialSample) -> bytes:
     """Rate (rad/s), specific force (m/s²), field (gauss) in FRD, temperature (degC), pressure (kPa).
 
-    Compensated and uncompensated values are the same: what the unit would take off is not simulated.
+    Compensated and uncompensated values are the same, because the unit's compensation is not simulated.
     """
     gyro, accel = sample.gyro_frd_radps, sample.accel_frd_mps2
     temperature_degc, pressure_kpa = sample.temperature_degc, sample.pressure_pa * 1e-3
@@ -65,7 +66,7 @@ def pack_inertial_frame(sample: InertialSample) -> bytes:
 
 
 def pack_solution_frame(navigation: Navigation, faults: int = 0) -> bytes:
-    """Attitude (deg, and as a quaternion), place (deg, m) and velocity (m/s) with their uncertainty (deg, m, m/s)."""
+    """Attitude (deg, and as a quaternion), position (deg, m), velocity (m/s), and uncertainties (deg, m, m/s)."""
     n = navigation
     w, x, y, z = n.quat_ned_frd
     tilt_deg, heading_deg = n.tilt_accuracy_deg, n.heading_accuracy_deg
@@ -83,12 +84,12 @@ def pack_solution_frame(navigation: Navigation, faults: int = 0) -> bytes:
 
 
 def pack_receiver_frame(fix: ReceiverFix) -> bytes:
-    """A fix of the receiver: place (deg, m), velocity (m/s), one sigma of both, dilutions of precision.
+    """A fix of the receiver: position (deg, m), velocity (m/s), one sigma of both, dilutions of precision.
 
-    The second antenna of the unit has the same satellites and the same kind of fix.
+    The second antenna of the unit has the same satellites and the same fix type.
     """
     d = fix.dilution
-    horizontal_m = fix.horizontal_accuracy_m * math.sqrt(0.5)  # an axis
+    horizontal_m = fix.horizontal_accuracy_m * math.sqrt(0.5)  # per axis
     values = _RECEIVER.pack(
         fix.stamp_ns, fix.gps_ns, fix.satellites, fix.fix_type,
         fix.lat_deg, fix.lon_deg, fix.alt_m,
@@ -101,7 +102,7 @@ def pack_receiver_frame(fix: ReceiverFix) -> bytes:
 
 
 MODEL = "VN-300"
-RATE_HZ = 400  # of the unit's inertial sensors, which its outputs divide
+RATE_HZ = 400  # of the unit's inertial sensors; the outputs divide it
 LONGEST_LINE = 256
 
 BAD_CHECKSUM, BAD_COMMAND, TOO_FEW, TOO_MANY, BAD_VALUE, BAD_REGISTER, NOT_PERMITTED = 3, 4, 5, 6, 7, 8, 9
@@ -117,7 +118,7 @@ _READABLE = {1: MODEL, 2: "7", 3: "0100000001", 4: "0.5.0.0"}  # model, hardware
 
 
 class CommandError(Exception):
-    """A command was refused, for the reason that its number gives."""
+    """Raised for a refused command. `number` is the error code of the unit."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -125,11 +126,13 @@ class CommandError(Exception):
 
 
 class CommandPort:
-    """`feed` takes bytes as they come and returns the answers.
+    """Command port of the unit. `feed` takes received bytes and returns the answers.
 
-    on: whether outputs flow at all. divisors: of the outputs that were asked for, by register. commands: lines that
-    were answered, refused ones too. restarts: how often a set-up began after an earlier one had been finished.
-    junk: bytes that were no command.
+    on: whether outputs are enabled.
+    divisors: rate divisors of the requested outputs, by register.
+    commands: number of answered lines, including refused ones.
+    restarts: number of set-ups that began after a complete one.
+    junk: number of bytes outside of commands.
     """
 
     def __init__(self) -> None:
@@ -147,11 +150,11 @@ class CommandPort:
 
     @property
     def set_up(self) -> bool:
-        """Whether all three outputs were asked for, and are on."""
+        """Whether all three outputs were requested and are on."""
         return self.on and len(self.divisors) == len(_OUTPUTS)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Answers, in the order of the commands."""
+        """Return the answers, in the order of the commands."""
         answers = []
         for byte in data:
             if byte == 0x24:  # $
@@ -235,7 +238,10 @@ class CommandPort:
             raise CommandError(NOT_PERMITTED if register in _READABLE else BAD_REGISTER)
 
     def _set_output(self, register: int, values: list[str]) -> None:
-        """Port, divisor of the rate, groups, and the fields of each group; only what ArduPilot asks for is made."""
+        """Set an output: port, divisor of the rate, groups, and the fields of each group.
+
+        Only the fields that ArduPilot requests are accepted.
+        """
         port = _number(values[0], 10)
         if port == 0:
             self.divisors.pop(register, None)
@@ -253,13 +259,13 @@ class CommandPort:
 
 
 def sentence(body: str) -> bytes:
-    """A line around its body: `$`, checksum, end of line."""
+    """Return a line: `$`, body, checksum, end of line."""
     content = body.encode("ascii")
     return b"$%s*%02X\r\n" % (content, reduce(xor, content, 0))
 
 
 def _words(line: bytes) -> list[str]:
-    """Of a line with a good checksum. Raises CommandError."""
+    """Return the words of a line with a valid checksum. Raises CommandError."""
     body, star, given = line[1:].rpartition(b"*")
     checksum = given.strip().upper()
     good = (b"%02X" % reduce(xor, body, 0), b"%04X" % crc_hqx(body, 0), b"XX")
@@ -299,7 +305,7 @@ _STALE_NS = 500_000_000
 
 
 class VectorNav(Ahrs):
-    """A unit that keeps its set-up from run to run, as one that stays under power."""
+    """VectorNav unit. It keeps its set-up between runs, like a unit that stays powered."""
 
     title = "VectorNav"
 
@@ -309,7 +315,7 @@ class VectorNav(Ahrs):
 
     @classmethod
     def open(cls, url: str, vehicle: VehicleLink) -> VectorNav:
-        """Opens the line at `url`. Raises InjectorError and TransportError."""
+        """Open the line at `url`. Raises InjectorError and TransportError."""
         if not url:
             raise InjectorError("sensor-link: vectornav needs the port of the autopilot, as tcp://127.0.0.1:5765")
         return cls(open_line(url))

@@ -1,4 +1,4 @@
-"""MAVLink with another autopilot, as its ground station: the line, and which messages it is asked to send."""
+"""MAVLink connection to another autopilot, as its ground station: the line and the requested message streams."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from agent.wire.link import Link, LinkCounters
 from agent.wire.tcp import TcpTransport
 from agent.wire.transport import open_transport
 
-GROUND_SYSTEM_ID, GROUND_COMPONENT_ID = 255, 190  # whose RC overrides an ArduPilot takes: its MAV_GCS_SYSID
+GROUND_SYSTEM_ID, GROUND_COMPONENT_ID = 255, 190  # an ArduPilot accepts RC overrides only from its MAV_GCS_SYSID
 REACH_STEP_S = 0.05
-SAMPLES_WAITING = 8  # 60 ms of them on a line of 115200 baud
+SAMPLES_WAITING = 8  # 60 ms of samples on a line of 115200 baud
 HEARTBEAT_NS = 1_000_000_000
 OTHERS_NS = 2_500_000_000
 SILENT_NS = 3_000_000_000
@@ -42,11 +42,17 @@ RATES_HZ = {
     mav.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot sends it only while a fence is enabled
 }
 PX4_ATTITUDE_HZ = 50.0
-"""Of PX4, whose streams do not come at the same instants as ArduPilot's do: an attitude is near every position."""
+"""Attitude rate of PX4. Its attitude and position streams are not synchronous as ArduPilot's are.
+
+At this rate an attitude is close to every position.
+"""
 OUTPUTS_HZ = (50.0, 40.0, 20.0, 10.0)
-"""Of SERVO_OUTPUT_RAW, the first that comes: ArduPilot refuses more than 0.8 of its loop rate and sends 1 Hz then."""
+"""Rates of SERVO_OUTPUT_RAW to try in this order.
+
+ArduPilot refuses more than 0.8 of its loop rate and then sends 1 Hz.
+"""
 SPARE_OUTPUTS_HZ = (2.0,)
-"""Of SERVO_OUTPUT_RAW, where the outputs come another way."""
+"""Rate of SERVO_OUTPUT_RAW when the outputs return through an injector."""
 
 _INTERVAL, _ONCE = mav.MAV_CMD_SET_MESSAGE_INTERVAL, mav.MAV_CMD_REQUEST_MESSAGE
 _VERSION = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
@@ -76,12 +82,15 @@ _MANUAL_CONTROL = mav.MAVLink_manual_control_message
 
 
 class VehicleLink:
-    """The line to the autopilot, open until `close`.
+    """Line to the autopilot, open until `close`.
 
-    `send` is for injectors and host; what the autopilot sends goes to every tap, and from `receive` to the caller.
-    vessel: the MAVLink system that it should be, None for any. Another one is taken and told of: at once, but of a
-    fleet, where an autopilot may pass on what it hears of the others, only when its own is not heard beside it, and
-    left for that one when it comes.
+    `send` serves injectors and host. Every tap receives the autopilot's messages, and `receive` returns them to the
+    caller.
+
+    vessel: expected MAVLink system, None for any. Another system is accepted with a warning, normally at once. In a
+    fleet, an autopilot may forward messages of other vessels. So another system is accepted only when the expected one
+    is not heard, and is replaced when the expected one appears.
+
     Raises TransportError at construction.
     """
 
@@ -110,7 +119,7 @@ class VehicleLink:
         self._silent = False
 
     def reset(self, clock: Clock, say: Say) -> None:
-        """A run starts on this clock: counts from zero, and the streams are asked for again."""
+        """Start a run on this clock: reset the counts and request the streams again."""
         self._say = say
         self._clear(clock.now_ns())
         self._streams.reset()
@@ -118,22 +127,28 @@ class VehicleLink:
 
     @property
     def line_is_up(self) -> bool:
-        """Whether there is a connection, where the line is one that has to be made."""
+        """Whether the line is connected. A connectionless line always is."""
         return self._tcp is None or self._tcp.connected
 
     def wait_for_line(self, timeout_s: float) -> bool:
-        """Wait until the line is up; False at the end of the time."""
+        """Wait until the line is connected. Return False at the timeout."""
         until_s = monotonic() + timeout_s
         while not self.line_is_up and (left_s := until_s - monotonic()) > 0.0:
             self._arrived += self._link.receive(min(left_s, REACH_STEP_S))
         return self.line_is_up
 
     def add_tap(self, tap: Tap) -> None:
-        """Have `tap` called with every message of the dialect from the autopilot; others on its line are not heard."""
+        """Register `tap`, which is called with every message of the dialect from the autopilot.
+
+        Messages of other systems on the line are ignored.
+        """
         self._taps.append(tap)
 
     def send(self, *messages: Message) -> bool:
-        """Messages to the autopilot, addressed to it; False when the line does not take all of them."""
+        """Send messages to the autopilot, with its address as the target.
+
+        Return False when the line does not accept all of them.
+        """
         for message in messages:
             kind: Any = type(message)
             target: Any = message
@@ -146,11 +161,14 @@ class VehicleLink:
         return self._link.send(*messages)
 
     def send_sample(self, message: Message) -> bool:
-        """The same for what would mislead when it came late: False, and not sent, while others wait for the line."""
+        """Send a message that would mislead when late.
+
+        Return False without sending while other messages wait for the line.
+        """
         return self._link.waiting < SAMPLES_WAITING and self.send(message)
 
     def receive(self, now_ns: int) -> list[Message]:
-        """Handle what has come, without waiting; returns what goes on to the host."""
+        """Handle the received messages without waiting. Return the messages for the host."""
         messages = self._link.receive()
         if self._arrived:
             messages, self._arrived = self._arrived + messages, []
@@ -173,7 +191,10 @@ class VehicleLink:
         return for_host
 
     def update(self, now_ns: int) -> None:
-        """Heartbeat, stream requests, and a word where it falls silent; called some times a second in runs."""
+        """Send the heartbeat and stream requests, and warn when the autopilot is silent.
+
+        Called several times a second in runs.
+        """
         if self._beat_ns is None or now_ns - self._beat_ns >= HEARTBEAT_NS:
             self._beat_ns = now_ns
             self._link.send(
@@ -199,7 +220,7 @@ class VehicleLink:
             self.send(*requests)
 
     def request_again(self) -> None:
-        """Request the streams again of an autopilot that has started anew."""
+        """Request the streams again from an autopilot that has restarted."""
         self._streams.reset()
 
     def _on_heartbeat(self, message: Message, now_ns: int) -> None:
@@ -234,7 +255,9 @@ class VehicleLink:
                 self._say(_ERROR, f"the autopilot is {name} (MAV_TYPE {message.type}), no rover or boat")
 
     def _is_another(self, system_id: int, now_ns: int) -> bool:
-        """Whether another one of the fleet is waited for, who says so once a second too."""
+        """Whether to ignore this system and wait for the expected one of the fleet, which also sends a heartbeat every
+        second.
+        """
         if not self._fleet or self._vessel in (None, system_id):
             return False
         if self._other_ns is None:
@@ -262,27 +285,27 @@ class VehicleLink:
 
     @property
     def counters(self) -> LinkCounters:
-        """Counts of frames since the run began."""
+        """Frame counts since the run began."""
         return self._link.counters
 
     @property
     def passed(self) -> int:
-        """Good frames of kinds that the dialect does not have."""
+        """Number of valid frames of types that the dialect does not contain."""
         return self._link.passed
 
     @property
     def connected(self) -> bool:
-        """Whether the autopilot is heard."""
+        """Whether the autopilot is sending."""
         return self.heard and not self._silent
 
     def descriptors(self) -> Sequence[int]:
-        """What becomes readable when the autopilot sends something."""
+        """Descriptors that become readable when the autopilot sends."""
         descriptor = self._transport.fileno()
         return () if descriptor is None else (descriptor,)
 
     @property
     def address(self) -> str:
-        """Where the autopilot is, as a URL."""
+        """Address of the autopilot, as a URL."""
         return self._transport.address
 
     def close(self) -> None:
@@ -291,9 +314,11 @@ class VehicleLink:
 
 
 class _RequestedStream:
-    """One kind of message: asked for until it comes, and again when it stays away; seldom after some tries.
+    """One message stream. It is requested until it arrives, and again when it stops.
 
-    rates_hz: what is asked for, and what next when it comes less than a quarter as often.
+    After some tries, requests are rare.
+
+    rates_hz: requested rate, followed by the rates to try when messages arrive at less than a quarter of it.
     """
 
     def __init__(self, rates_hz: tuple[float, ...]) -> None:
@@ -315,7 +340,7 @@ class _RequestedStream:
         return waited_ns >= (ASK_AGAIN_NS if self.asks < ASKS else SELDOM_NS)
 
     def is_often_enough(self, now_ns: int) -> bool:
-        """Since it was asked for, or since the last call."""
+        """Whether messages arrived often enough since the request, or since the last call."""
         assert self.asked_ns is not None
         enough = self.seen >= 0.25 * self.rates_hz[0] * (now_ns - self.asked_ns) * 1e-9
         self.asked_ns, self.seen = now_ns, 0
@@ -323,7 +348,7 @@ class _RequestedStream:
 
 
 class StreamRequests:
-    """Asks by MAV_CMD_SET_MESSAGE_INTERVAL, a few kinds at a time, and for AUTOPILOT_VERSION once it has none."""
+    """Requests streams by MAV_CMD_SET_MESSAGE_INTERVAL, a few at a time, and AUTOPILOT_VERSION until it arrives."""
 
     def __init__(self, outputs_wanted: bool) -> None:
         self._rates_hz = {
@@ -335,30 +360,30 @@ class StreamRequests:
         self.reset()
 
     def reset(self) -> None:
-        """Ask for everything again."""
+        """Request all streams again."""
         self._wanted = {number: _RequestedStream(rates_hz) for number, rates_hz in self._rates_hz.items()}
         for times in self._unanswered.values():
             times.clear()
 
     def set_rate(self, number: int, rate_hz: float) -> None:
-        """Ask for this kind at another rate from now on."""
+        """Request this message at another rate from now on."""
         self._rates_hz[number] = (rate_hz,)
         self._wanted[number] = _RequestedStream((rate_hz,))
 
     def leave_out(self, number: int) -> None:
-        """Ask no more for this kind, which the autopilot does not have."""
+        """Stop requesting this message, which the autopilot does not support."""
         self._rates_hz.pop(number, None)
         self._wanted.pop(number, None)
 
     def note_arrival(self, number: int, now_ns: int) -> None:
-        """A message of this number has come."""
+        """Note that a message of this number has arrived."""
         wanted = self._wanted.get(number)
         if wanted is not None:
             wanted.seen_ns = now_ns
             wanted.seen += 1
 
     def poll(self, now_ns: int) -> list[Message]:
-        """Requests to be sent now."""
+        """Return the requests to send now."""
         requests: list[Message] = []
         for number, wanted in self._wanted.items():
             if len(requests) == A_CYCLE:
@@ -374,7 +399,7 @@ class StreamRequests:
         return requests
 
     def is_own_acknowledgement(self, message: Message, now_ns: int) -> bool:
-        """Whether it acknowledges a request of ours: then it is not for the host."""
+        """Whether the message acknowledges a request of this link. The host must not receive it."""
         if not isinstance(message, mav.MAVLink_command_ack_message):
             return False
         times = self._unanswered.get(message.command)

@@ -1,4 +1,4 @@
-"""State of the autopilot as its messages tell: pose, mode, mission, and the path ahead."""
+"""State of the autopilot from its messages: pose, mode, mission, and the path ahead."""
 
 from __future__ import annotations
 
@@ -25,29 +25,32 @@ _RATES_HZ = (
     (mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 2.0),
 )
 _ASK_AGAIN_NS = 5_000_000_000
-_QUATERNION_NS = 1_000_000_000  # ATTITUDE counts when no quaternion came for so long
+_QUATERNION_NS = 1_000_000_000  # ATTITUDE is used after this time without a quaternion
 _DELAYS_KEPT = 200
-_RESTART_NS = 2_000_000_000  # an autopilot's clock that jumped back so far was started again
+_RESTART_NS = 2_000_000_000  # a clock that jumped back this far indicates a restart of the autopilot
 
 
 class PathAhead(NamedTuple):
-    """Path of the mission: (north, east) in metres, from the start of the present leg. Speed over ground."""
+    """Path of the mission, from the start of the present leg."""
 
     points_ne_m: tuple[tuple[float, float], ...]
+    """(north, east) in metres."""
     speed_mps: float | None
+    """Over ground."""
 
 
 class AutopilotState:
-    """`handle` its messages; `poll` returns the requests that are due.
+    """State of the autopilot. `handle` takes its messages; `poll` returns the requests that are due.
 
-    Its stamps are brought to the companion's clock by the least delay of the last messages, which is taken for zero.
+    The autopilot's stamps are converted to the companion's clock. The least delay of the last messages is taken as
+    zero.
     """
 
     def __init__(self) -> None:
         self.target: tuple[int, int] | None = None  # system and component
         self.mode: int | None = None
         self.armed = False
-        self.current = 0  # item of the mission
+        self.current = 0  # mission item
         self.yaw_rate_radps = 0.0
         self.mission = MissionCopy()
         self.wp_speed_mps: float | None = None
@@ -62,13 +65,13 @@ class AutopilotState:
         self._leg_seq = 0
 
     def pose_at(self, stamp_ns: int) -> VehiclePose | None:
-        """The pose at an instant of the companion's clock, None where it is not known."""
+        """Return the pose at an instant of the companion's clock, None when unknown."""
         return self.history.pose_at(stamp_ns)
 
-    # -- what it says
+    # -- messages of the autopilot
 
     def handle(self, message: Any, now_ns: int) -> Messages:
-        """A message; returns the next request of the mission's download."""
+        """Handle a message. Return the next request of the mission download."""
         kind = message.get_msgId()
         if kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
             self._on_heartbeat(message)
@@ -113,7 +116,7 @@ class AutopilotState:
         self.set_mode(int(message.custom_mode), armed)
 
     def set_mode(self, mode: int, armed: bool | None = None) -> None:
-        """The autopilot's mode, by a heartbeat or an acknowledgement."""
+        """Set the autopilot's mode, from a heartbeat or an acknowledgement."""
         armed = self.armed if armed is None else armed
         if mode == AUTO and armed and not (self.mode == AUTO and self.armed):
             here = self._here()
@@ -146,7 +149,7 @@ class AutopilotState:
         self._delays_ns.append(now_ns - boot_ns)
         return boot_ns + min(self._delays_ns)
 
-    # -- where its frame is
+    # -- origin of the local frame
 
     def _on_origin(self, message: Any) -> None:
         if abs(message.latitude) <= 900_000_000:
@@ -154,7 +157,9 @@ class AutopilotState:
             self._origin_told = True
 
     def _on_global(self, message: Any, now_ns: int) -> None:
-        """Without GPS_GLOBAL_ORIGIN the origin follows from a position known both geodetically and locally."""
+        """Derive the origin from a position that is known both geodetically and locally, if GPS_GLOBAL_ORIGIN is
+        missing.
+        """
         pose = self.history.pose_at(self._stamp_ns(message, now_ns))
         if self._origin_told or pose is None or (message.lat == 0 and message.lon == 0):
             return
@@ -166,7 +171,7 @@ class AutopilotState:
         return self._origin.to_local(place.lat_e7 * 1e-7, place.lon_e7 * 1e-7)
 
     def path_ahead(self) -> PathAhead | None:
-        """The present leg and those after it; None while not known."""
+        """Return the present leg and the legs after it, None while unknown."""
         if self._origin is None or self.mission.items is None:
             return None
         ahead = self.mission.positions_from(self.current)
@@ -187,10 +192,10 @@ class AutopilotState:
         speed_mps = self.mission.speed_mps(ahead[0].seq) or self.wp_speed_mps
         return PathAhead((start, *points), speed_mps)
 
-    # -- what it is asked for
+    # -- requests
 
     def poll(self, now_ns: int) -> Messages:
-        """Requests that are due: rates, the speed of the legs, the mission."""
+        """Return the requests that are due: message rates, the speed of the legs, the mission."""
         if self.target is None:
             return []
         messages = self.mission.poll(self.target, now_ns)
@@ -211,5 +216,5 @@ class AutopilotState:
 
 
 def heading_rad(pose: VehiclePose) -> float:
-    """Heading, clockwise from north."""
+    """Heading in rad, clockwise from north."""
     return math.atan2(float(pose.rot_ned_frd[1, 0]), float(pose.rot_ned_frd[0, 0]))

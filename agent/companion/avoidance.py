@@ -1,9 +1,9 @@
 """Collision check and avoidance course.
 
-Candidate courses, speeds and holding times are simulated ahead among moving and standing obstacles, as in the dynamic
-window approach (Fox, Burgard and Thrun 1997), here over ground and with the obstacles' own velocities, as in velocity
-obstacles (Fiorini and Shiller 1998). A course that is held for a while and then gives way to the mission is judged as a
-whole, so that a detour is no longer than it has to be.
+Candidate courses, speeds and holding times are simulated ahead among moving and static obstacles. The method is the
+dynamic window approach (Fox, Burgard and Thrun 1997), here over ground. The obstacles' own velocities are included, as
+in velocity obstacles (Fiorini and Shiller 1998). A candidate holds a course for a while and then follows the mission.
+It is judged as a whole, so that a detour is no longer than necessary.
 """
 
 from __future__ import annotations
@@ -41,21 +41,22 @@ class PathLegs:
         self.total_m = float(self.length_m.sum())
 
     def offsets_m(self, leg: NDArray[np.int64], pos: Array) -> tuple[Array, Array]:
-        """Distance along its leg and to the right of it, of each position (c, 2)."""
+        """Return the distance of each position (c, 2) along its leg and to the right of it."""
         off, along = pos - self.start_m[leg], self.along[leg]
         return (off * along).sum(axis=1), off[:, 1] * along[:, 0] - off[:, 0] * along[:, 1]
 
 
 class SimulatedCourses(NamedTuple):
-    """C candidates over T instants: pos_ne_m (c, t, 2), progress_m (c,) along the legs at the end.
-
-    off_m (c,) is the mean distance off the legs, lee_m (c,) the part of it that lies down the current.
-    """
+    """C candidates over T instants."""
 
     pos_ne_m: Array
+    """(c, t, 2)."""
     progress_m: Array
+    """(c,) along the legs, at the end."""
     off_m: Array
+    """(c,) mean distance off the legs."""
     lee_m: Array
+    """(c,) part of `off_m` that is down the current."""
 
 
 def simulate_courses(
@@ -80,7 +81,7 @@ def simulate_courses(
     out = np.empty((number, steps, 2))
     off_sum, lee_sum = np.zeros(number), np.zeros(number)
     set_ne = np.zeros(2) if current_ne_mps is None else _set_of(current_ne_mps)
-    to_right = legs.along[:, 0] * set_ne[1] - legs.along[:, 1] * set_ne[0]  # how much of the set is across each leg
+    to_right = legs.along[:, 0] * set_ne[1] - legs.along[:, 1] * set_ne[0]  # component of the set across each leg
     for step in range(steps):
         along_m, cross_m = legs.offsets_m(leg, pos)
         reached = (along_m > legs.length_m[leg] - TUNED.course_reached_m) & (leg < legs.last)
@@ -106,14 +107,14 @@ def simulate_courses(
 
 
 def _set_of(current_ne_mps: Array) -> Array:
-    """Direction of the current (2,), of length 1 when it counts in full, less when it is weak."""
+    """Direction of the current (2,). Its length is 1 for a strong current and less for a weak one."""
     speed_mps = math.hypot(*current_ne_mps.tolist())
     set_ne: Array = current_ne_mps / max(speed_mps, TUNED.course_current_mps)
     return set_ne
 
 
 def crab_heading_rad(course_rad: float, speed_mps: float, current_ne_mps: Array) -> float:
-    """The heading that makes good a course over ground at a speed over ground in a current."""
+    """Heading in rad that makes good a course over ground at a speed over ground in a current."""
     north, east = (
         speed_mps * math.cos(course_rad) - float(current_ne_mps[0]),
         speed_mps * math.sin(course_rad) - float(current_ne_mps[1]),
@@ -122,7 +123,7 @@ def crab_heading_rad(course_rad: float, speed_mps: float, current_ne_mps: Array)
 
 
 def leg_course_rad(legs: PathLegs, pos_ne_m: Array) -> tuple[float, float]:
-    """The course back to the first leg and along it, and how far off it the vessel is (right positive)."""
+    """Course in rad back to the first leg and along it, and cross-track distance of the vessel (right positive)."""
     _, cross = legs.offsets_m(np.zeros(1, dtype=np.int64), pos_ne_m[None])
     direction = math.atan2(legs.along[0, 1], legs.along[0, 0])
     return direction - math.atan(float(cross[0]) / TUNED.course_lookahead_m), float(cross[0])
@@ -131,40 +132,47 @@ def leg_course_rad(legs: PathLegs, pos_ne_m: Array) -> tuple[float, float]:
 FREE, AROUND, STAY = range(3)
 
 _COURSES_RAD = np.radians(np.arange(-TUNED.plan_courses_deg, TUNED.plan_courses_deg + 1.0, TUNED.plan_courses_step_deg))
-# Of the way that the mission would make in that time: less is not worth leaving it for, nor to leave a stop for.
+# Distances of the waiting positions, up the current.
 _RETREATS_M = np.array(TUNED.plan_retreats_m)
 
 
 class AvoidanceChoice(NamedTuple):
-    """FREE: follow the legs; AROUND: hold a course and speed over ground; STAY: stop. clearance_m: of that."""
+    """Chosen course. clearance_m: least clearance of that choice."""
 
     what: int
+    """FREE: follow the legs. AROUND: hold a course and speed over ground. STAY: stop."""
     course_rad: float
     speed_mps: float
     clearance_m: float
 
 
 class CollisionCheck(NamedTuple):
-    """The least clearance on the path, whether that is too little, and how soon."""
+    """Result of the collision check of a path."""
 
     clearance_m: float
+    """Least clearance on the path."""
     blocked: bool
+    """Whether that clearance is too small."""
     after_s: float
+    """Time until the clearance becomes too small."""
 
 
 class Obstacles(NamedTuple):
-    """Moving boxes and standing points. middle_ne_m, vel_ne_mps (o, 2) now; sizes (o,)."""
+    """Moving boxes and static points."""
 
     middle_ne_m: Array
+    """(o, 2) now."""
     vel_ne_mps: Array
+    """(o, 2) now."""
     half_length_m: Array
+    """(o,), as are the next two."""
     half_width_m: Array
     heading_rad: Array
     points_ne_m: Array
 
 
 def obstacles_near(now_ns: int, tracks: Sequence[ObstacleTrack], points_ne_m: Array, pos_ne_m: Array) -> Obstacles:
-    """Tracks and structure near the vessel at `now_ns`."""
+    """Return the tracks and the structure near the vessel at `now_ns`."""
     far_m = TUNED.plan_far_m
     near = [track for track in tracks if math.hypot(*(track.position_at(now_ns) - pos_ne_m).tolist()) < far_m]
     if len(points_ne_m) > TUNED.plan_structure_points:
@@ -186,7 +194,7 @@ def obstacles_near(now_ns: int, tracks: Sequence[ObstacleTrack], points_ne_m: Ar
 
 
 def clearance_m(sailed: Array, around: Obstacles, hull_m: float) -> Array:
-    """Distance from the hull, a circle of radius hull_m, to the nearest obstacle, (c, t), for positions (c, t, 2)."""
+    """Distance (c, t) from the hull, a circle of radius hull_m, to the nearest obstacle, for positions (c, t, 2)."""
     return np.minimum(_from_tracks_m(sailed, around), _from_points_m(sailed, around.points_ne_m)) - hull_m
 
 
@@ -214,8 +222,11 @@ def _from_points_m(sailed: Array, points_ne_m: Array) -> Array:
 
 
 class AvoidancePlanner:
-    """margin_m: clearance to keep; a path with less than begin_m is blocked. horizon_s: of the collision check.
+    """Plans avoidance courses.
 
+    margin_m: clearance to keep.
+    begin_m: a path with less clearance is blocked.
+    horizon_s: horizon of the collision check.
     hull_m: radius of the circle around the hull.
     """
 
@@ -228,7 +239,7 @@ class AvoidancePlanner:
     def check_collision(
         self, legs: PathLegs, pos_ne_m: Array, vel_ne_mps: Array, bow_rad: float, speed_mps: float, around: Obstacles
     ) -> CollisionCheck:
-        """Collision check of the mission's path."""
+        """Check the mission's path for collisions."""
         none, speed = np.zeros(1), np.array((speed_mps,))
         sailed = simulate_courses(legs, pos_ne_m, vel_ne_mps, bow_rad, none, none, speed, self._horizon_s)
         clear = clearance_m(sailed.pos_ne_m, around, self._hull_m)
@@ -250,9 +261,11 @@ class AvoidancePlanner:
         stays: bool,
         current_ne_mps: Array,
     ) -> AvoidanceChoice:
-        """The best of all candidate courses; `last_rad`, the course held so far, is kept unless another is better.
+        """Choose the best of all candidate courses.
 
-        Obstacles are passed upstream where possible: the current sets both them and the vessel downstream.
+        `last_rad`, the course held so far, is kept unless another is better.
+
+        Obstacles are passed upstream if possible, because the current sets both them and the vessel downstream.
         stays: whether the vessel is stopped because no course is free.
         """
         direction = math.atan2(legs.along[0, 1], legs.along[0, 0])
@@ -268,7 +281,8 @@ class AvoidancePlanner:
         courses = np.concatenate(((0.0, 0.0), courses))
         holds = np.concatenate(((0.0, 0.0), holds))
         speeds = np.concatenate((speed_mps * np.array(TUNED.plan_speeds), speeds))
-        # Farther than collisions are looked for: else what lies just beyond is steered for, or dawdled before.
+        # Simulate beyond the horizon of the collision check. Otherwise the vessel steers for an obstacle just beyond
+        # it.
         ahead_s = TUNED.plan_farther * self._horizon_s
         sailed = simulate_courses(legs, pos_ne_m, vel_ne_mps, bow_rad, courses, holds, speeds, ahead_s, current_ne_mps)
         standing = np.repeat(_from_points_m(sailed.pos_ne_m[:, ::2], around.points_ne_m), 2, axis=1)
@@ -304,7 +318,7 @@ class AvoidancePlanner:
         cost = cost + np.where(least < TUNED.plan_touch_m, 1e3, 0.0)
         cost = cost + np.where(holds > 0.0, TUNED.plan_leaving_cost, 0.0)
         cost = cost + TUNED.plan_lee_cost * sailed.lee_m
-        if lee_m is not None:  # no more is asked for than the legs have
+        if lee_m is not None:  # require no more clearance than the legs have
             wanted_m = min(TUNED.plan_lee_margins * self._margin_m, lee_m[0])
             cost = cost + TUNED.plan_lee_short_cost * np.maximum(wanted_m - lee_m, 0.0)
         if last_rad is not None:
@@ -313,7 +327,7 @@ class AvoidancePlanner:
         return cost
 
     def waiting_position(self, pos_ne_m: Array, vel_ne_mps: Array, around: Obstacles, current_ne_mps: Array) -> Array:
-        """Position (2,) to wait at: where the vessel comes to rest, or up the current until there is clearance."""
+        """Position (2,) to wait at: the stopping point, or a point up the current with enough clearance."""
         speed = math.hypot(*vel_ne_mps.tolist())
         rest = pos_ne_m + vel_ne_mps * (0.5 * speed / 0.7)
         drift_mps = math.hypot(*current_ne_mps.tolist())
@@ -335,7 +349,7 @@ class AvoidancePlanner:
         return best
 
     def _staying(self, pos_ne_m: Array, vel_ne_mps: Array, around: Obstacles) -> float:
-        """The least clearance when the vessel brakes and stays."""
+        """Least clearance if the vessel brakes and stays."""
         steps = round(self._horizon_s / STEP_S)
         speed = math.hypot(*vel_ne_mps.tolist())
         after_s = np.minimum(STEP_S * np.arange(1, steps + 1), speed / 0.7 if speed > 0.0 else 0.0)
@@ -345,7 +359,7 @@ class AvoidancePlanner:
 
 
 def _least(clear: Array) -> Array:
-    """Least clearance over time; a course that starts too close is judged by where it leads."""
+    """Least clearance over time. A course that starts too close but opens is judged by its later clearance."""
     least: Array = clear.min(axis=1)
     start = clear[:, 0]
     opening = (start < 3.0) & (least >= start - 0.05)

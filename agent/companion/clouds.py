@@ -1,9 +1,10 @@
-"""Point clouds on the wire: XITL_CLOUD, nine bytes a point, 25 points a chunk.
+"""Point clouds on the wire: XITL_CLOUD, nine bytes per point, 25 points per chunk.
 
     for message in cloud_messages(cloud): link.send(message)
-    for cloud in clouds.take(message): ...
+    for cloud in clouds.handle(message): ...
 
-A cloud is handed over when its last missing chunk has come, or with what has come when a later one of its kind begins.
+A cloud is returned when its last missing chunk has arrived. An incomplete cloud is returned when a later cloud of the
+same kind begins.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from agent.wire.codec import Message
 
 POINTS_A_CHUNK = 25
 POINT = np.dtype([("xyz", "<i2", (3,)), ("time", "<u2"), ("intensity", "u1")])
-METRE = 100  # units of a coordinate
-SECOND = 100_000  # units of a time
+METRE = 100  # units per coordinate
+SECOND = 100_000  # units per second
 REACH_M = 327.67
 LONGEST_S = 0.65535
 _CHUNK_BYTES = POINTS_A_CHUNK * POINT.itemsize
@@ -31,40 +32,42 @@ _KINDS = frozenset(
 
 
 class PointCloud(NamedTuple):
-    """n points of one frame, or what has come of it.
-
-    kind: of XITL_CLOUD_KIND, which also says in which axes points_m (n, 3) float32 is. Each point was taken
-    offset_s (n,) float32 after stamp_ns. intensity (n,) uint8: calibrated reflectivity, 0 to 100 % in 0 to 150 and
-    what shines back like a mirror above, as the makers of lidars have it; of a map, whatever its sensor said.
-    number counts up and goes round after 65 535.
-    """
+    """n points of one frame, or the received part of it."""
 
     kind: int
+    """XITL_CLOUD_KIND, which also defines the axes of `points_m`."""
     number: int
+    """Counts up and wraps after 65 535."""
     stamp_ns: int
     points_m: NDArray[np.float32]
+    """(n, 3) float32."""
     offset_s: NDArray[np.float32]
+    """(n,) float32: time of each point after `stamp_ns`."""
     intensity: NDArray[np.uint8]
+    """(n,) uint8: calibrated reflectivity as lidar makers define it.
+
+    0 to 150 are 0 to 100 %, higher values are retroreflectors. In a map, it is the raw intensity of the sensor.
+    """
     chunks_lost: int = 0
 
     @property
     def end_ns(self) -> int:
-        """Instant of its last point."""
+        """Instant of the last point."""
         return self.stamp_ns + round(float(self.offset_s.max(initial=0.0)) * 1e9)
 
 
 def sendable(cloud: PointCloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> NDArray[np.bool_]:
-    """(n,) which points the wire can carry: numbers, within 327.67 m of the origin and 0.655 s of the stamp."""
+    """(n,) points that the wire can carry: finite, within 327.67 m of the origin and 0.655 s of the stamp."""
     around = np.abs(cloud.points_m - np.asarray(origin_m, dtype=np.float32))
-    possible: NDArray[np.bool_] = np.all(around <= REACH_M, axis=1)  # false for NaN
+    possible: NDArray[np.bool_] = np.all(around <= REACH_M, axis=1)  # False for NaN
     possible &= (cloud.offset_s >= 0.0) & (cloud.offset_s <= LONGEST_S)
     return possible
 
 
 def cloud_messages(cloud: PointCloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> list[Message]:
-    """The chunks; one without points for an empty cloud. Points that are not `sendable` are left out.
+    """Return the chunks of a cloud; one chunk without points for an empty cloud. Omit points that are not `sendable`.
 
-    origin_m: what the wire counts the points from; for a map, a place near them.
+    origin_m: origin of the coordinates on the wire; for a map, a position near the points.
     """
     if len(cloud.points_m) > _MOST_CHUNKS * POINTS_A_CHUNK:
         raise ValueError(
@@ -101,11 +104,11 @@ def cloud_messages(cloud: PointCloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0
 
 
 class CloudReassembler:
-    """Clouds out of chunks, of each kind on its own; in any order, some twice, some never.
+    """Reassembles clouds from chunks, separately for each kind. Chunks may be out of order, repeated or lost.
 
-    Counted, with the names of XITL_COMPANION_STATUS where it has one: clouds (whole), clouds_partial, chunks_lost,
-    points, points_refused (of chunks whose origin is no number); clouds_missed (of which no chunk came, as far as the
-    numbers tell), chunks_refused (that cannot be), chunks_repeated, chunks_late (of a cloud handed over before).
+    Counters, named as in XITL_COMPANION_STATUS if they exist there: clouds (complete), clouds_partial, chunks_lost,
+    points, points_refused (of chunks with a non-finite origin), clouds_missed (without any chunk, from the numbers),
+    chunks_refused (invalid), chunks_repeated, chunks_late (of a cloud that was returned before).
     """
 
     def __init__(self) -> None:
@@ -121,7 +124,7 @@ class CloudReassembler:
         self._coming: dict[int, _Coming] = {}
 
     def handle(self, message: Message) -> list[PointCloud]:
-        """Of an XITL_CLOUD: what it completes or puts an end to, oldest first; mostly nothing."""
+        """Handle an XITL_CLOUD. Return the clouds that it completes or ends, oldest first; usually none."""
         fault = _fault(message)
         if fault is not None:
             self.chunks_refused += 1
@@ -153,7 +156,7 @@ class CloudReassembler:
         return done
 
     def flush(self) -> list[PointCloud]:
-        """What has come of clouds that nothing follows any more."""
+        """Return the incomplete clouds at the end of the data."""
         return [self._give(coming) for coming in self._coming.values() if not coming.given]
 
     def _give(self, coming: _Coming) -> PointCloud:
@@ -170,7 +173,7 @@ class CloudReassembler:
 
 
 class _Coming:
-    """A cloud of which some chunks have come; once given, only what tells its later chunks."""
+    """A partly received cloud. After it was returned, it only identifies its late chunks."""
 
     def __init__(self, message: Message) -> None:
         self.of: tuple[int, int] = (message.time_usec, message.cloud)
@@ -181,7 +184,7 @@ class _Coming:
         self.given = False
 
     def is_before(self, message: Message) -> bool:
-        """By time, and by number where two clouds have the same."""
+        """Compare by time, and by number if the times are equal."""
         time_us, number = self.of
         if message.time_usec != time_us:
             return bool(message.time_usec > time_us)
@@ -200,7 +203,7 @@ class _Coming:
 
 
 def _fault(message: Message) -> int | None:
-    """None for a chunk that can be, else how many points go with it."""
+    """Return None for a valid chunk, otherwise the number of its points."""
     possible = message.kind in _KINDS and message.chunk < message.chunks and message.count <= POINTS_A_CHUNK
     if possible and all(abs(value) < 1e6 for value in message.origin):
         return None

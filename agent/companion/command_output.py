@@ -1,8 +1,8 @@
 """Command output of the avoidance: takes control from the mission when its path is blocked, and returns it when free.
 
-It commands in GUIDED and only where the autopilot was in AUTO. Anybody else who changes the mode is in control: nothing
-is sent until the autopilot is in AUTO again. Nothing is sent either when the pose is not known: an autopilot in GUIDED
-stops by itself when its targets fail to come.
+It commands in GUIDED and takes over only from AUTO. If anybody else changes the mode, it sends nothing until the
+autopilot is in AUTO again. It also sends nothing while the pose is unknown: an autopilot in GUIDED stops when its
+targets stop.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _POSITION_ONLY = 0xDF8
 
 
 class CommandOutput:
-    """`update` returns the messages to the autopilot. begin_m: a path with less clearance is blocked."""
+    """Commands the autopilot. `update` returns the messages. begin_m: a path with less clearance is blocked."""
 
     def __init__(self, planner: AvoidancePlanner, begin_m: float, speed_mps: float) -> None:
         self.manoeuvre = NONE
@@ -57,7 +57,7 @@ class CommandOutput:
         self._planner = planner
         self._begin_m = begin_m
         self._speed_mps = speed_mps
-        self._wanted: int | None = None  # the mode that was asked for and is not acknowledged yet
+        self._wanted: int | None = None  # requested mode without acknowledgement yet
         self._asked_ns = 0
         self._asks = 0
         self._engaged = False
@@ -81,7 +81,7 @@ class CommandOutput:
     def update(
         self, vehicle: AutopilotState, pose: VehiclePose | None, around: Obstacles, current_ne_mps: Array, now_ns: int
     ) -> Messages:
-        """Messages to the autopilot, some 5 times a second; current_ne_mps as far as it is known."""
+        """Return the messages to the autopilot. Called about 5 times a second. current_ne_mps: estimated current."""
         way = vehicle.path_ahead()
         if vehicle.target is None or not vehicle.armed or vehicle.mode not in (AUTO, GUIDED):
             self._release()
@@ -139,7 +139,7 @@ class CommandOutput:
         ]
 
     def _stay(self, target: tuple[int, int], pos: Array, vel: Array, around: Obstacles, current_ne_mps: Array) -> Any:
-        """Hold a position: zero speed commanded through the water would drift with the current."""
+        """Hold a position. A commanded speed of zero through the water would drift with the current."""
         place = self._planner.waiting_position(pos, vel, around, current_ne_mps)
         if self._stay_ne_m is None or math.hypot(*(place - self._stay_ne_m).tolist()) > TUNED.moved_m:
             self._stay_ne_m = place
@@ -148,7 +148,7 @@ class CommandOutput:
         return _target_message(target, _POSITION_ONLY, self._stay_ne_m, np.zeros(2), 0.0)
 
     def _go(self, target: tuple[int, int], choice: AvoidanceChoice, leg_rad: float, current_ne_mps: Array) -> Any:
-        """A velocity and the heading for it: autopilots differ in whether they compensate for the current."""
+        """Command a velocity and its heading, because not all autopilots compensate for the current."""
         self._stay_ne_m = None
         free = choice.what == FREE
         course_rad = leg_rad if free else choice.course_rad
@@ -159,7 +159,10 @@ class CommandOutput:
         return _target_message(target, _VELOCITY_AND_YAW, np.zeros(2), vel_ne_mps, yaw_rad)
 
     def _enter(self, manoeuvre: int) -> None:
-        """A detour lasts from leaving the leg to being back on it, whatever courses are chosen between."""
+        """Enter a manoeuvre and count it.
+
+        A detour lasts until the vessel is back on the leg, even if the course changes.
+        """
         if self.manoeuvre == NONE and manoeuvre != STOP:
             self.detours += 1
         if manoeuvre == STOP and self.manoeuvre != STOP:
@@ -168,13 +171,16 @@ class CommandOutput:
 
 
 def _is_past(legs: PathLegs, pos: Array) -> bool:
-    """Whether the end of the first leg is near, so that there is no leg left to come back to."""
+    """Whether the end of the first leg is near, so that returning to the leg is pointless."""
     along_m, _ = legs.offsets_m(np.zeros(1, dtype=np.int64), pos[None])
     return float(legs.length_m[0] - along_m[0]) < TUNED.end_m
 
 
 def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> PathLegs:
-    """The legs ahead; from here when the vessel is past the end of the first: the autopilot goes back to it."""
+    """Return the legs ahead.
+
+    Start them here when the vessel is past the end of the first leg, to which the autopilot returns.
+    """
     points = np.array(points_ne_m)
     legs = PathLegs(points)
     along_m, _ = legs.offsets_m(np.zeros(1, dtype=np.int64), pos[None])

@@ -1,8 +1,8 @@
-"""Obstacle detection: cells that stand out of the water, on the autopilot's local NED, and clusters of them.
+"""Obstacle detection: cells above the water, in the autopilot's local NED, and clusters of them.
 
-Turbid water returns some light close by. How far is learnt from the clouds themselves: rings around the lidar in which
-most directions have low points are water, out to the last of them, and there a point has to stand out of the waves.
-Farther off a return is no water, however low it seems: a degree of pitch is half a metre at 30 m.
+Turbid water returns some light at short range. That range is learnt from the clouds. A ring around the lidar is water
+if most directions have low points in it. The range ends at the last such ring. Within it, a point must be higher than
+the waves. Beyond it, a return is not water, however low it seems: one degree of pitch is half a metre at 30 m.
 """
 
 from __future__ import annotations
@@ -20,30 +20,32 @@ from agent.companion.settings import TUNED
 
 Array = NDArray[np.float64]
 
-_KEY = 1 << 20  # cells north and east of the origin are numbered by one integer
+_KEY = 1 << 20  # one integer numbers the cells north and east of the origin
 _SECTOR_RAD = math.radians(TUNED.reach_sector_deg)
 
 
 class DetectionFrame(NamedTuple):
-    """Cells hit by one cloud. cells (k,), points_ne_m (k, 2) means over each cell, top_m (k,), hits (k,) points.
-
-    bright (k,): points among them that are brighter than water.
-    """
+    """Cells hit by one cloud."""
 
     stamp_ns: int
     cells: NDArray[np.int64]
+    """(k,)."""
     points_ne_m: Array
+    """(k, 2), means over each cell."""
     top_m: Array
+    """(k,), highest point of each cell."""
     hits: NDArray[np.int64]
+    """(k,), number of points."""
     bright: NDArray[np.int64]
+    """(k,), number of points that are brighter than water."""
 
 
 class ObstacleDetector:
-    """`add_cloud` each cloud; `frames` are those of the last `window_s`, oldest first."""
+    """Detects obstacles. Pass each cloud to `add_cloud`. `frames` are those of the last `window_s`, oldest first."""
 
     def __init__(self, range_m: float, waterline_m: float, window_s: float = 0.8) -> None:
         self.frames: deque[DetectionFrame] = deque()
-        self.refused = 0  # points that are not numbers
+        self.refused = 0  # points that are not finite
         self.unplaced = 0  # clouds without a pose
         self.water_reach_m = TUNED.reach_initial_m
         self.stands_out_m = TUNED.stands_out_m
@@ -53,7 +55,7 @@ class ObstacleDetector:
         self._low = np.zeros((TUNED.reach_rings, TUNED.reach_sectors))
         self._spread_m = 0.05
         self._learnt = 0
-        self._level_m: float | None = None  # of the vessel's origin, down, mean of the last seconds
+        self._level_m: float | None = None  # down position of the vessel's origin, mean of the last seconds
         self._level_ns = 0
 
     def add_cloud(
@@ -64,7 +66,7 @@ class ObstacleDetector:
         offset_s: NDArray[np.float32],
         intensity: NDArray[np.uint8],
     ) -> bool:
-        """Add a cloud, intensity (n,) by reflectivity; False when its pose is not known."""
+        """Add a cloud. intensity: (n,) reflectivity. Return False when its pose is unknown."""
         good = np.isfinite(points_frd_m).all(axis=1) & np.isfinite(offset_s)
         good_count = int(np.count_nonzero(good))
         if good_count < len(good):
@@ -89,7 +91,7 @@ class ObstacleDetector:
         return True
 
     def _brighter(self, intensity: NDArray[np.uint8], range_m: Array, low: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(n,) which points are brighter than water, whose level is the median of the low points close by."""
+        """(n,) points that are brighter than water. The water level is the median of the low points at short range."""
         if np.count_nonzero(low) < TUNED.bright_points:
             return np.zeros(len(range_m), dtype=np.bool_)
         water = float(np.median(intensity[low]))
@@ -100,7 +102,7 @@ class ObstacleDetector:
     def _placed(
         self, history: PoseHistory, stamp_ns: int, points: Array, offset_s: Array
     ) -> tuple[Array, Array] | None:
-        """Points at their own instants: NED (n, 3), and height above the mean water (n,)."""
+        """Return the points at their own instants: NED (n, 3), and height above the mean water (n,)."""
         last_s = float(offset_s.max()) if len(offset_s) else 0.0
         knots_s = np.linspace(0.0, max(last_s, 1e-3), TUNED.detect_knots)
         poses = [history.pose_at(stamp_ns + round(float(s) * 1e9)) for s in knots_s]
@@ -123,7 +125,10 @@ class ObstacleDetector:
         return ned_m, level_m + self.waterline_m - ned_m[:, 2]
 
     def _level(self, down_m: float, stamp_ns: int) -> float:
-        """Mean height at which the vessel floats: the estimated height drifts over minutes, heave lasts seconds."""
+        """Return the mean down position of the floating vessel.
+
+        The estimated height drifts over minutes; heave lasts seconds.
+        """
         if self._level_m is None:
             self._level_m = down_m
         share = min(max((stamp_ns - self._level_ns) * 1e-9 / TUNED.float_level_s, 0.0), 1.0)
@@ -133,7 +138,7 @@ class ObstacleDetector:
         return self._level_m
 
     def _learn(self, points: Array, range_m: Array, height_m: Array) -> None:
-        """Learn how far water returns light, and how high its waves are."""
+        """Learn the range at which water returns light, and the height of its waves."""
         rings, sectors = TUNED.reach_rings, TUNED.reach_sectors
         low = (range_m < rings) & (np.abs(height_m) < TUNED.reach_low_m)
         ring = range_m[low].astype(np.intp)
@@ -173,23 +178,25 @@ class ObstacleDetector:
 
 
 def _water_height_m(range_m: Array, height_m: Array) -> float:
-    """Of the water close by, over where the vessel's height says it is: that wanders by more than a wave is high.
+    """Height of the nearby water above the level expected from the vessel's height.
 
-    0 where too little of it is seen.
+    That estimate drifts by more than the wave height.
+
+    0 when too little of it is visible.
     """
     low = (range_m < TUNED.water_fit_range_m) & (np.abs(height_m) < TUNED.reach_low_m)
     return float(np.median(height_m[low])) if np.count_nonzero(low) >= TUNED.water_points else 0.0
 
 
 def cells_of(points_m: Array, cell_m: float = TUNED.cell_m) -> NDArray[np.int64]:
-    """The number of the cell of each point (n, 2 or more: north and east first)."""
+    """Cell number of each point (n, 2 or more: north and east first)."""
     north, east = (np.floor(points_m[:, axis] / cell_m).astype(np.int64) for axis in (0, 1))
     numbers: NDArray[np.int64] = north * _KEY + east
     return numbers
 
 
 def neighbours(cell: int) -> tuple[int, ...]:
-    """The eight cells around one."""
+    """Return the eight cells around a cell."""
     return (
         cell - _KEY - 1, cell - _KEY, cell - _KEY + 1, cell - 1,
         cell + 1, cell + _KEY - 1, cell + _KEY, cell + _KEY + 1,
@@ -197,27 +204,30 @@ def neighbours(cell: int) -> tuple[int, ...]:
 
 
 class Cluster(NamedTuple):
-    """Cells that belong together. points_ne_m (k, 2) of its cells, stamp_ns the mean of its points' instants.
-
-    length_m lies along heading_rad, width_m across; middle_ne_m (2,) of that box. `points` in the newest frame;
-    `bright`: of all frames' points those that are brighter than water.
-    """
+    """Cells that belong to one object."""
 
     stamp_ns: int
+    """Mean instant of its points."""
     points_ne_m: Array
+    """(k, 2) of its cells."""
     middle_ne_m: Array
+    """(2,), centre of the box."""
     length_m: float
+    """Along `heading_rad`."""
     width_m: float
+    """Across `heading_rad`."""
     height_m: float
     heading_rad: float
     points: int
+    """Number of points in the newest frame."""
     bright: int = 0
+    """Number of points of all frames that are brighter than water."""
 
 
 def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m: float) -> list[Cluster]:
-    """Clusters of the frames, in any order. Cells that too few frames saw are left out.
+    """Return the clusters of the frames, in any order. Cells that too few frames saw are omitted.
 
-    Nearer to pos_ne_m (2,) than doubtful_m crests may glint: clusters with few points are left out there too.
+    Wave crests may glint within doubtful_m of pos_ne_m (2,). Clusters with few points are omitted there too.
     """
     if not frames:
         return []
@@ -265,7 +275,7 @@ def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m:
 
 
 def merged_cluster(parts: Sequence[Cluster]) -> Cluster:
-    """The cluster of several that belong together."""
+    """Merge clusters that belong to one object."""
     points = np.concatenate([part.points_ne_m for part in parts])
     middle, length_m, width_m, heading_rad = _box(points)
     shares = np.array([len(part.points_ne_m) for part in parts]) / len(points)
@@ -278,7 +288,7 @@ def merged_cluster(parts: Sequence[Cluster]) -> Cluster:
 
 
 def _labels(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The cluster number of each cell: cells that touch belong together."""
+    """Cluster number of each cell. Adjacent cells have the same number."""
     unique, where = np.unique(cells, return_inverse=True)
     numbers = {cell: index for index, cell in enumerate(unique.tolist())}
     label = [-1] * len(unique)
@@ -298,7 +308,7 @@ def _labels(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _box(points: Array) -> tuple[Array, float, float, float]:
-    """The box along the principal axis of the points: middle (2,), length, width, heading."""
+    """Box along the principal axis of the points: middle (2,), length, width, heading."""
     mean = points.mean(axis=0)
     off = points - mean
     covariance = off.T @ off / max(len(points), 1)

@@ -1,7 +1,7 @@
-"""Map of lidar and sonar points, one a cell, in the frame of the odometry.
+"""Map of lidar and sonar points, one per cell, in the frame of the odometry.
 
-A single lidar hit may be a drop of water or a wrong pose: a cell counts when two clouds have hit it, and its point is
-the mean of the two. A sonar's beam seldom passes twice, so that one echo is enough.
+A single lidar hit may be a drop of water or have a wrong pose. So a cell counts when two clouds have hit it, and its
+point is the mean of the two. A sonar beam seldom passes twice, so one echo is enough.
 """
 
 from __future__ import annotations
@@ -18,26 +18,30 @@ Points = NDArray[np.float32]
 Intensity = NDArray[np.uint8]
 
 LIDAR, SONAR = 0, 1
-"""Sources: XITL_CLOUD_KIND less one."""
+"""Sources: XITL_CLOUD_KIND minus one."""
 
 _BITS = 20
 _HALF = 1 << (_BITS - 1)
 
 
 class MapPoints(NamedTuple):
-    """Points of the map: points_odom_m (k, 3), intensity (k,)."""
+    """Points of the map."""
 
     points_odom_m: Points
+    """(k, 3)."""
     intensity: Intensity
+    """(k,)."""
 
 
 HITS_NEEDED = {LIDAR: 2, SONAR: 1}
-"""Clouds, or pings, that must hit a cell before it counts."""
+"""Number of clouds or pings that must hit a cell before it counts."""
 
 
 class CloudMap:
-    """Cells of cell_m; of each a point by each source. Beyond far_m from the body nothing is kept, since an
-    angle of a degree is a metre there at 60 m. A map is within 2**19 cells of its origin; what is not is refused.
+    """Cells of size cell_m, with one point per cell and source.
+
+    Points farther than far_m from the body are dropped, because one degree is one metre at 60 m. The map covers 2**19
+    cells around its origin. Points outside are refused.
     """
 
     def __init__(self, cell_m: float = 0.1, far_m: float = 60.0) -> None:
@@ -52,7 +56,7 @@ class CloudMap:
         return len(self._cells)
 
     def add(self, pose_odom: Array, points_frd_m: Points, intensity: Intensity, source: int = LIDAR) -> MapPoints:
-        """Add points (n, 3) seen from the body at a pose (4, 4); returns what is new in the map."""
+        """Add points (n, 3) in body axes at a pose (4, 4). Return the new points of the map."""
         with np.errstate(invalid="ignore", over="ignore"):
             near = np.einsum("ij,ij->i", points_frd_m, points_frd_m) <= self._far_m**2
         points, intensity = transform_points(pose_odom, points_frd_m[near]), intensity[near]
@@ -69,7 +73,7 @@ class CloudMap:
         return added
 
     def _sighted(self, keys: list[int], points: Points, intensity: Intensity, needed: int) -> MapPoints:
-        """The cells of one cloud that count from now on: a point each, the first in its cell."""
+        """Return the cells of one cloud that count from now on, each with one point, the first in its cell."""
         rows, places = [], []
         for row, (key, place) in enumerate(zip(keys, points.tolist())):
             if key in self._cells:
@@ -86,7 +90,7 @@ class CloudMap:
         return MapPoints(np.array(places, dtype=np.float32).reshape(-1, 3), intensity[rows])
 
     def points_by(self, source: int = LIDAR) -> MapPoints:
-        """All points by one source, in the order they came."""
+        """Return all points of one source, in the order of arrival."""
         parts = [(points, intensity) for points, intensity, by in self._parts if by == source]
         if not parts:
             return MapPoints(np.empty((0, 3), dtype=np.float32), np.empty(0, dtype=np.uint8))

@@ -1,4 +1,4 @@
-"""The autopilot's mission, downloaded by the MAVLink mission protocol, as the positions it visits."""
+"""The autopilot's mission, downloaded by the MAVLink mission protocol, as the positions that it visits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agent.mavlink.exchange import Messages, Target
 from agent.mavlink.missions import MissionDownload
 from agent.wire import dialect as mav
 
-_ROUND_NS = 10_000_000_000  # one that was given up is begun again
+_ROUND_NS = 10_000_000_000  # time before an abandoned download restarts
 _TRIES = 8
 _MOST_ITEMS = 2000
 
@@ -21,7 +21,7 @@ _STAYS = (LOITER_UNLIMITED, RETURN_HOME)
 
 
 class MissionCopyItem(NamedTuple):
-    """What the path depends on."""
+    """Mission item, reduced to the fields that define the path."""
 
     command: int
     lat_e7: int
@@ -30,15 +30,21 @@ class MissionCopyItem(NamedTuple):
 
 
 class MissionPosition(NamedTuple):
-    """A position of the mission: item `seq`, in 1e-7 degrees."""
+    """A position of the mission."""
 
     seq: int
+    """Mission item."""
     lat_e7: int
+    """1e-7 degrees."""
     lon_e7: int
+    """1e-7 degrees."""
 
 
 class MissionCopy:
-    """`items` is the last whole mission, None before the first; `poll` and `handle` download it."""
+    """Copy of the mission. `items` is the last complete mission, None before the first.
+
+    `poll` and `handle` download it.
+    """
 
     def __init__(self) -> None:
         self.items: list[MissionCopyItem] | None = None
@@ -46,17 +52,17 @@ class MissionCopy:
         self._download: MissionDownload | None = None
 
     def refresh(self) -> None:
-        """Download it again; the old one holds until the new one is complete."""
+        """Download the mission again. The old one remains valid until the new one is complete."""
         if not self._wanted:
             self._wanted, self._download = True, None
 
     def note_total(self, total: int) -> None:
-        """MISSION_CURRENT says so many items beside home; 0 and 65535 say nothing."""
+        """Compare with the item count of MISSION_CURRENT, without home. 0 and 65535 carry no information."""
         if self.items is not None and 0 < total < 65535 and total not in (len(self.items), len(self.items) - 1):
             self.refresh()
 
     def poll(self, target: Target, now_ns: int) -> Messages:
-        """What is still missing, asked for again and again; after some tries, and a while, from the beginning."""
+        """Return requests for the missing items. After some tries and a pause, the download restarts."""
         if not self._wanted:
             return []
         download = self._download
@@ -69,7 +75,7 @@ class MissionCopy:
         return download.poll(now_ns)
 
     def handle(self, message: Any, now_ns: int) -> Messages:
-        """MISSION_COUNT and MISSION_ITEM_INT; returns what to answer, and the next request."""
+        """Handle MISSION_COUNT and MISSION_ITEM_INT. Return the replies and the next request."""
         download = self._download
         if download is None:
             return []
@@ -78,10 +84,10 @@ class MissionCopy:
             self.items, self._wanted, self._download = [_item(one) for one in download.items], False, None
         return [*replies, *download.poll(now_ns)] if download.answered else []
 
-    # -- the way
+    # -- path
 
     def positions_from(self, seq: int) -> list[MissionPosition]:
-        """Positions from item `seq` on, as far as they are known beforehand: up to a jump or a stop."""
+        """Return the positions from item `seq` on, up to a jump or a stop."""
         found: list[MissionPosition] = []
         for number in range(max(seq, 1), len(self.items or ())):
             item = (self.items or [])[number]
@@ -94,7 +100,7 @@ class MissionCopy:
         return found
 
     def position_before(self, seq: int) -> MissionPosition | None:
-        """The last position before item `seq`, where its leg starts."""
+        """Return the last position before item `seq`, which is the start of its leg."""
         for number in range(min(seq, len(self.items or ())) - 1, 0, -1):
             item = (self.items or [])[number]
             if item.command in _PLACES and (item.lat_e7 or item.lon_e7):
@@ -102,7 +108,7 @@ class MissionCopy:
         return None
 
     def speed_mps(self, seq: int) -> float | None:
-        """The speed that the mission sets on the leg to item `seq`, None where it does not."""
+        """Speed that the mission sets on the leg to item `seq`, None if it sets none."""
         asked = [item.speed_mps for item in (self.items or [])[1 : seq + 1] if item.command == CHANGE_SPEED]
         good = [speed for speed in asked if math.isfinite(speed) and 0.0 < speed < 30.0]
         return good[-1] if good else None

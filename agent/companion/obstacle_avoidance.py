@@ -5,9 +5,9 @@
     avoidance.add_cloud(stamp_ns, points_frd_m, offset_s, intensity)   each cloud of the lidar
     avoidance.plan(now_ns)                          5 times a second: to the autopilot
     avoidance.proximity_messages(now_ns)            5 to 10 times a second: to the autopilot, and the host
-    avoidance.obstacle_messages(now_ns)             as often as wanted: to the host
+    avoidance.obstacle_messages(now_ns)             at any rate: to the host
 
-Instants are of the companion's clock.
+Instants are on the companion's clock.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ _LEAST_CM = 50
 def make_proximity_messages(
     points_ne_m: Array, pose: VehiclePose, stamp_ns: int, bow_m: float, range_m: float
 ) -> list[Any]:
-    """OBSTACLE_DISTANCE from the body's origin, and DISTANCE_SENSOR from the bow, bow_m before it.
+    """Return OBSTACLE_DISTANCE from the body's origin, and DISTANCE_SENSOR from the bow, which is bow_m ahead of it.
 
-    Empty sectors in view are one centimetre beyond the range; empty sectors out of view are unknown.
+    Empty sectors in view are one centimetre beyond the range. Empty sectors out of view are unknown.
     """
     most_cm = min(round(range_m * 100.0), 60_000)
     off = points_ne_m - pose.pos_ned_m[:2]
@@ -74,12 +74,17 @@ def make_proximity_messages(
 
 
 class ObstacleAvoidance:
-    """Detects, tracks and avoids obstacles, in the autopilot's local NED. The counters are those of its parts.
+    """Detects, tracks and avoids obstacles, in the autopilot's local NED. Its parts have the counters.
 
-    margin_m: water kept between hull and obstacle. horizon_s: how far ahead collisions are looked for. speed_mps: of
-    the vessel where its mission does not say. length_m, width_m: of the vessel. waterline_m: the water below the
-    body's origin. range_m: obstacles farther away are ignored. avoids: False only detects and tracks. view_yaw_rad:
-    direction of the lidar, clockwise from the bow. vessels: long things may be other vessels.
+    margin_m: clearance between hull and obstacle.
+    horizon_s: horizon of the collision check.
+    speed_mps: speed of the vessel if its mission sets none.
+    length_m, width_m: size of the vessel.
+    waterline_m: depth of the water level below the body's origin.
+    range_m: obstacles farther away are ignored.
+    avoids: False only detects and tracks.
+    view_yaw_rad: direction of the lidar, clockwise from the bow.
+    vessels: long objects may be other vessels.
     """
 
     def __init__(
@@ -112,7 +117,7 @@ class ObstacleAvoidance:
         self._looked_ns = 0
 
     def handle(self, message: Any, now_ns: int) -> Messages:
-        """A message of the autopilot; returns the replies: requests for the mission and for rates."""
+        """Handle a message of the autopilot. Return the replies: requests for the mission and for rates."""
         replies = self.vehicle.handle(message, now_ns)
         if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_ACK:
             self.commands.handle_acknowledgement(message, self.vehicle)
@@ -125,12 +130,12 @@ class ObstacleAvoidance:
         offset_s: NDArray[np.float32],
         intensity: NDArray[np.uint8],
     ) -> None:
-        """Points (n, 3) body FRD, each at its own instant, `offset_s` (n,) after `stamp_ns`; intensity (n,)."""
+        """Add points (n, 3) in body FRD. Each was taken `offset_s` (n,) after `stamp_ns`. intensity: (n,)."""
         self._waiting.append((stamp_ns, points_frd_m, offset_s, intensity))
         self._process(final=False)
 
     def _process(self, final: bool) -> None:
-        """Detect in clouds whose pose is known by now; the others wait for the autopilot's next messages."""
+        """Detect in clouds with a known pose. The others wait for the autopilot's next messages."""
         while self._waiting:
             stamp_ns, points, offset_s, intensity = self._waiting[0]
             newest_ns = self.vehicle.history.newest_ns
@@ -160,7 +165,7 @@ class ObstacleAvoidance:
         self.tracker.update(stamp_ns, clusters, pose.pos_ned_m[:2], view_rad, self.detector.water_reach_m, drift)
 
     def plan(self, now_ns: int) -> Messages:
-        """Messages to the autopilot: mode changes, targets, requests. No targets while the path is free."""
+        """Return messages to the autopilot: mode changes, targets, requests. No targets while the path is free."""
         messages = self.vehicle.poll(now_ns)
         if not self._avoids:
             return messages
@@ -177,7 +182,7 @@ class ObstacleAvoidance:
         return self._cloud_ns is None or now_ns - self._cloud_ns > TUNED.look_stale_ns
 
     def proximity_messages(self, now_ns: int) -> Messages:
-        """OBSTACLE_DISTANCE and DISTANCE_SENSOR; nothing without clouds or pose."""
+        """Return OBSTACLE_DISTANCE and DISTANCE_SENSOR, nothing without clouds or pose."""
         pose = None if self._is_blind(now_ns) else self.vehicle.pose_at(now_ns)
         if pose is None:
             return []
@@ -187,7 +192,7 @@ class ObstacleAvoidance:
         return make_proximity_messages(np.concatenate(points), pose, now_ns, self._bow_m, self._range_m)
 
     def obstacle_messages(self, now_ns: int) -> Messages:
-        """An XITL_OBSTACLE of every confirmed track."""
+        """Return an XITL_OBSTACLE of every confirmed track."""
         pose = self.vehicle.pose_at(now_ns)
         if pose is None:
             return []
@@ -217,7 +222,7 @@ class ObstacleAvoidance:
 
 
 def _outline(track: ObstacleTrack, now_ns: int) -> NDArray[np.float64]:
-    """Points along the edge of its box, (n, 2)."""
+    """Points along the edge of the track's box, (n, 2)."""
     along = np.array((math.cos(track.heading_rad), math.sin(track.heading_rad)))
     across = np.array((-along[1], along[0]))
     forward, right = 0.5 * track.length_m, 0.5 * track.width_m

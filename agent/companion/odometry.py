@@ -1,10 +1,13 @@
 """Lidar odometry on water: the body's motion since the odometry began, from clouds and the autopilot's motion.
 
-KISS-ICP (Vizzo et al., KISS-ICP: in defense of point-to-point ICP, IEEE RA-L 8(2), 2023), by the parts that its package
-offers, with three differences for a river. Prediction and deskewing go by the clock, so that a lost cloud is a longer
-step and no jump, and a cloud that fits nowhere is refused before it gets into the map. Some hundred points of a cloud
-stand still and thousands are on the water: these are thinned until they carry height and attitude and cannot hold the
-vessel back. And with so few points a registered pose is weighed against the prediction, see odometry_filters.py.
+The method is KISS-ICP (Vizzo et al., KISS-ICP: in defense of point-to-point ICP, IEEE RA-L 8(2), 2023). It uses the
+parts of the package, with three differences for a river:
+
+- Prediction and deskewing use the clock. So a lost cloud is a longer step and not a jump. A cloud that does not fit is
+  refused before it enters the map.
+- Some hundred points of a cloud are static and thousands are on the water. The water points are thinned. They still
+  carry height and attitude but cannot hold the vessel back.
+- With so few points, a registered pose is weighted against the prediction, see odometry_filters.py.
 """
 
 from __future__ import annotations
@@ -27,11 +30,13 @@ from agent.companion.settings import TUNED
 from agent.companion.water_plane import WaterPlane
 
 MotionSource = Callable[["int | None", int, int], "AutopilotMotion | None"]
-"""Motion from the end of the cloud before to the end of this one, by (end before, begin, end) on the sensors' clock;
-None where it is not known."""
+"""Motion from the end of the last cloud to the end of this one, by (end before, begin, end) on the sensors' clock.
+
+None if unknown.
+"""
 
 LONGEST_CLOUD_S = 1.0
-"""A point with a later offset is damaged."""
+"""A point with a later offset is invalid."""
 
 
 def no_motion(before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion | None:
@@ -40,33 +45,37 @@ def no_motion(before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMot
 
 
 class OdometryError(Exception):
-    """One sentence for the user: what is wrong with the odometry and what to do."""
+    """Raised when the odometry cannot run. The message is one sentence with cause and remedy."""
 
 
 class RegisteredCloud(NamedTuple):
-    """A cloud at its pose.
-
-    stamp_ns: of the cloud's last point. pose_odom: (4, 4), body FRD at that instant to the frame `odom`, which is body
-    FRD at the first cloud's last point. vel_frd_mps: (3,). points_frd_m: (m, 3), its good points above the water, as
-    seen from the body at that instant. kept: (n,) which of the given points these are.
-    """
+    """A cloud at its pose."""
 
     stamp_ns: int
+    """Instant of the cloud's last point."""
     pose_odom: Array
+    """(4, 4), body FRD at that instant to the frame `odom`, which is body FRD at the first cloud's last point."""
     vel_frd_mps: Array
+    """(3,)."""
     points_frd_m: Points
+    """(m, 3), its valid points above the water, in body axes at that instant."""
     kept: NDArray[np.bool_]
+    """(n,) mask of these points among the given points."""
 
 
 class LidarOdometry:
-    """Takes clouds in order of time; the same clouds give the same poses, bit for bit.
+    """Registers clouds in order of time. The same clouds give the same poses, bit for bit.
 
-    max_range_m, min_range_m: of the points that are used. voxel_m: edge of the cells of the local map, which keeps what
-    is within max_range_m. motion: what the autopilot tells of how the body moved; without it, clouds alone count.
-    poses, poses_refused: clouds that were registered, and not. unaided: clouds without a motion. points_refused: points
-    that are not finite or damaged. restarts: how often the local map was begun anew.
+    max_range_m, min_range_m: range of the points that are used.
+    voxel_m: edge of the cells of the local map, which covers max_range_m.
+    motion: body motion from the autopilot; without it, only clouds are used.
 
-    Raises OdometryError where KISS-ICP is not installed.
+    poses, poses_refused: number of registered and refused clouds.
+    unaided: clouds without a motion.
+    points_refused: points that are not finite or invalid.
+    restarts: number of restarts of the local map.
+
+    Raises OdometryError if KISS-ICP is not installed.
     """
 
     def __init__(
@@ -89,7 +98,7 @@ class LidarOdometry:
         config.data.max_range, config.data.min_range = max_range_m, min_range_m
         config.mapping.voxel_size = voxel_m
         config.registration.max_num_iterations = TUNED.icp_iterations
-        config.registration.max_num_threads = 1  # sums in one order, and the other core is the simulation's
+        config.registration.max_num_threads = 1  # fixed order of sums; the other core is for the simulation
         self._new_map: Callable[[], Any] = lambda: get_voxel_hash_map(config)
         self._down_sample: Any = voxel_down_sample
         self._registration: Any = get_registration(config)
@@ -102,12 +111,15 @@ class LidarOdometry:
         self._filter: OdometryFilter = self._lidar_only
         self.poses = self.poses_refused = self.unaided = self.points_refused = self.restarts = 0
         self._refused_in_a_row = 0
-        self._end_ns: int | None = None  # of the last cloud with a state
+        self._end_ns: int | None = None  # end of the last cloud with a state
         self._state: OdometryFilterState | None = None
 
     def register(self, stamp_ns: int, points_frd_m: Points, offset_s: Points) -> RegisteredCloud | None:
-        """Register a cloud begun at `stamp_ns`: points (n, 3), each offset_s (n,) later. None if it fits nowhere."""
-        # Keep the good points, by how long before the end of the cloud they were taken
+        """Register a cloud that began at `stamp_ns`: points (n, 3), each offset_s (n,) later.
+
+        Return None if it does not fit.
+        """
+        # Keep the valid points, with their time before the end of the cloud
         kept = self._good_points(points_frd_m, offset_s)
         points, offset = points_frd_m[kept], offset_s[kept]
         last_s = float(offset.max(initial=0.0))
@@ -116,11 +128,11 @@ class LidarOdometry:
             self.poses_refused += 1
             return None
 
-        # Ask the autopilot how the body moved since the last cloud
+        # Get the body motion since the last cloud from the autopilot
         motion = self._motion(self._end_ns, stamp_ns, end_ns)
         self.unaided += motion is None
 
-        # Tell points on the water from solid ones
+        # Separate points on the water from solid ones
         wet = self._water.water_mask(points, lag_s)
         if motion is not None:
             wet |= self._water.crest_mask(points, lag_s, motion.attitude_ned[2], motion.rate_frd_radps)
@@ -156,13 +168,13 @@ class LidarOdometry:
         self._refused_in_a_row = 0
         self.poses += 1
 
-        # Hand on the solid points, deskewed by the corrected motion
+        # Return the solid points, deskewed by the corrected motion
         kept[np.flatnonzero(kept)[wet]] = False
         pose, twist = self._state
         return RegisteredCloud(end_ns, pose.copy(), twist[:3].copy(), deskew(points[~wet], lag_s[~wet], twist), kept)
 
     def pose_at(self, stamp_ns: int) -> Array | None:
-        """(4, 4) at another instant, at constant twist from the last pose; None before the first."""
+        """Pose (4, 4) at another instant, at constant twist from the last pose. None before the first."""
         if self._end_ns is None or self._state is None:
             return None
         pose: Array = self._state.pose_odom @ exponential(self._state.twist_frd * ((stamp_ns - self._end_ns) * 1e-9))
@@ -185,7 +197,7 @@ class LidarOdometry:
         return kept
 
     def _align(self, thinned: Array, water: Array, guess: Array) -> Array:
-        """The pose (4, 4) of a cloud in the local map, by ICP from a guess (4, 4)."""
+        """Align a cloud with the local map by ICP from a guess (4, 4). Return its pose (4, 4)."""
         thinned_water = self._down_sample(water, TUNED.icp_water_voxel_share * self._voxel_m)
         pose: Array = self._registration.align_points_to_map(
             points=np.concatenate([thinned, thinned_water]),
@@ -197,12 +209,12 @@ class LidarOdometry:
         return pose
 
     def _map_points(self, solid: Array, water: Array) -> Array:
-        """The points of a cloud that go into the local map."""
+        """Return the points of a cloud that enter the local map."""
         cell_m, water_cell_m = TUNED.map_voxel_share * self._voxel_m, TUNED.map_water_voxel_share * self._voxel_m
         return np.concatenate([self._down_sample(solid, cell_m), self._down_sample(water, water_cell_m)])
 
     def _refuse(self, end_ns: int, predicted: OdometryFilterState, motion: AutopilotMotion | None) -> None:
-        """A cloud that says nothing of the pose; the autopilot's motion carries the state on."""
+        """Refuse a cloud that does not determine the pose. The autopilot's motion propagates the state."""
         self.poses_refused += 1
         if motion is not None:
             self._end_ns, self._state = end_ns, self._filter.hold_level(predicted, motion)
@@ -210,7 +222,10 @@ class LidarOdometry:
     def _refuse_misfit(
         self, end_ns: int, predicted: OdometryFilterState, motion: AutopilotMotion | None, solid: Array
     ) -> None:
-        """A cloud that does not fit the local map; after many in a row the map is begun anew at the predicted pose."""
+        """Refuse a cloud that does not fit the local map.
+
+        After many in a row, the map restarts at the predicted pose.
+        """
         self._refuse(end_ns, predicted, motion)
         self._refused_in_a_row += 1
         if self._refused_in_a_row >= TUNED.odometry_clouds_lost:

@@ -1,12 +1,12 @@
 """Prediction and correction of the odometry's pose: aided by the autopilot, or from the clouds alone.
 
-`AidedFilter` is an error-state Kalman filter. A vessel that avoids an obstacle faces open water for seconds, where a
-lidar says nothing of how it turned. Its autopilot knows: from its gyroscopes how it turned since the cloud before, from
-gravity where down is, and how its velocity changed. The autopilot's position is not used. The errors (9,) are of
-position, attitude (a turn of the odometry's frame) and velocity, all in the odometry's frame (Sola, Quaternion
-kinematics for the error-state Kalman filter, arXiv:1711.02508, sec. 7).
+`AidedFilter` is an error-state Kalman filter. A vessel that avoids an obstacle faces open water for seconds. A lidar
+then has no information on the vessel's rotation, but its autopilot has. It measures the rotation since the last cloud
+by gyroscopes, down by gravity, and the change of velocity. The autopilot's position is not used. The errors (9,) are of
+position, attitude and velocity, all in the odometry's frame. The attitude error is a rotation of that frame (Sola,
+Quaternion kinematics for the error-state Kalman filter, arXiv:1711.02508, sec. 7).
 
-`LidarOnlyFilter` is an alpha-beta filter: constant velocity, and roll and pitch as the water shows them.
+`LidarOnlyFilter` is an alpha-beta filter: constant velocity, with roll and pitch from the water plane.
 """
 
 from __future__ import annotations
@@ -23,48 +23,51 @@ from agent.companion.water_plane import WaterPlane
 
 
 class AutopilotMotion(NamedTuple):
-    """How the autopilot says the body moved from one cloud's end to the next.
-
-    turned (3, 3): the body now seen from the body then. rate_frd_radps (3,): mean of the cloud's own time.
-    attitude_ned (3, 3): body to NED now. vel_ned_mps (3,) now, of which gained_ned_mps (3,) since then.
-    """
+    """Body motion from one cloud's end to the next, from the autopilot."""
 
     turned: Array
+    """(3, 3): from the present body axes to the earlier body axes."""
     rate_frd_radps: Array
+    """(3,): mean over the time of this cloud."""
     attitude_ned: Array
+    """(3, 3): body to NED now."""
     vel_ned_mps: Array
+    """(3,) now."""
     gained_ned_mps: Array
+    """(3,): change of velocity since the last cloud."""
 
 
 class OdometryFilterState(NamedTuple):
-    """pose_odom (4, 4): body FRD to the odometry's frame. twist_frd (6,): velocity and rates in the body."""
+    """State of the filter."""
 
     pose_odom: Array
+    """(4, 4): body FRD to the odometry's frame."""
     twist_frd: Array
+    """(6,): velocity and rates in the body."""
 
 
 class OdometryFilter(Protocol):
     """Predicts and corrects the state. Called in this order for each cloud."""
 
     def resume(self) -> None:
-        """The last cloud was another filter's, or there was none: the uncertainty is not known from before."""
+        """Reset the uncertainty, because another filter processed the last cloud or there was none."""
 
     def predict(
         self, before: OdometryFilterState | None, dt_s: float, motion: AutopilotMotion | None
     ) -> OdometryFilterState:
-        """The state at the cloud's end; before is None for the first cloud."""
+        """Predict the state at the cloud's end. before: None for the first cloud."""
 
     def correct(
         self, guess: OdometryFilterState, aligned: Array, solid_frd_m: Array, dt_s: float
     ) -> OdometryFilterState | None:
-        """The state given the registered pose (4, 4) of the points (n, 3); None where that pose is refused."""
+        """Correct the state by the registered pose (4, 4) of the points (n, 3). Return None if that pose is refused."""
 
     def hold_level(self, estimate: OdometryFilterState, motion: AutopilotMotion | None) -> OdometryFilterState:
-        """The state with its height and tilt held to the water level, and to the autopilot's down."""
+        """Hold the height and tilt of the state to the water level, and to the autopilot's down direction."""
 
 
 def _diagonal(place: float, attitude: float, velocity: float) -> Array:
-    """(9, 9) covariance of position, attitude and velocity, by their variances."""
+    """Covariance (9, 9) of position, attitude and velocity, from their variances."""
     return np.diag([place] * 3 + [attitude] * 3 + [velocity] * 3)
 
 
@@ -74,7 +77,7 @@ _RESUMED = _diagonal(
 )
 _PROCESS = _diagonal(
     TUNED.aided_process_place_m**2, np.radians(TUNED.aided_process_turn_deg) ** 2, TUNED.aided_process_vel_mps**2
-)  # that a second adds
+)  # added per second
 _REGISTRATION = np.diag(
     np.array(
         [TUNED.aided_registration_m] * 3 + [TUNED.aided_registration_tilt_rad] * 2 + [TUNED.aided_registration_yaw_rad]
@@ -82,8 +85,8 @@ _REGISTRATION = np.diag(
     ** 2
 )
 _GAIN = np.array(TUNED.lidar_only_gains)
-_RATE_GAIN = _GAIN**2 / (2.0 - _GAIN)  # the beta that belongs to alpha (Benedict and Bordner, IRE Trans. AC-7, 1962)
-_NOTHING = 1e-9  # registration hands back the prediction where it could join no points
+_RATE_GAIN = _GAIN**2 / (2.0 - _GAIN)  # the beta for this alpha (Benedict and Bordner, IRE Trans. AC-7, 1962)
+_NOTHING = 1e-9  # registration returns the prediction when it matched no points
 _DOWN = np.array([0.0, 0.0, 1.0])
 
 
@@ -95,9 +98,11 @@ class _AutopilotSample(NamedTuple):
 
 
 class AutopilotMotionSource:
-    """Motions from an autopilot's pose history. own_ns: from the sensors' clock to the history's.
+    """Motions from an autopilot's pose history.
 
-    Each motion begins at the pose where the last one ended, as it was then known: errors of extrapolation cancel.
+    own_ns: converts the sensors' clock to the history's clock.
+
+    Each motion begins at the pose at which the last one ended, as estimated then. So errors of extrapolation cancel.
     """
 
     def __init__(self, history: PoseHistory, own_ns: Callable[[int], int]) -> None:
@@ -106,7 +111,7 @@ class AutopilotMotionSource:
         self._last: _AutopilotSample | None = None
 
     def motion_between(self, before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion | None:
-        """From the end of the cloud before (None: there was none) to this one's end; None where it is not known."""
+        """Motion from the end of the last cloud (None: there was none) to the end of this one. None if unknown."""
         now, began = self._sample_at(end_ns), self._history.steady_attitude_at(self._own_ns(begin_ns))
         if now is None or began is None:
             return None
@@ -173,7 +178,7 @@ class AidedFilter:
     def correct(
         self, guess: OdometryFilterState, aligned: Array, solid_frd_m: Array, dt_s: float
     ) -> OdometryFilterState | None:
-        """Weighed by the information of the registered points."""
+        """Weight the correction by the information of the registered points."""
         turn = rotation_vector(aligned[:3, :3] @ guess.pose_odom[:3, :3].T)
         residual = np.concatenate([aligned[:3, 3] - guess.pose_odom[:3, 3], turn])
         place_m2, turn_rad2 = np.trace(self._covariance[:3, :3]), np.trace(self._covariance[3:6, 3:6])
@@ -214,7 +219,11 @@ class AidedFilter:
     def _observed(
         self, estimate: OdometryFilterState, jacobian: Array, residual: Array, noise: Array
     ) -> OdometryFilterState:
-        """After an observation (k,) of covariance noise (k, k); jacobian (k, 9) of it by the errors."""
+        """Return the state after an observation (k,).
+
+        noise: covariance (k, k).
+        jacobian: (k, 9) with respect to the errors.
+        """
         before = self._covariance
         gain = np.linalg.solve(jacobian @ before @ jacobian.T + noise, jacobian @ before).T
         after = (np.eye(9) - gain @ jacobian) @ before
@@ -233,9 +242,9 @@ def _twist(rot_odom_frd: Array, vel_odom_mps: Array, motion: AutopilotMotion) ->
 
 
 def _information(around_m: Array) -> Array:
-    """(6, 6) of points (n, 3) around the body on its place and attitude, each of weight one.
+    """Information (6, 6) of points (n, 3) around the body on its position and attitude, each with weight one.
 
-    The normal equations of point-to-point registration; what they leave open is nearly zero.
+    These are the normal equations of point-to-point registration. Unobservable directions are nearly zero.
     """
     total, squares = around_m.sum(axis=0), around_m.T @ around_m
     information = 1e-3 * np.eye(6)
@@ -273,7 +282,7 @@ class LidarOnlyFilter:
     ) -> OdometryFilterState | None:
         surprise = logarithm(inverse(guess.pose_odom) @ aligned)
         most_m = TUNED.lidar_only_surprise_mps * dt_s
-        if not float(np.linalg.norm(surprise[:3])) <= most_m:  # also when it is not a number
+        if not float(np.linalg.norm(surprise[:3])) <= most_m:  # also true for NaN
             return None
         pose = guess.pose_odom @ exponential(_GAIN * surprise)
         return OdometryFilterState(pose, self._rocked(guess.twist_frd + _RATE_GAIN * surprise / dt_s))
@@ -301,9 +310,9 @@ class LidarOnlyFilter:
         return OdometryFilterState(levelled, estimate.twist_frd)
 
     def _rocked(self, twist: Array) -> Array:
-        """(6,) a twist that rolls and pitches as this cloud's water says, where it shows any, and does not heave.
+        """Twist (6,) with the roll and pitch rates of this cloud's water plane, if visible, and without heave.
 
-        Heave of some cm in a second is below what the prediction makes of it.
+        Heave of some cm per second is below the accuracy of the prediction.
         """
         level = self._water.level
         if level is None:
@@ -315,7 +324,7 @@ class LidarOnlyFilter:
         return rocked
 
     def _floated(self, guess: Array) -> Array:
-        """A predicted pose, tilted and lifted so that the water is where the last cloud saw it."""
+        """Tilt and lift a predicted pose so that the water plane matches that of the last cloud."""
         level, before = self._water.level, self._surface
         if level is None or before is None:
             return guess

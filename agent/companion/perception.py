@@ -23,7 +23,7 @@ WINDOW_NS = 20_000_000_000
 
 
 class SensorClock:
-    """The sensors' clock on this machine's: the shortest recent delay of a cloud is taken for zero delay.
+    """Converts the sensors' clock to this machine's clock. The shortest recent delay of a cloud is taken as zero delay.
 
     In lockstep both clocks are the same.
     """
@@ -35,7 +35,7 @@ class SensorClock:
         self._before_ns: int | None = None
 
     def note_arrival(self, stamp_ns: int, now_ns: int) -> None:
-        """Data complete at `stamp_ns` of the sensors' clock arrived at `now_ns` of this machine's."""
+        """Note that data complete at `stamp_ns` of the sensors' clock arrived at `now_ns` of this machine's clock."""
         took_ns = now_ns - stamp_ns
         if self._since_ns is None or now_ns - self._since_ns > WINDOW_NS:
             self._since_ns, self._before_ns, self._least_ns = now_ns, self._least_ns, took_ns
@@ -43,7 +43,7 @@ class SensorClock:
             self._least_ns = took_ns
 
     def own_ns(self, stamp_ns: int) -> int:
-        """An instant of the sensors' clock on this machine's."""
+        """Convert an instant of the sensors' clock to this machine's clock."""
         if self._lockstep or self._least_ns is None:
             return stamp_ns
         least_ns = self._least_ns if self._before_ns is None else min(self._least_ns, self._before_ns)
@@ -51,11 +51,11 @@ class SensorClock:
 
 
 MOST_WAITING = 3
-"""Clouds that may wait for the odometry: a companion that is too slow drops clouds and does not fall behind."""
+"""Clouds that may wait for the odometry. A companion that is too slow drops clouds and does not fall behind."""
 PATIENCE_NS = 150_000_000
-"""How long a cloud waits for the autopilot's motion of its time, before it is registered without."""
+"""Time that a cloud waits for the autopilot's motion before it is registered without it."""
 UNAIDED_CLOUDS = 300
-"""Clouds of a run without the autopilot's motion after which that is reported."""
+"""Number of clouds without the autopilot's motion in a run before a report."""
 MOST_PINGS = 32
 """Pings that may wait for a cloud."""
 _LOCAL_FRD, _BODY_FRD = 20, 12  # MAV_FRAME
@@ -70,9 +70,10 @@ class _Tally(NamedTuple):
 
 
 class Perception:
-    """Odometry, map and obstacle avoidance of one run. `say(text)` reports to people.
+    """Odometry, map and obstacle avoidance of one run. `say(text)` reports to the user.
 
-    parameters: as they are now. avoidance: on this machine's clock.
+    parameters: current values.
+    avoidance: runs on this machine's clock.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class Perception:
         self._pings = PingReassembler()
         self._clock = SensorClock(lockstep)
         self._waiting: deque[PointCloud] = deque()
-        self._seen: deque[PointCloud] = deque()  # by the avoidance; the odometry waits for the autopilot
+        self._seen: deque[PointCloud] = deque()  # processed by the avoidance; waiting for the autopilot's motion
         self._aided = bool(parameters["ODO_AIDED"])
         self._say = say
         self._reported_unaided = False
@@ -104,11 +105,11 @@ class Perception:
 
     @property
     def clouds(self) -> int:
-        """Clouds taken in so far, whole or in part."""
+        """Number of clouds received so far, complete or partial."""
         return self._clouds.clouds + self._clouds.clouds_partial
 
     def handle(self, message: Any, now_ns: int) -> bool:
-        """Keep a chunk of a cloud or a ping; False for any other message."""
+        """Store a chunk of a cloud or a ping. Return False for any other message."""
         if isinstance(message, mav.MAVLink_xitl_cloud_message):
             for cloud in self._clouds.handle(message):
                 if cloud.kind == mav.XITL_CLOUD_KIND_LIDAR:
@@ -128,7 +129,7 @@ class Perception:
         self._waiting.append(cloud)
 
     def process(self, now_ns: Callable[[], int]) -> Messages:
-        """Process the clouds and pings that wait; returns messages to the host."""
+        """Process the waiting clouds and pings. Return messages to the host."""
         messages: Messages = []
         while self._waiting:
             cloud = self._waiting.popleft()
@@ -156,7 +157,7 @@ class Perception:
         return late_ns <= 0 or hopeless
 
     def _is_awaited(self, stamp_ns: int) -> bool:
-        """Whether a cloud that waits will say where the body was."""
+        """Whether a waiting cloud will provide the pose at this instant."""
         return bool(self._seen) and self._seen[0].stamp_ns <= stamp_ns
 
     def _register(self, cloud: PointCloud) -> Messages:
@@ -195,7 +196,7 @@ class Perception:
         return cloud_messages(PointCloud(kind, self._numbers[source], stamp_ns, points, still, added.intensity), origin)
 
     def status(self, now_ns: int) -> Any:
-        """XITL_COMPANION_STATUS."""
+        """Return XITL_COMPANION_STATUS."""
         clouds, odometry, avoidance, tally = self._clouds, self._odometry, self.avoidance, self._tally
         poses, refused, points = (0, 0, 0) if odometry is None else (
             odometry.poses, odometry.poses_refused, odometry.points_refused
@@ -209,7 +210,7 @@ class Perception:
 
 
 def _odometry_message(placed: RegisteredCloud) -> Any:
-    """ODOMETRY at the cloud's last point, on the sensors' clock; quality is not known."""
+    """ODOMETRY at the cloud's last point, on the sensors' clock. Its quality is unknown."""
     return mav.MAVLink_odometry_message(
         placed.stamp_ns // 1000, _LOCAL_FRD, _BODY_FRD, *placed.pose_odom[:3, 3].tolist(),
         quaternion_of(placed.pose_odom[:3, :3]), *placed.vel_frd_mps.tolist(), 0.0, 0.0, 0.0, _UNKNOWN, _UNKNOWN,

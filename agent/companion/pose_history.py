@@ -1,4 +1,4 @@
-"""The last seconds of the autopilot's motion, to place what was seen at an instant."""
+"""Last seconds of the autopilot's motion, which give the pose at an instant."""
 
 from __future__ import annotations
 
@@ -11,25 +11,28 @@ import numpy as np
 from agent.companion.rigid_motion import Array, quaternion_product, rotation_matrix, turn_quaternion
 
 KEPT_NS = 5_000_000_000
-AHEAD_NS = 500_000_000  # so far past the newest sample motion is carried on
-_GAP_NS = 1_500_000_000  # samples farther apart are not joined
-_STEP_RAD, _STEP_SHARE = math.radians(1.0), 0.1  # that attitudes may be off what the rates say: more is a step
-_RATES_HOLD_S = 0.3  # samples farther apart are not held against rates
+AHEAD_NS = 500_000_000  # limit of extrapolation past the newest sample
+_GAP_NS = 1_500_000_000  # no interpolation between samples farther apart
+_STEP_RAD, _STEP_SHARE = math.radians(1.0), 0.1  # allowed difference of attitudes from the rates: more is a step
+_RATES_HOLD_S = 0.3  # samples farther apart are not compared with the rates
 _BACK = np.array((1.0, -1.0, -1.0, -1.0))
 
 
 class VehiclePose(NamedTuple):
-    """pos_ned_m (3,) from the autopilot's local origin, rot_ned_frd (3, 3), vel_ned_mps (3,)."""
+    """Pose and velocity of the body."""
 
     pos_ned_m: Array
+    """(3,) from the autopilot's local origin."""
     rot_ned_frd: Array
+    """(3, 3)."""
     vel_ned_mps: Array
+    """(3,)."""
 
 
 class _Turned(NamedTuple):
     stamp_ns: int
     quat: Array  # w, x, y, z, body FRD to NED
-    steady: Array  # the same without the steps in which an estimator found itself wrong
+    steady: Array  # the same without the steps of an estimator that corrected itself
     rate_frd_radps: Array
 
 
@@ -45,16 +48,16 @@ class PoseHistory:
     def __init__(self) -> None:
         self._turned: deque[_Turned] = deque()
         self._placed: deque[_Placed] = deque()
-        self.epoch = 0  # how often all was forgotten
+        self.epoch = 0  # number of times that all samples were dropped
 
     def clear(self) -> None:
-        """Forget all samples."""
+        """Drop all samples."""
         self.epoch += 1
         self._turned.clear()
         self._placed.clear()
 
     def add_attitude(self, stamp_ns: int, quat: Array, rate_frd_radps: Array) -> None:
-        """An attitude as a quaternion (4,) of any length, and body rates (3,)."""
+        """Add an attitude as a quaternion (4,) of any length, and body rates (3,)."""
         length = float(np.linalg.norm(quat))
         if not (math.isfinite(length) and length > 0.5 and np.isfinite(rate_frd_radps).all()):
             return
@@ -70,7 +73,7 @@ class PoseHistory:
             self._turned.popleft()
 
     def add_position(self, stamp_ns: int, pos_ned_m: Array, vel_ned_mps: Array) -> None:
-        """A position and a velocity, both (3,)."""
+        """Add a position and a velocity, both (3,)."""
         if not (np.isfinite(pos_ned_m).all() and np.isfinite(vel_ned_mps).all()):
             return
         if self._placed and stamp_ns <= self._placed[-1].stamp_ns:
@@ -81,22 +84,25 @@ class PoseHistory:
 
     @property
     def newest_ns(self) -> int | None:
-        """The instant up to which both are known; None before."""
+        """Instant up to which both are known, None before the first samples."""
         if not self._turned or not self._placed:
             return None
         return min(self._turned[-1].stamp_ns, self._placed[-1].stamp_ns)
 
     def pose_at(self, stamp_ns: int) -> VehiclePose | None:
-        """The pose at an instant; a little past the newest sample by its rates, None farther off or before all."""
+        """Pose at an instant.
+
+        Extrapolated by the rates a little past the newest sample, None farther off or before all samples.
+        """
         turned, place = self._turned_at(stamp_ns), self._place_at(stamp_ns)
         if turned is None or place is None:
             return None
         return VehiclePose(place[0], rotation_matrix(turned.quat), place[1])
 
     def steady_attitude_at(self, stamp_ns: int) -> Array | None:
-        """(3, 3) the body's axes in a frame that stays for the epoch, without the estimator's steps; None if unknown.
+        """Body axes (3, 3) in a frame that is fixed for the epoch, without the estimator's steps. None if unknown.
 
-        An estimator that corrects itself at a stroke, as it does when it finds north, has not turned the body.
+        An estimator that corrects itself in one step, for example when it finds north, has not rotated the body.
         """
         turned = self._turned_at(stamp_ns)
         return None if turned is None else rotation_matrix(turned.steady)
@@ -136,7 +142,7 @@ class PoseHistory:
 
 
 def _between(first: Array, second: Array, share: float) -> Array:
-    """Interpolation along the chord, which over a tenth of a second is the arc."""
+    """Interpolate along the chord, which over a tenth of a second equals the arc."""
     if float(first @ second) < 0.0:
         second = -second
     mixed = first + (second - first) * share
@@ -150,7 +156,7 @@ def _carried(sample: _Turned, ahead_s: float) -> _Turned:
 
 
 def _turn(before: _Turned, stamp_ns: int, quat: Array, rate_frd_radps: Array) -> Array:
-    """(3,) from one attitude to the next: by the difference, or by the rates where that is a step."""
+    """Rotation (3,) from one attitude to the next: by the difference, or by the rates if the difference is a step."""
     ahead_s = (stamp_ns - before.stamp_ns) * 1e-9
     w, *axis = quaternion_product(before.quat * _BACK, quat).tolist()
     sine = math.hypot(*axis)

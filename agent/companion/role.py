@@ -1,6 +1,6 @@
-"""The companion role: HS, HC and HA. Perception, map and obstacle avoidance on a companion computer.
+"""Companion role with the functions HS, HC and HA: perception, map and obstacle avoidance on a companion computer.
 
-Without numpy it reports that, keeps time and sends its status, and no more.
+Without numpy, it reports that, keeps time and sends its status only.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _COMMANDS = (
 
 
 class CompanionRole(Role):
-    """Heartbeats of an onboard controller, sentences when the host falls silent or is back, and what it perceives.
+    """Sends heartbeats of an onboard controller, events when the host falls silent or returns, and its perceptions.
 
-    Perception begins with the first cloud or ping, with the settings of that moment.
+    Perception begins with the first cloud or ping, with the settings of that instant.
     """
 
     title = "companion"
@@ -127,7 +127,7 @@ class CompanionRole(Role):
 
     @property
     def traffic(self) -> Traffic:
-        """Estimates: clouds that went from sensing to control; efforts: commands sent to the autopilot."""
+        """Traffic. Estimates: clouds passed from sensing to control. Efforts: commands sent to the autopilot."""
         if self._perception is None:
             return Traffic()
         return Traffic(estimates=self._perception.clouds, efforts=self._commands_sent)

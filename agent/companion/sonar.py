@@ -1,11 +1,11 @@
-"""Echoes of a scanning sonar: the XITL_PING chunks they travel in, and the points that stand out in them.
+"""Echoes of a scanning sonar: the XITL_PING chunks on the wire, and the points detected in them.
 
-A ping whose chunks have all come is handed on at once; one that lacks some when a later one begins is handed on with
-zeros in their place.
+A complete ping is returned at once. An incomplete ping is returned when a later one begins, with zeros for the missing
+chunks.
 
-Detection is by constant false alarm rate, "greatest of": an echo must rise above the greater of the mean levels nearer
-and farther than it, which answers neither to noise nor to the edge of a long echo, such as that of the bed (Hansen and
-Sawyers 1980). Levels are compared in the sonar's own steps, which are decibels.
+Detection uses a constant false alarm rate, "greatest of". An echo must exceed the greater of the mean levels nearer and
+farther than it. Neither noise nor the edge of a long echo, for example of the bed, triggers it (Hansen and Sawyers
+1980). Levels are compared in the sonar's own steps, which are decibels.
 """
 
 from __future__ import annotations
@@ -20,31 +20,33 @@ from numpy.typing import NDArray
 from agent.wire import dialect
 from agent.wire.codec import Message
 
-CHUNK = 200  # samples a message carries
+CHUNK = 200  # samples per message
 MOST_SAMPLES = 1200
 TURN_GRAD = 400
 _ROUND = 1 << 16
 
 
 class SonarPing(NamedTuple):
-    """The echo of one ping. number: counts up, round after 65536. stamp_ns: sensor clock when it went out.
-
-    angle_grad: direction of the beam clockwise from the bow, 400 to the turn. position_frd_m: of the transducer.
-    intensity (n,): sample k is the middle of its interval, at `ranges_m()[k]`. chunks_lost: came not, and are zeros.
-    """
+    """Echo of one ping."""
 
     number: int
+    """Counts up and wraps after 65535."""
     stamp_ns: int
+    """Sensor clock at transmission."""
     angle_grad: int
+    """Direction of the beam clockwise from the bow, 400 per turn."""
     position_frd_m: tuple[float, float, float]
+    """Position of the transducer."""
     sample_period_s: float
     sound_speed_mps: float
     intensity: NDArray[uint8]
+    """(n,): sample k is the middle of its interval, at `ranges_m()[k]`."""
     chunks_lost: int = 0
+    """Number of missing chunks, which are zeros."""
 
     @property
     def sample_m(self) -> float:
-        """Range from one sample to the next: sound goes there and back."""
+        """Range between two samples. Sound travels there and back."""
         return 0.5 * self.sound_speed_mps * self.sample_period_s
 
     def ranges_m(self) -> NDArray[float64]:
@@ -53,7 +55,7 @@ class SonarPing(NamedTuple):
 
 
 def ping_messages(ping: SonarPing) -> list[Message]:
-    """XITL_PING messages of a ping, in order."""
+    """Return the XITL_PING messages of a ping, in order."""
     data, samples = ping.intensity.tobytes(), len(ping.intensity)
     return [
         dialect.MAVLink_xitl_ping_message(
@@ -73,10 +75,12 @@ def ping_messages(ping: SonarPing) -> list[Message]:
 
 
 class PingReassembler:
-    """Puts pings together again.
+    """Reassembles pings from chunks.
 
-    pings: handed on. chunks_lost: never came. late: chunks of a ping that was handed on, or repeated. refused: chunks
-    whose numbers cannot be.
+    pings: returned pings.
+    chunks_lost: missing chunks.
+    late: chunks of a returned ping, or repeated ones.
+    refused: invalid chunks.
     """
 
     def __init__(self) -> None:
@@ -89,7 +93,7 @@ class PingReassembler:
         self._newest: int | None = None
 
     def handle(self, message: Message) -> list[SonarPing]:
-        """The pings that are through with this chunk, oldest first: none, one, or the one before given up as well."""
+        """Handle a chunk. Return the pings that it completes or ends, oldest first: none, one or two."""
         if not _can_be(message):
             self.refused += 1
             return []
@@ -156,9 +160,9 @@ def _can_be(message: Message) -> bool:
 
 Array = NDArray[float64]
 
-RISE = 39.0  # 13 dB: a speckle of the noise gets there once in 70 000 samples
-FLANK = 30.0  # 10 dB: an echo begins where it comes so near to its highest
-NEAREST_M = 0.75  # nearer, the transducer itself still rings
+RISE = 39.0  # 13 dB: the speckle of the noise exceeds it once in 70 000 samples
+FLANK = 30.0  # 10 dB: an echo begins at the first sample this close to its maximum
+NEAREST_M = 0.75  # at closer range, the transducer itself still rings
 GUARD_M = 0.5
 TRAINING_M = 1.5
 _LEAST_GUARD = 4
@@ -170,7 +174,7 @@ def echo_points(
 ) -> tuple[NDArray[float32], NDArray[uint8]]:
     """Echoes of a ping as points_frd_m (k, 3), in the plane of the beam's axis, and their intensity (k,).
 
-    The beam is far taller than wide: how high or deep an echo comes from is not known.
+    The beam is far taller than wide, so the height of an echo is unknown.
     """
     samples = echo_samples(ping, rise, nearest_m)
     angle_rad = ping.angle_grad * (2.0 * np.pi / 400.0)
@@ -180,9 +184,9 @@ def echo_points(
 
 
 def echo_samples(ping: SonarPing, rise: float, nearest_m: float) -> NDArray[int64]:
-    """Numbers of the samples (k,) where echoes begin that stand out, the highest of their surroundings by `rise`.
+    """Indices (k,) of the samples at which detected echoes begin. An echo exceeds its surroundings by `rise`.
 
-    A surface that the beam meets at a slant answers for a while, in speckle, and what is nearest of it answers first.
+    A surface at a slant to the beam returns a long echo with speckle. Its nearest part returns first.
     """
     level = ping.intensity.astype(float64)
     guard = max(round(GUARD_M / ping.sample_m), _LEAST_GUARD)
@@ -198,7 +202,7 @@ def echo_samples(ping: SonarPing, rise: float, nearest_m: float) -> NDArray[int6
     padded = np.pad(level, guard, constant_values=-1.0)
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * guard + 1)
     highest = level >= around.max(axis=1)
-    highest[1:] &= level[1:] > level[:-1]  # of equal ones, the first
+    highest[1:] &= level[1:] > level[:-1]  # the first of equal ones
     peaks = np.flatnonzero(highest & (level >= np.maximum(near, far) + rise) & (place >= start))
     before = np.maximum(peaks[:, None] + np.arange(-guard, 1), start)
     first = np.argmax(level[before] >= level[peaks, None] - FLANK, axis=1)
@@ -206,5 +210,5 @@ def echo_samples(ping: SonarPing, rise: float, nearest_m: float) -> NDArray[int6
 
 
 def _mean(total: Array, first: NDArray[int64], end: NDArray[int64]) -> Array:
-    """Means of [first, end) from running sums; 0 where there is nothing."""
+    """Means of [first, end) from running sums, 0 for empty ranges."""
     return np.asarray((total[end] - total[first]) / np.maximum(end - first, 1))

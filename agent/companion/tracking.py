@@ -1,7 +1,7 @@
-"""Obstacle tracker: what moves by Kalman filters of constant velocity, and structure that stands still.
+"""Obstacle tracker: moving objects by Kalman filters of constant velocity, and static structure.
 
-A cluster that is long, or lies against structure, is structure until its whole outline is seen to move: then it is
-another vessel. A track that leaves the view is predicted on for a while.
+A cluster that is long, or adjacent to structure, is structure until its whole outline is seen to move. Then it is
+another vessel. A track that leaves the view is predicted for a while.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _STRUCTURE_VIEW_RAD = np.radians(TUNED.structure_view_deg)
 
 
 class StructureMap:
-    """Cells of what stands still: where they were hit, when they were first and last seen, and how often.
+    """Cells of static structure: their points, first and last hits, and number of hits.
 
-    A cell is confirmed when it was hit repeatedly over some time: glinting crests are elsewhere soon.
+    A cell is confirmed when it was hit repeatedly over some time. Glinting crests soon move to other cells.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class StructureMap:
         self._first_ns: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._seen_ns: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._hits: NDArray[np.int64] = np.empty(0, dtype=np.int64)
-        self._dry: NDArray[np.int64] = np.empty(0, dtype=np.int64)  # hits where no water returns
+        self._dry: NDArray[np.int64] = np.empty(0, dtype=np.int64)  # hits beyond the water's returns
 
     @property
     def points_ne_m(self) -> Array:
@@ -51,7 +51,10 @@ class StructureMap:
         return wet | ((self._dry >= TUNED.structure_settled_hits) & (seen_ns >= TUNED.structure_settled_ns))
 
     def add_hits(self, stamp_ns: int, points_ne_m: Array, pos_ne_m: Array, water_reach_m: float) -> None:
-        """Add points hit now, seen from pos_ne_m (2,); hits within water_reach_m, where water returns, weigh little."""
+        """Add the points of the present hits, seen from pos_ne_m (2,).
+
+        Hits within water_reach_m have little weight, because water returns light there.
+        """
         cells, one_each = np.unique(cells_of(points_ne_m), return_index=True)
         known = np.searchsorted(self._cells, cells)
         again = np.zeros(len(cells), dtype=np.bool_)
@@ -76,7 +79,7 @@ class StructureMap:
         self._dry = np.concatenate((self._dry, dry[new]))[order]
 
     def prune(self, now_ns: int, pos_ne_m: Array, bow_rad: float, clear_m: tuple[float, float]) -> None:
-        """Drop old and far cells, and those that would be seen if they existed: ahead, between `clear_m`."""
+        """Drop old and far cells, and cells that would be seen if they existed: ahead, between `clear_m`."""
         if not len(self._cells):
             return
         off = self._points_ne_m - pos_ne_m
@@ -92,7 +95,7 @@ class StructureMap:
         self._first_ns, self._seen_ns, self._dry = self._first_ns[keep], self._seen_ns[keep], self._dry[keep]
 
     def forget_swept(self, since_ns: int, track: ObstacleTrack) -> None:
-        """Drop what a thing was taken for that has moved: cells about its way that were first hit since then."""
+        """Drop the cells of a moving object: cells near its path with a first hit after `since_ns`."""
         if not len(self._cells):
             return
         off = self._points_ne_m - track.first_ne_m
@@ -130,7 +133,7 @@ _RECTANGLE_AXES = np.concatenate(
 
 
 def _turned(vector_ne: Array, heading_rad: float) -> Array:
-    """Vectors (2,) or (n, 2) in axes turned by a heading: (2,) or (2, n)."""
+    """Vectors (2,) or (n, 2) in axes rotated by a heading: (2,) or (2, n)."""
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
     north, east = vector_ne[..., 0], vector_ne[..., 1]
     return np.array((north * cos + east * sin, east * cos - north * sin))
@@ -138,7 +141,7 @@ def _turned(vector_ne: Array, heading_rad: float) -> Array:
 
 @dataclass(frozen=True)
 class _View:
-    """What is seen from where: a position (2,), the direction of the lidar, and how far water returns light."""
+    """A point of view: a position (2,), the direction of the lidar, and the range at which water returns light."""
 
     pos_ne_m: Array
     bow_rad: float
@@ -148,14 +151,14 @@ class _View:
         return math.hypot(*(place_ne_m - self.pos_ne_m).tolist())
 
     def is_seen(self, place_ne_m: Array) -> bool:
-        """Whether a thing there would be seen, beyond where water returns."""
+        """Whether an object at this position would be seen, beyond the water's returns."""
         off = place_ne_m - self.pos_ne_m
         bearing = math.remainder(math.atan2(off[1], off[0]) - self.bow_rad, math.tau)
         nearest_m = TUNED.strewn_share * self.water_reach_m
         return abs(bearing) < _VIEW_RAD and nearest_m < math.hypot(*off.tolist()) < TUNED.track_view_m
 
     def holds(self, points_ne_m: Array) -> NDArray[np.bool_]:
-        """(n,) which points are well within view, so that what ends there does end."""
+        """(n,) points that are well within view, so that an end there is a real end of the object."""
         off = points_ne_m - self.pos_ne_m
         bearing = np.arctan2(off[:, 1], off[:, 0]) - self.bow_rad
         ahead = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) < _VIEW_RAD
@@ -164,23 +167,26 @@ class _View:
 
 
 class _OutlineLook(NamedTuple):
-    """One look at a thing. ends_ne_m (2, 2), the middles of its outermost metre; held: which of them are in view."""
+    """One look at an object."""
 
     stamp_ns: int
     middle_ne_m: Array
     points_ne_m: Array
     whole: bool
     ends_ne_m: Array
+    """(2, 2), the centres of its outermost metres."""
     held: NDArray[np.bool_]
+    """Which of these ends are in view."""
     range_m: Array
 
 
 class OutlineMotion:
-    """Whether a thing moves, and not only what is seen of it.
+    """Decides whether an object moves, and not only its visible part.
 
-    Of a wall or a boom more or less is seen from look to look: one end moves, or both apart. Of what moves, the
-    foremost and the rearmost of its outline go the same way alike. Where one end is out of view the other tells: an end
-    that only comes into sight stays as far off as sight goes, and that of what is met comes nearer all the while.
+    The visible part of a wall or boom varies from look to look: one end moves, or both move apart. Both ends of a
+    moving object's outline move in the same direction by the same distance. If one end is out of view, the other
+    decides. An end that only enters the view keeps its distance; the end of an object that we approach comes steadily
+    nearer.
     """
 
     def __init__(self) -> None:
@@ -188,7 +194,7 @@ class OutlineMotion:
         self._agreed = 0
 
     def add_look(self, cluster: Cluster, view: _View) -> Array | None:
-        """Velocity (2,) over ground; None unless several looks agree on it."""
+        """Return the velocity (2,) over ground, None unless several looks agree on it."""
         now = _outline_look(cluster, view)
         while self._looks and now.stamp_ns - self._looks[0].stamp_ns > TUNED.outline_longest_ns:
             self._looks.popleft()
@@ -221,7 +227,7 @@ def _outline_look(cluster: Cluster, view: _View) -> _OutlineLook:
 
 
 def _whole_way(then: _OutlineLook, now: _OutlineLook) -> Array | None:
-    """How far (2,) all of it has gone since then; None where only a part has."""
+    """Motion (2,) of the whole outline since then, None if only a part moved."""
     way = now.middle_ne_m - then.middle_ne_m
     way_m = max(math.hypot(*way.tolist()), 1e-6)
     now_m, then_m = now.points_ne_m @ way / way_m, then.points_ne_m @ way / way_m
@@ -230,7 +236,7 @@ def _whole_way(then: _OutlineLook, now: _OutlineLook) -> Array | None:
 
 
 def _end_way(then: _OutlineLook, between: _OutlineLook, now: _OutlineLook) -> Array | None:
-    """How far (2,) the one end in view has gone, at an even rate, and has come nearer all the while; None if not."""
+    """Motion (2,) of the one visible end, at a constant rate and steadily nearer. None otherwise."""
     if now.held.sum() != 1:
         return None
     end = int(np.argmax(now.held))
@@ -253,9 +259,12 @@ def _end_way(then: _OutlineLook, between: _OutlineLook, now: _OutlineLook) -> Ar
 
 
 class ObstacleTrack:
-    """What drifts, or another vessel. state: north, east (m), their rates (m/s); `length_m` along `heading_rad`.
+    """A drifting object, or another vessel.
 
-    stands: it was long when it was last seen, and is structure as far as is known. moves: its whole outline does.
+    state: north, east (m), their rates (m/s).
+    length_m: along `heading_rad`.
+    stands: it was long in the last look and is structure as far as is known.
+    moves: its whole outline moves.
     """
 
     def __init__(self, number: int, cluster: Cluster, drift_ne_mps: Array, hits_needed: int) -> None:
@@ -268,18 +277,18 @@ class ObstacleTrack:
         self.heading_rad = cluster.heading_rad
         self.points = cluster.points
         self.hits = 1
-        self.missed_ns = 0  # in view since it was last seen
+        self.missed_ns = 0  # time in view since the last hit
         self.hits_needed = hits_needed
         self.confirmed = False
         self.counted = False
         self.stands = cluster.length_m > TUNED.track_longest_m
         self.moves = False
-        self.hidden_m = 0.0  # how much farther ahead, or astern, a vessel may reach than is seen of it
+        self.hidden_m = 0.0  # how much farther ahead or astern a vessel may extend than its visible part
         self._outline = OutlineMotion()
 
     @property
     def is_vessel(self) -> bool:
-        """Whether it is larger than what drifts, and moves."""
+        """Whether it is larger than drifting objects, and moves."""
         return self.moves and max(self.length_m, self.width_m) > TUNED.vessel_m
 
     def position_at(self, stamp_ns: int) -> Array:
@@ -288,14 +297,14 @@ class ObstacleTrack:
         return where
 
     def holds(self, cluster: Cluster) -> bool:
-        """Whether a cluster lies where this vessel is by now, and is no larger than a part of it would be."""
+        """Whether a cluster is at the present position of this vessel, and no larger than a part of it."""
         ahead_m, right_m = _turned(cluster.middle_ne_m - self.position_at(cluster.stamp_ns), self.heading_rad)
         inside = abs(ahead_m) < 0.5 * self.length_m + TUNED.track_gate_m
         inside &= abs(right_m) < 0.5 * self.width_m + TUNED.track_gate_m
         return bool(inside) and cluster.length_m < self.length_m + TUNED.vessel_grows_m
 
     def correct(self, cluster: Cluster, view: _View) -> None:
-        """Correct by a cluster; among returns of water its size is not used."""
+        """Correct by a cluster. Among returns of water, its size is not used."""
         self._predict(cluster.stamp_ns)
         if self.is_vessel:
             self._correct_vessel(cluster, view.pos_ne_m)
@@ -314,8 +323,9 @@ class ObstacleTrack:
             self.hits_needed = min(self.hits_needed, TUNED.track_bright_hits)
 
     def _correct_middle(self, cluster: Cluster, among_water: bool) -> None:
-        # Looks overlap: four times the variance of one. Of a long thing now one part is seen, now another, so that its
-        # middle is known across it and hardly along it.
+        # Looks overlap: four times the variance of one look. Different parts of a long object are visible in different
+        # looks.
+        # So its middle is known across it, and hardly along it.
         hidden_m = 0.5 * max(self.length_m - cluster.length_m, 0.0)
         along = np.array((math.cos(self.heading_rad), math.sin(self.heading_rad)))
         along_m2, across_m2 = 4.0 * (0.2 + 0.05 * cluster.length_m + hidden_m) ** 2, 4.0 * 0.25**2
@@ -331,13 +341,16 @@ class ObstacleTrack:
             self.height_m = max(self.height_m * TUNED.track_shrink_gain, cluster.height_m)
 
     def _correct_vessel(self, cluster: Cluster, from_ne_m: Array) -> None:
-        """Shift its box no farther than it takes to hold what is seen, which is all of it or a part; let it grow."""
+        """Shift its box only as far as needed to contain the cluster, which is all of it or a part.
+
+        Let the box grow.
+        """
         self.heading_rad = self._heading_of(cluster)
         low_m, high_m = self._extent(cluster)
         half_m = 0.5 * np.array((self.length_m, self.width_m))
         grows = high_m - low_m > 2.0 * half_m
         shift_m = np.where(grows, 0.0, np.maximum(high_m - half_m, 0.0) + np.minimum(low_m + half_m, 0.0))
-        self.state[:2] += _turned(np.where(grows, 0.5 * (high_m + low_m), 0.0), -self.heading_rad)  # that is no motion
+        self.state[:2] += _turned(np.where(grows, 0.5 * (high_m + low_m), 0.0), -self.heading_rad)  # not a motion
         size_m = np.where(grows, high_m - low_m, 2.0 * half_m * TUNED.vessel_shrink_gain)
         self.length_m, self.width_m = size_m.tolist()
         self.height_m = max(self.height_m, cluster.height_m)
@@ -347,8 +360,10 @@ class ObstacleTrack:
         self.hidden_m = -math.copysign(reach_m, ahead_m) if abs(ahead_m) > abs(right_m) else 0.0
 
     def _heading_of(self, cluster: Cluster) -> float:
-        """The side of the least rectangle about a cluster that is nearest to its course: of a bow and a flank the
-        principal axis lies askew."""
+        """Heading of a cluster: the side of its smallest rectangle that is nearest to the course.
+
+        The principal axis of a bow and a flank is askew.
+        """
         course_rad = math.atan2(self.state[3], self.state[2])
         off = cluster.points_ne_m @ _RECTANGLE_AXES  # (k, 2 * angles)
         size_m = np.maximum(off.max(axis=0) - off.min(axis=0), TUNED.cell_m)
@@ -357,7 +372,7 @@ class ObstacleTrack:
         return course_rad + math.remainder(best - course_rad, 0.5 * math.pi)
 
     def _extent(self, cluster: Cluster) -> tuple[Array, Array]:
-        """The least and the most (2,) of a cluster ahead and to the right of the middle."""
+        """Least and greatest coordinates (2,) of a cluster, ahead and to the right of the middle."""
         seen_m = _turned(cluster.points_ne_m - self.state[:2], self.heading_rad)
         return seen_m.min(axis=-1), seen_m.max(axis=-1)
 
@@ -367,12 +382,12 @@ class ObstacleTrack:
         self.covariance = self.covariance - gain @ self.covariance[:2]
 
     def note_motion(self, cluster: Cluster, view: _View) -> bool:
-        """Whether it is known only now that it moves."""
+        """Evaluate a look. Return whether it is the first that shows motion."""
         vel_ne_mps = self._outline.add_look(cluster, view)
         if vel_ne_mps is None:
             return False
         is_new, self.moves = not self.moves, True
-        far_off_mps = TUNED.outline_off_mps if self.is_vessel else TUNED.track_odd_mps  # what drifts is known by then
+        far_off_mps = TUNED.outline_off_mps if self.is_vessel else TUNED.track_odd_mps  # drift is known by now
         if math.hypot(*(vel_ne_mps - self.state[2:]).tolist()) > far_off_mps:
             self.state[2:] = vel_ne_mps
             self.covariance[2:, :2] = self.covariance[:2, 2:] = 0.0
@@ -400,22 +415,22 @@ class ObstacleTrack:
 
 
 class ObstacleTracker:
-    """`update` with the clusters of each look; `confirmed` are the tracks to avoid.
+    """Tracks obstacles. Call `update` with the clusters of each look. `confirmed` are the tracks to avoid.
 
-    vessels: what is long and seen to move is another vessel; without, all that is long is structure.
+    vessels: a long object that moves is another vessel. Otherwise all long objects are structure.
     """
 
     def __init__(self, vessels: bool = False) -> None:
         self._vessels = vessels
         self.structure = StructureMap()
-        self.total = 0  # confirmed so far
+        self.total = 0  # number confirmed so far
         self._tracks: list[ObstacleTrack] = []
         self._next = 1
         self._looked_ns: int | None = None
 
     @property
     def confirmed(self) -> list[ObstacleTrack]:
-        """Oldest first."""
+        """Confirmed tracks, oldest first."""
         return [track for track in self._tracks if track.confirmed and not track.stands]
 
     def update(
@@ -427,7 +442,10 @@ class ObstacleTracker:
         water_reach_m: float,
         drift_ne_mps: Array,
     ) -> None:
-        """Clusters up to `now_ns`, seen from a position and heading; new tracks start with the current's drift."""
+        """Update with clusters up to `now_ns`, seen from a position and heading.
+
+        New tracks start with the current's drift.
+        """
         view = _View(pos_ne_m, bow_rad, water_reach_m)
         found = self._match_vessels(found, view)
         small, long = [], []
@@ -454,7 +472,7 @@ class ObstacleTracker:
         self._tracks = [track for track in self._tracks if not self._is_lost(track, now_ns)]
 
     def _match_vessels(self, found: Sequence[Cluster], view: _View) -> Sequence[Cluster]:
-        """Correct vessels by all that is seen of each; returns what is seen of other things."""
+        """Correct each vessel by all of its clusters. Return the other clusters."""
         for track in self._tracks:
             if not track.is_vessel:
                 continue
@@ -523,7 +541,7 @@ class ObstacleTracker:
         hits = track.hits_needed + (TUNED.track_odd_hits if is_odd else 0)
         known_ns = track.seen_ns - track.first_ns
         if track.confirmed:
-            # crests that the bow pushes along were taken for one thing, which then seems to keep up with the vessel
+            # crests that the bow pushes along were tracked as one object, which then seems to follow the vessel
             track.confirmed = not wet or track.hits >= hits
             return
         if track.stands or track.hits < hits or known_ns < TUNED.track_confirmed_ns:
@@ -551,7 +569,7 @@ class ObstacleTracker:
 class CurrentEstimator:
     """Estimates the current from the vessel's drift across its heading, which its propulsion does not cause.
 
-    Least squares with forgetting, from nothing known but that it is about as fast as rivers are.
+    It uses least squares with forgetting. Its prior is a typical river speed.
     """
 
     def __init__(self) -> None:
@@ -560,7 +578,7 @@ class CurrentEstimator:
         self._stamp_ns: int | None = None
 
     def update(self, stamp_ns: int, vel_ned_mps: Array, heading_rad: float, yaw_rate_radps: float) -> None:
-        """Update by velocity over ground and heading; turns are left out."""
+        """Update by velocity over ground and heading. Turns are ignored."""
         if self._stamp_ns is not None and stamp_ns - self._stamp_ns < 200_000_000:
             return
         self._stamp_ns = stamp_ns

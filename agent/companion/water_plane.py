@@ -1,4 +1,6 @@
-"""Which points of a cloud the water returned: a plane through the low points close by, by trimmed least squares."""
+"""Separation of the points that water returned: a plane through the low points at short range, by trimmed least
+squares.
+"""
 
 from __future__ import annotations
 
@@ -15,21 +17,23 @@ Mask = NDArray[np.bool_]
 
 
 class WaterLevel(NamedTuple):
-    """The water level seen from the body at a cloud's end: unit normal (3,) down, and the distance along it.
-
-    turn_frd_radps (3,): how the body turns against the water, which tells nothing of yaw.
-    """
+    """Water level in body axes at a cloud's end."""
 
     normal_frd: Array
+    """(3,) unit normal, down."""
     down_m: float
+    """Distance along the normal."""
     turn_frd_radps: Array
+    """(3,): rotation rate of the body against the water, without yaw information."""
 
 
 class WaterPlane:
-    """down = a forward + b right + c in body FRD, where a, b and c change evenly within a cloud.
+    """Plane of the water: down = a forward + b right + c in body FRD.
 
-    A boat of some metres rolls in a second: a cloud of 0.1 s sees a tenth of the whole swing, and the water in it says
-    how fast. Remembers the last plane for clouds that show no water.
+    Within a cloud, a, b and c are linear in time.
+
+    A boat of some metres rolls within a second. A cloud of 0.1 s covers a tenth of the swing, and its water shows the
+    rate. The last plane is stored for clouds without water.
     """
 
     def __init__(self) -> None:
@@ -38,15 +42,15 @@ class WaterPlane:
         self.level: WaterLevel | None = None
 
     def water_mask(self, points_frd_m: Points, lag_s: Points) -> NDArray[np.bool_]:
-        """(n,) whether each of the points (n, 3), seen from the body lag_s (n,) after the cloud's end, is of the water.
+        """(n,) whether each of the points (n, 3), taken lag_s (n,) after the cloud's end, is water or below it.
 
-        Or under it. lag_s is not above 0. `level` is what this cloud says of the water, None where it shows none.
+        lag_s is at most 0. `level` is set to the water level of this cloud, None if it shows no water.
         """
         squared = np.einsum("ij,ij->i", points_frd_m, points_frd_m)
         near = squared < TUNED.water_near_m**2
         close = (squared < TUNED.water_fit_range_m**2) & (np.abs(points_frd_m[:, 2]) < TUNED.water_fit_height_m)
         self.level = None
-        self._plane[3:] = 0.0  # how an earlier cloud turned says nothing of this one
+        self._plane[3:] = 0.0  # the rotation in an earlier cloud does not apply to this one
         if np.count_nonzero(close) >= TUNED.water_points:
             self._fit(_sides(points_frd_m[close], lag_s[close]), points_frd_m[close, 2])
         elif not self._plane.any():
@@ -59,7 +63,7 @@ class WaterPlane:
     def crest_mask(
         self, points_frd_m: Points, lag_s: Points, down_frd: Array, rate_frd_radps: Array
     ) -> NDArray[np.bool_]:
-        """(n,) which of these points are wave crests beyond water_near_m; down_frd (3,), rate_frd_radps (3,)."""
+        """(n,) which of these points are wave crests beyond water_near_m. down_frd, rate_frd_radps: (3,)."""
         if self.level is not None:
             before_m = self.level.down_m if self._height_m is None else self._height_m
             self._height_m = before_m + TUNED.water_height_share * (self.level.down_m - before_m)
@@ -73,7 +77,7 @@ class WaterPlane:
         return far
 
     def _fit(self, sides: Points, down_m: Points) -> None:
-        """Fit the low points; the last plane is kept where they form none that could be water."""
+        """Fit the low points. Keep the last plane if they form no plane that could be water."""
         plane = np.zeros(6)
         chosen = np.ones(len(down_m), dtype=np.bool_)
         for trim_m in TUNED.water_trims_m:
@@ -86,7 +90,7 @@ class WaterPlane:
         a, b, c, a_rate, b_rate, _ = plane.tolist()
         length = float(np.sqrt(a * a + b * b + 1.0))
         normal = np.array([-a, -b, 1.0]) / length
-        # normal x turn is how the normal of a level that stands still moves in the body
+        # normal x turn is the rate of the normal of a static level in the body
         moving = np.array([-a_rate, -b_rate, 0.0]) / length
         moving -= normal * (normal @ moving)
         self._plane = plane
@@ -94,7 +98,7 @@ class WaterPlane:
 
 
 def _sides(points_frd_m: Points, lag_s: Points) -> Points:
-    """(n, 6) factors of a plane's parameters and of their rates."""
+    """Factors (n, 6) of a plane's parameters and of their rates."""
     sides = np.empty((len(lag_s), 6), dtype=np.float32)
     sides[:, :2] = points_frd_m[:, :2]
     sides[:, 2] = 1.0
@@ -103,7 +107,7 @@ def _sides(points_frd_m: Points, lag_s: Points) -> Points:
 
 
 def _solved(sides: Points, down_m: Points) -> Array:
-    """(6,) by least squares; what the points leave open is nearly zero."""
+    """Solution (6,) by least squares. Undetermined parameters are nearly zero."""
     normal = (sides.T @ sides).astype(np.float64) + np.diag([1e-6] * 3 + [1e-3] * 3)
     solved: Array = np.linalg.solve(normal, (sides.T @ down_m).astype(np.float64)).astype(np.float64)
     return solved

@@ -1,5 +1,5 @@
-"""The embedded autopilot in layers, each importing only those before it.
+"""Embedded autopilot in layers. Each layer imports only the layers before it.
 
-Data and parameters (here), `estimation` (LS) and `control` (LC, LA), `vehicle` (modes, navigation, failsafes, the
-autopilot), then `mavlink` and `dataflash`, which serve and log it.
+The layers are data and parameters (here), `estimation` (LS) and `control` (LC, LA), and `vehicle`. That one has modes,
+navigation, failsafes and the autopilot. `mavlink` and `dataflash` serve and log it.
 """

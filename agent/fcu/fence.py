@@ -1,4 +1,4 @@
-"""The geofence: areas to stay in or out of, drawn by a ground station, and a circle around home."""
+"""Geofence: inclusion and exclusion areas from a ground station, and a circle around home."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Point = tuple[float, float]
 
 
 class FenceItem(NamedTuple):
-    """One item as MAVLink has it: a corner of a polygon of `vertex_count`, a circle, or a return point."""
+    """One item as in MAVLink: a corner of a polygon of `vertex_count`, a circle, or a return point."""
 
     command: int
     lat_deg: float
@@ -32,17 +32,21 @@ class FenceItem(NamedTuple):
 
 
 class FenceError(ValueError):
-    """A fence was refused; the message names the item."""
+    """Raised for a refused fence. The message names the item."""
 
 
 @dataclass(frozen=True)
 class FenceBreach:
-    """As FENCE_STATUS has it: whether outside now, how often so far, the last kind (FENCE_BREACH) and its time."""
+    """State of the breach, as in FENCE_STATUS."""
 
     outside: bool = False
+    """Whether the vessel is outside now."""
     count: int = 0
+    """Number of breaches."""
     kind: int = 0
+    """Kind of the last breach (FENCE_BREACH)."""
     time_ns: int = 0
+    """Time of the last breach."""
 
 
 class _Area(NamedTuple):
@@ -54,9 +58,9 @@ class _Area(NamedTuple):
 
 
 class Fence:
-    """Items, and how far inside of all of it a place is. Every area counts: inside each to stay in, outside the others.
+    """Fence items, and the clearance of a position: inside each inclusion area and outside each exclusion area.
 
-    `breach` is kept up to date by `update_breach`.
+    `update_breach` updates `breach`.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -73,20 +77,20 @@ class Fence:
 
     @property
     def names(self) -> str:
-        """What is watched, in ArduPilot's words."""
+        """Names of the active fences, in ArduPilot's words."""
         kinds = int(self._parameters["FENCE_TYPE"])
         known = ((CIRCLE_TYPE, "Circle"), (AREAS_TYPE, "Polygon"))
         names = [name for kind, name in known if kinds & kind and (kind == CIRCLE_TYPE or self.items)]
         return f"{' and '.join(names)} fence{'s' if len(names) > 1 else ''}"
 
     def replace(self, items: Sequence[FenceItem]) -> None:
-        """Take a new fence; raises FenceError and keeps the old one when it is none."""
+        """Replace the fence. Raises FenceError and keeps the old one when the new one is invalid."""
         check(items)
         self.items = tuple(items)
         self._frame = None
 
     def clearance_m(self, frame: LocalProjection, home: Home | None, lat_deg: float, lon_deg: float) -> float:
-        """How far inside a place is, negative outside, infinite without a boundary."""
+        """Distance of a position from the boundary, positive inside, negative outside, infinite without a boundary."""
         kinds = int(self._parameters["FENCE_TYPE"])
         place = frame.to_local(lat_deg, lon_deg)
         nearest_m = math.inf
@@ -102,7 +106,7 @@ class Fence:
         return nearest_m
 
     def update_breach(self, clearance_m: float, now_ns: int) -> bool:
-        """Note where the vessel is; whether that is a new breach. It is over FENCE_MARGIN inside."""
+        """Update the breach. Return whether it is new. A breach ends FENCE_MARGIN inside."""
         breach = self.breach
         if not self.enabled:
             clearance_m = math.inf
@@ -114,12 +118,12 @@ class Fence:
         return False
 
     def forget_breach(self) -> None:
-        """The next look outside is a new breach."""
+        """End the breach. The next position outside is a new breach."""
         self.breach = replace(self.breach, outside=False)
 
 
 def check(items: Sequence[FenceItem]) -> None:
-    """Raises FenceError for what is no fence."""
+    """Check a fence. Raises FenceError."""
     if len(items) > MOST_ITEMS:
         raise FenceError(f"fence has {len(items)} items; at most {MOST_ITEMS} fit")
     at = 0
@@ -137,7 +141,7 @@ def check(items: Sequence[FenceItem]) -> None:
 
 
 def fence_item_problem(item: FenceItem) -> str:
-    """What is wrong with one item, or nothing."""
+    """Return the error of an item, or an empty text."""
     if item.command not in FENCE_COMMANDS:
         return f"command {item.command} is not supported; use {RETURN_POINT} to {CIRCLE_OUT}"
     if not (abs(item.lat_deg) <= 90.0 and abs(item.lon_deg) <= 180.0):
@@ -176,7 +180,7 @@ def _clearance_m(area: _Area, place: Point) -> float:
 
 
 def _inside_polygon_m(corners: tuple[Point, ...], north_m: float, east_m: float) -> float:
-    """Distance to the nearest side, negative outside: crossings of the side's lines east of the place are counted."""
+    """Distance to the nearest side, negative outside. Inside is decided by counting the sides crossed to the east."""
     inside = False
     nearest2 = math.inf
     n1, e1 = corners[-1]

@@ -1,4 +1,4 @@
-"""Positions on the Earth: degrees to metres north and east of the estimator's origin and back, home, gravity."""
+"""Geodetic conversions: degrees to metres north and east of the estimator's origin and back, home, gravity."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ STANDARD_GRAVITY_MPS2 = 9.80665
 
 
 def normal_gravity_mps2(lat_deg: float) -> float:
-    """Gravity on the WGS 84 ellipsoid (Somigliana)."""
+    """Gravity in m/s² on the WGS 84 ellipsoid (Somigliana)."""
     sin2 = math.sin(math.radians(lat_deg)) ** 2
     return 9.7803253359 * (1.0 + 1.931852652e-3 * sin2) / math.sqrt(1.0 - _ECCENTRICITY_SQUARED * sin2)
 
 
 class Home(NamedTuple):
-    """Where the vessel was armed or first had a position, unless it was set."""
+    """Position of arming or of the first fix, unless it was set."""
 
     lat_deg: float
     lon_deg: float
@@ -27,8 +27,8 @@ class Home(NamedTuple):
 class LocalProjection:
     """Metres north and east of an origin, by the WGS 84 radii of curvature at that origin.
 
-    The scale is constant, so the conversion is exactly invertible. Against the true tangent plane it is a few
-    centimetres off at 1 km, which is far below what a GNSS receiver on a boat resolves.
+    The scale is constant, so the conversion is exactly invertible. Its error against the true tangent plane is a few
+    centimetres at 1 km, far below the resolution of a GNSS receiver on a boat.
     """
 
     def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
@@ -40,12 +40,12 @@ class LocalProjection:
         prime_vertical_m = _EQUATORIAL_RADIUS_M / math.sqrt(curvature)
         meridian_m = prime_vertical_m * (1.0 - _ECCENTRICITY_SQUARED) / curvature
         self._north_m_per_deg = math.radians(meridian_m + alt_m)
-        # A hundredth of a degree from a pole east has no meaning; the floor only keeps the inverse finite.
+        # East is undefined within a hundredth of a degree of a pole. The floor only keeps the inverse finite.
         cos_lat = max(math.cos(math.radians(lat_deg)), 1e-4)
         self._east_m_per_deg = math.radians((prime_vertical_m + alt_m) * cos_lat)
 
     def to_local(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-        """Metres (north, east) of the origin."""
+        """Metres (north, east) from the origin."""
         lon_difference_deg = (lon_deg - self.lon_deg + 180.0) % 360.0 - 180.0
         return (lat_deg - self.lat_deg) * self._north_m_per_deg, lon_difference_deg * self._east_m_per_deg
 
@@ -56,7 +56,7 @@ class LocalProjection:
 
 
 def position_problem(lat_deg: float, lon_deg: float) -> str:
-    """Why a vessel cannot be sent to a place, or nothing."""
+    """Return the reason why a position is not a valid target, or an empty text."""
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
         return f"position {lat_deg:g}, {lon_deg:g} is not on Earth; use degrees"
     return "position 0, 0 is not set" if lat_deg == 0.0 and lon_deg == 0.0 else ""

@@ -1,7 +1,7 @@
-"""Missions: the items that ArduRover takes, as ArduPilot numbers and names them, with item 0 the home position.
+"""Missions: the items that ArduRover accepts, with ArduPilot's numbers and names. Item 0 is the home position.
 
-An item is kept as it came, so that it is given back the same; what each command does is in
-`agent.fcu.vehicle.mission_progress` and `mission_actions`.
+An item is stored unchanged, so that a download returns the same item. `agent.fcu.vehicle.mission_progress` and
+`agent.fcu.vehicle.commands` execute the commands.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ AUX_FUNCTION = 218  # MAV_CMD_DO_AUX_FUNCTION
 GUIDED_LIMITS = 222  # MAV_CMD_DO_GUIDED_LIMITS
 JUMP_TAG = 600  # MAV_CMD_JUMP_TAG: the tag
 DO_JUMP_TAG = 601  # MAV_CMD_DO_JUMP_TAG: the jump to it
-MOST_ITEMS = 724  # as ArduRover on a board of 16 KiB of storage
+MOST_ITEMS = 724  # as in ArduRover on a board with 16 KiB of storage
 FOREVER = -1
 _MOST_ALTITUDE_M = 83000.0
 
-PASSAGES = (WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, RETURN_HOME)  # sailed along a line or a circle
-STAGES = (*PASSAGES, GUIDED_ENABLE, DELAY, SET_YAW_SPEED)  # carried out one after the other
+PASSAGES = (WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, RETURN_HOME)  # motions along a line or a circle
+STAGES = (*PASSAGES, GUIDED_ENABLE, DELAY, SET_YAW_SPEED)  # executed one after the other
 PERFORMED = (
     *STAGES,
     CONDITION_DELAY,
@@ -53,21 +53,21 @@ PERFORMED = (
     JUMP_TAG,
     DO_JUMP_TAG,
 )
-"""What the embedded autopilot carries out; any other command of COMMANDS is passed over."""
+"""Commands that the embedded autopilot executes. It skips all other commands of COMMANDS."""
 STAYS = (LOITER_UNLIMITED, LOITER_TIME)
 
 
 class MissionCommand(NamedTuple):
-    """A command that ArduRover takes in a mission.
-
-    name: as ArduPilot's texts have it. parameters: how many count. has_place: whether x, y and z are one. device: what
-    it is for and this vessel does not have.
-    """
+    """A command that ArduRover accepts in a mission."""
 
     name: str
+    """Name in ArduPilot's texts."""
     parameters: int = 0
+    """Number of parameters in use."""
     has_place: bool = False
+    """Whether x, y and z are a position."""
     device: str = ""
+    """Device that the command needs and this vessel lacks."""
 
 
 COMMANDS: Mapping[int, MissionCommand] = {
@@ -136,14 +136,13 @@ COMMANDS: Mapping[int, MissionCommand] = {
     42702: MissionCommand("NavScriptTime", 4, device="script"),
     42703: MissionCommand("NavAttitudeTime", 4),
 }
-"""What AP_Mission of ArduPilot 4.7 keeps, by number. What is neither a stage nor an action is passed over."""
+"""Commands that AP_Mission of ArduPilot 4.7 stores, by number. Commands outside PERFORMED are skipped."""
 
 
 class MissionItem(NamedTuple):
     """One item, with MAVLink's param1 to param4 in `parameters`.
 
-    `frame` (MAV_FRAME) says what the altitude is above: 0 mean sea level, 3 home, 10 the ground. A boat does not look
-    at it. Latitude and longitude both zero stand for where the vessel is, as ArduPilot has it.
+    Latitude and longitude that are both zero mean the position of the vessel, as in ArduPilot.
     """
 
     command: int
@@ -152,69 +151,71 @@ class MissionItem(NamedTuple):
     alt_m: float = 0.0
     parameters: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     frame: int = 3
+    """MAV_FRAME, the reference of the altitude: 0 mean sea level, 3 home, 10 the ground. A boat ignores it."""
 
     @property
     def name(self) -> str:
-        """As ArduPilot's texts have it."""
+        """Name as in ArduPilot's texts."""
         return COMMANDS[self.command].name
 
     @property
     def place(self) -> tuple[float, float] | None:
-        """Latitude and longitude, None for where the vessel is."""
+        """Latitude and longitude, None for the position of the vessel."""
         return (self.lat_deg, self.lon_deg) if self.lat_deg != 0.0 or self.lon_deg != 0.0 else None
 
     @property
     def stay_s(self) -> float:
-        """How long to stay at the place of a WAYPOINT or LOITER_TIME, for ever at that of a LOITER_UNLIMITED."""
+        """Time to stay at a WAYPOINT or LOITER_TIME, in s. Infinite for a LOITER_UNLIMITED."""
         if self.command == LOITER_UNLIMITED:
             return math.inf
         return max(0.0, self.parameters[0]) if self.command in (WAYPOINT, LOITER_TIME) else 0.0
 
 
 class ItemProblem(NamedTuple):
-    """What is wrong with an item. field: 1 to 7 of MAVLink's param1 to z, 0 for the command itself."""
+    """Error of an item."""
 
     field: int
+    """1 to 7 of MAVLink's param1 to z, 0 for the command itself."""
     text: str
 
 
 class MissionError(ValueError):
-    """A mission was refused; the message names the item."""
+    """Raised for a refused mission. The message names the item."""
 
 
 def waypoint(lat_deg: float, lon_deg: float, alt_m: float = 0.0, hold_s: float = 0.0) -> MissionItem:
-    """Go to a place, and stay there for so long."""
+    """Return an item: go to a position and stay for `hold_s`."""
     return MissionItem(WAYPOINT, lat_deg, lon_deg, alt_m, (hold_s, 0.0, 0.0, 0.0))
 
 
 def change_speed(speed_mps: float) -> MissionItem:
-    """The speed over ground of the legs that follow."""
+    """Return an item: set the speed over ground of the following legs."""
     return MissionItem(CHANGE_SPEED, parameters=(1.0, speed_mps, -1.0, 0.0))
 
 
 def jump(seq: int, repeats: int) -> MissionItem:
-    """Go on from item `seq`, `repeats` times or FOREVER."""
+    """Return an item: continue with item `seq`, `repeats` times or FOREVER."""
     return MissionItem(JUMP, parameters=(float(seq), float(repeats), 0.0, 0.0))
 
 
 class MissionSequence(NamedTuple):
-    """A checked sequence; `items[0]` is home and is never gone to. Build it with `make_mission`."""
+    """A checked sequence. `items[0]` is home and never a target. Build it with `make_mission`."""
 
     items: tuple[MissionItem, ...] = ()
 
     def waypoints(self) -> tuple[int, ...]:
-        """Sequence numbers of the stages: the items to go to, to stay at or to turn at."""
+        """Sequence numbers of the stages: items that move the vessel, make it stay or wait, or turn it."""
         return tuple(seq for seq, item in enumerate(self.items) if seq > 0 and item.command in STAGES)
 
     def next_waypoint(self, seq: int) -> int | None:
-        """The first stage at or after `seq`, not counting home and jumps."""
+        """Return the first stage at or after `seq`, without home and jumps."""
         for candidate in range(max(seq, 1), len(self.items)):
             if self.items[candidate].command in STAGES:
                 return candidate
         return None
 
     def tagged(self, tag: int) -> int:
-        """The first item with this tag, 0 for none."""
+        """Return the first item with this tag, 0 for none."""
         for seq, item in enumerate(self.items):
             if seq > 0 and item.command == JUMP_TAG and int(item.parameters[0]) == tag:
                 return seq
@@ -222,7 +223,7 @@ class MissionSequence(NamedTuple):
 
 
 def make_mission(items: list[MissionItem] | tuple[MissionItem, ...]) -> MissionSequence:
-    """Check the items, home first; raises MissionError. One item or none is the empty mission."""
+    """Check the items, home first. Raises MissionError. One item or none is the empty mission."""
     if len(items) > MOST_ITEMS:
         raise MissionError(f"mission has {len(items)} items; at most {MOST_ITEMS} fit")
     for seq, item in enumerate(items):
@@ -235,7 +236,10 @@ def make_mission(items: list[MissionItem] | tuple[MissionItem, ...]) -> MissionS
 
 
 def item_problem(item: MissionItem) -> ItemProblem | None:
-    """What is wrong with an item, or nothing: what ArduRover refuses, less NaN in parameters that do not count."""
+    """Return the error of an item as ArduRover reports it, None for a valid one.
+
+    NaN in unused parameters is accepted.
+    """
     command = COMMANDS.get(item.command)
     if command is None:
         return ItemProblem(0, f"command {item.command} is not supported; use those of ArduRover's missions")

@@ -1,6 +1,6 @@
-"""Parameters: name, default, range, unit, meaning and type; a store that refuses nonsense; ArduPilot's .parm files.
+"""Parameters: name, default, range, unit, meaning and type; a store with checks; ArduPilot's .parm files.
 
-Where ArduRover has a parameter of the same purpose, the name, unit, meaning and type are ArduRover's. Defaults suit the
+If ArduRover has a parameter of the same purpose, name, unit, meaning and type are those of ArduRover. Defaults suit the
 full-size vessel.
 """
 
@@ -12,29 +12,29 @@ from typing import NamedTuple
 
 from agent.mavlink.modes import ROVER_MODES
 
-RC_CHANNELS = 16  # those that have RCn_ parameters
-OUTPUTS = 16  # those that have SERVOn_ parameters
-MOTORS, RUDDERS = 8, 4  # those that have a place: MOTn_, RUDn_
+RC_CHANNELS = 16  # with RCn_ parameters
+OUTPUTS = 16  # with SERVOn_ parameters
+MOTORS, RUDDERS = 8, 4  # with a position: MOTn_, RUDn_
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE; ArduPilot has no others
 _MODES = tuple(ROVER_MODES)
 SYSTEM_ID = "SYSID_THISMAV"
 
 
 class Parameter(NamedTuple):
-    """One row of the table; `low` and `high` are inclusive, and equal where the value is a fact that nobody changes.
-
-    type: a MAV_PARAM_TYPE, of which all but REAL32 hold whole numbers alone. choices: the only values, where not all of
-    the range are any.
-    """
+    """One row of the table."""
 
     name: str
     default: float
     low: float
+    """Inclusive. Equal to `high` for a constant."""
     high: float
+    """Inclusive."""
     unit: str
     meaning: str
     type: int = REAL32
+    """MAV_PARAM_TYPE. All types except REAL32 are integers."""
     choices: tuple[int, ...] = ()
+    """The only valid values, empty if the whole range is valid."""
 
     @property
     def fixed(self) -> bool:
@@ -42,7 +42,7 @@ class Parameter(NamedTuple):
         return self.low == self.high
 
     def nearest(self, value: float) -> float:
-        """The value in range that comes nearest."""
+        """Return the nearest value in range."""
         return min(max(value, self.low), self.high)
 
 
@@ -149,7 +149,10 @@ _ROWS: tuple[Parameter, ...] = (
 
 
 def _channel_rows(number: int) -> tuple[Parameter, ...]:
-    """A ground station takes exactly 1100, 1500 and 1900 for a radio that nobody has calibrated: MIN is 1101."""
+    """Parameters of an RC channel.
+
+    MIN is 1101: a ground station treats exactly 1100, 1500 and 1900 as an uncalibrated radio.
+    """
     name = f"RC{number}"
     return (
         Parameter(f"{name}_DZ", 30, 0, 200, "us", "no deflection within so much of the trim", INT16),
@@ -162,7 +165,7 @@ def _channel_rows(number: int) -> tuple[Parameter, ...]:
 
 
 def _output_rows() -> Iterator[Parameter]:
-    """What drives the vessel: functions of the outputs as ArduRover has them, and where motors and rudders are."""
+    """Parameters of the actuators: functions of the outputs as in ArduRover, and positions of motors and rudders."""
     usual = {1: 73, 3: 74}
     for number in range(1, OUTPUTS + 1):
         yield Parameter(
@@ -192,12 +195,15 @@ def _output_rows() -> Iterator[Parameter]:
 
 
 def _fixed(name: str, value: float, type: int, meaning: str, unit: str = "") -> Parameter:
-    """A fact about this autopilot that ground stations ask for by ArduPilot's name."""
+    """Constant of this autopilot that ground stations read under ArduPilot's name."""
     return Parameter(name, value, value, value, unit, meaning, type)
 
 
 def _compass_rows() -> Iterator[Parameter]:
-    """One compass, calibrated: device ids as of ArduPilot's simulated sensors (libraries/AP_HAL, devtype SITL)."""
+    """One calibrated compass.
+
+    Device ids are those of ArduPilot's simulated sensors (libraries/AP_HAL, devtype SITL).
+    """
     for number in ("", "2", "3"):
         yield _fixed(f"COMPASS_DEV_ID{number}", 0 if number else 97539, INT32, "the compass; 0 for none")
         yield _fixed(f"COMPASS_PRIO{number or 1}_ID", 0 if number else 97539, INT32, "compass of that rank; 0 for none")
@@ -210,7 +216,7 @@ def _compass_rows() -> Iterator[Parameter]:
 
 
 def _battery_rows() -> Iterator[Parameter]:
-    """Nothing measures a battery, so that its settings, by ArduPilot's names, are kept and have no effect."""
+    """Battery settings under ArduPilot's names. They are stored without effect, because nothing measures a battery."""
     yield _fixed("BATT_MONITOR", 0, INT8, "0: nothing measures the battery")
     for name, default, high, unit, kind in (
         ("AMP_OFFSET", 0.0, 10.0, "V", REAL32),
@@ -233,7 +239,7 @@ def _battery_rows() -> Iterator[Parameter]:
 
 
 def _station_rows() -> Iterator[Parameter]:
-    """What ground stations read of an ArduRover beside what is set here, see docs/ground-stations.md."""
+    """Other ArduRover parameters that ground stations read, see docs/ground-stations.md."""
     yield from _compass_rows()
     yield from _battery_rows()
     yield _fixed("AHRS_ORIENTATION", 0, INT8, "0: samples are in body axes")
@@ -249,7 +255,7 @@ def _station_rows() -> Iterator[Parameter]:
     yield _fixed("FS_THR_ENABLE", 0, INT8, "0: there is no receiver whose throttle could fail")
     yield _fixed("FS_THR_VALUE", 910, INT16, "throttle pulse below which a receiver has failed", "us")
     for axis in "XYZ":
-        # As ArduPilot's simulated sensors have it; all zero is how a station knows that nobody has calibrated.
+        # Values of ArduPilot's simulated sensors. All zeros would mean "not calibrated" to a station.
         yield _fixed(f"INS_ACCOFFS_{axis}", 0.001, REAL32, "samples come calibrated", "m/s/s")
         yield _fixed(f"INS_ACCSCAL_{axis}", 1.0, REAL32, "samples come calibrated")
     yield _fixed("INS_ACC_ID", 2753028, INT32, "the accelerometer")
@@ -279,13 +285,13 @@ BY_NAME: dict[str, Parameter] = {row.name: row for row in TABLE}
 
 
 class ParameterError(ValueError):
-    """A parameter or a parameter file was refused; the message says what, where and how to fix it."""
+    """Raised for a refused parameter or parameter file. The message says what, where and how to fix it."""
 
 
 class Parameters:
-    """Values of all parameters. `version` counts changes, so that who caches values knows when to look again.
+    """Values of all parameters. `version` counts changes, so that users with cached values know when to update.
 
-    system_id: that of the autopilot for as long as it runs: all that talk to it know it by this.
+    system_id: system id of the autopilot, constant while it runs, because all peers use it.
     """
 
     def __init__(self, values: Mapping[str, float] | None = None, system_id: int = 1) -> None:
@@ -304,7 +310,10 @@ class Parameters:
         return len(self._values)
 
     def set(self, name: str, value: float) -> float:
-        """Set one parameter and return the stored value; raises ParameterError and changes nothing when refused."""
+        """Set one parameter and return the stored value.
+
+        Raises ParameterError for a refused value and changes nothing.
+        """
         stored = checked(name, value)
         if stored != self._values[name]:
             self._check_settable(name, stored)
@@ -320,7 +329,7 @@ class Parameters:
             )
 
     def load(self, text: str, source: str = "parameters") -> None:
-        """Set what a .parm text says; all of it or, when one line is refused, nothing. `source` names the file."""
+        """Set all values of a .parm text, or none when one line is refused. source: name of the file in messages."""
         values = checked_parm(text, source)
         for line, name, value in values:
             try:
@@ -331,12 +340,12 @@ class Parameters:
             self.set(name, value)
 
     def as_parm(self) -> str:
-        """All values as the text of a .parm file."""
+        """Return all values as the text of a .parm file."""
         return "".join(f"{name} {value:.9g}\n" for name, value in self._values.items())
 
 
 def checked(name: str, value: float) -> float:
-    """The value as it would be stored; raises ParameterError for an unknown name or a value that it cannot have."""
+    """Return the value as it is stored. Raises ParameterError for an unknown name or an invalid value."""
     row = BY_NAME.get(name)
     if row is None:
         raise ParameterError(f"{name} is not a parameter{_hint(name)}")
@@ -344,9 +353,9 @@ def checked(name: str, value: float) -> float:
 
 
 def within(row: Parameter, value: float) -> float:
-    """The value as a row of a table would keep it; raises ParameterError for NaN or a value that it cannot have."""
+    """Return the value as a row of a table stores it. Raises ParameterError for NaN or an invalid value."""
     whole = row.type != REAL32
-    # A limit that went through a 32-bit float on the wire is still the limit.
+    # A limit that was converted to a 32-bit float on the wire is still accepted.
     slack = 0.0 if whole else 1e-6 * max(1.0, abs(row.low), abs(row.high))
     unit = f" {row.unit}" if row.unit else ""
     if not row.low - slack <= value <= row.high + slack:
@@ -362,7 +371,7 @@ def within(row: Parameter, value: float) -> float:
 
 
 def checked_parm(text: str, source: str) -> list[tuple[int, str, float]]:
-    """As `parm_lines`, each value as the embedded autopilot would store it; the first that it refuses is raised."""
+    """Parse like `parm_lines`, with each value as the embedded autopilot stores it. Raises the first refusal."""
     found = []
     for line, name, value in parm_lines(text, source):
         try:
@@ -373,15 +382,17 @@ def checked_parm(text: str, source: str) -> list[tuple[int, str, float]]:
 
 
 def load_parm(text: str, source: str = "parameters") -> dict[str, float]:
-    """Names and values of an ArduPilot .parm text, not yet held against the table; the last of a repeated name wins.
+    """Return names and values of an ArduPilot .parm text, not checked against the table.
 
-    A line is `NAME value` or `NAME,value`; what follows `#` is a comment. Raises ParameterError with file and line.
+    The last of a repeated name wins.
+
+    A line is `NAME value` or `NAME,value`. A comment begins with `#`. Raises ParameterError with file and line.
     """
     return {name: value for _, name, value in parm_lines(text, source)}
 
 
 def parm_lines(text: str, source: str) -> Iterator[tuple[int, str, float]]:
-    """(line number, name, value) of each line of a .parm text that sets something."""
+    """Yield (line number, name, value) of each line of a .parm text that sets a parameter."""
     for line, raw in enumerate(text.splitlines(), start=1):
         fields = raw.split("#", 1)[0].replace(",", " ").split()
         if not fields:

@@ -1,7 +1,8 @@
-"""Plain data of the embedded autopilot: measurements, state estimate, actuators, vehicle state and events; no MAVLink.
+"""Plain data of the embedded autopilot, without MAVLink: measurements, state estimate, actuators, vehicle state,
+events.
 
-`stamp_ns` is the instant a measurement was taken, on the sensors' clock. Named tuples and not dataclasses, because a
-measurement is made 200 times a second on a slow board and a tuple costs a third.
+`stamp_ns` is the instant of a measurement, on the sensors' clock. These are named tuples, because a tuple has a third
+of the cost of a dataclass. A slow board creates 200 measurements a second.
 """
 
 from __future__ import annotations
@@ -26,11 +27,7 @@ class ImuMeasurement(NamedTuple):
 
 
 class GnssMeasurement(NamedTuple):
-    """Position and velocity of the antenna; `fix_type` 3 is a three-dimensional fix.
-
-    The accuracies are RMS errors as a receiver reports them: of both horizontal axes, of the vertical, of all three
-    axes of the velocity.
-    """
+    """Position and velocity of the antenna, with accuracies as a receiver reports them."""
 
     stamp_ns: int
     lat_deg: float
@@ -38,9 +35,13 @@ class GnssMeasurement(NamedTuple):
     alt_m: float
     vel_ned_mps: Vector3
     horizontal_accuracy_m: float = 1.0
+    """RMS error of both horizontal axes together."""
     vertical_accuracy_m: float = 1.0
+    """RMS error of the vertical axis."""
     speed_accuracy_mps: float = 0.2
+    """RMS error of all three axes of the velocity together."""
     fix_type: int = 3
+    """3 is a three-dimensional fix."""
     satellites: int = 10
 
 
@@ -60,26 +61,30 @@ class BarometerMeasurement(NamedTuple):
 
 
 class StateEstimate(NamedTuple):
-    """What the estimator believes about the body origin at `stamp_ns` (sensors' clock).
-
-    Position is relative to the estimator's origin; `quat_ned_frd` is (w, x, y, z), body FRD to NED; the gyro has its
-    estimated bias removed. `position_valid` says whether position and velocity may be steered by.
-    """
+    """Estimate of the body origin."""
 
     stamp_ns: int
+    """Sensors' clock."""
     quat_ned_frd: Quaternion
+    """(w, x, y, z), body FRD to NED."""
     roll_rad: float
     pitch_rad: float
     yaw_rad: float
     gyro_frd_radps: Vector3
+    """Angular rate without the estimated bias."""
     pos_ned_m: Vector3
+    """From the estimator's origin."""
     vel_ned_mps: Vector3
     attitude_valid: bool
     position_valid: bool
+    """Whether position and velocity are good enough for steering."""
 
 
 class Actuators(NamedTuple):
-    """Commands in [-1, 1]: throttles, full astern to full ahead, such as port and starboard, then all that steers."""
+    """Commands in [-1, 1]: first the throttles, full astern to full ahead, such as port and starboard.
+
+    Then the steering.
+    """
 
     command: tuple[float, ...] = (0.0, 0.0)
     armed: bool = False
@@ -87,36 +92,38 @@ class Actuators(NamedTuple):
 
 
 class ArmingProblem(NamedTuple):
-    """Why the vessel is not to be armed. check: the part that is checked; text: ArduPilot's words for it."""
+    """Reason against arming."""
 
     check: str
+    """Part that was checked."""
     text: str
+    """ArduPilot's words."""
 
 
 @dataclass
 class VehicleState:
-    """What the parts of the autopilot share. It is changed by `Autopilot` alone.
-
-    mode: by ArduRover's number. estimate: of this control cycle, which began at `now_ns` on the agent's clock.
-    speed_error_mps: desired less measured speed over ground.
-    """
+    """Shared state of the parts of the autopilot. Only `Autopilot` changes it."""
 
     mode: int
+    """ArduRover's number."""
     estimate: StateEstimate
+    """Estimate of this control cycle."""
     armed: bool = False
     now_ns: int = 0
+    """Start of this control cycle on the agent's clock."""
     speed_error_mps: float = 0.0
+    """Desired minus measured speed over ground."""
 
 
 class Event(NamedTuple):
-    """A sentence for the person at the ground station, with a MAV_SEVERITY."""
+    """A sentence for the user of the ground station, with a MAV_SEVERITY."""
 
     severity: int
     text: str
 
 
 class EventQueue:
-    """Events that wait to be drained; when nobody does, the oldest are lost and counted."""
+    """Events that wait to be drained. Beyond the limit, the oldest are lost and counted."""
 
     def __init__(self) -> None:
         self.lost = 0
@@ -129,12 +136,12 @@ class EventQueue:
         self._waiting.append(Event(severity, text))
 
     def refuse(self, reason: str) -> str:
-        """Queue why a command was refused, and return it."""
+        """Queue the reason of a refused command, and return it."""
         self.add(WARNING, reason)
         return reason
 
     def drain(self) -> list[Event]:
-        """All since the last call, oldest first."""
+        """Return all events since the last call, oldest first."""
         events = list(self._waiting)
         self._waiting.clear()
         return events

@@ -1,19 +1,19 @@
-"""MAVLink microservices, each once, client and server: messages in and out, time as an argument, no sockets.
+"""MAVLink microservices, client and server: messages in and out, time as an argument, no sockets.
 
-exchange.py    Exchange, what every client is: `poll(now_ns)`, `handle(message, now_ns)`, `done`; Timer, repetition
-parameters.py  ParameterClient, ParameterServer; whole numbers as PX4 writes them
-missions.py    MissionUpload, MissionDownload, MissionServer for missions, fences and whatever else is a plan
-commands.py    CommandClient, CommandServer; STATUSTEXT cut and joined
-ftp.py         FtpClient, FtpPacket
-ftp_server.py  FtpServer: lists, checksums, reads and bursts of what a Files has
-parameter_file.py  @PARAM/param.pck as ArduPilot packs it
-logs.py        LogServer: LOG_REQUEST_LIST, LOG_REQUEST_DATA
-modes.py       the modes of ArduRover and PX4: numbers, names, parameters of MAV_CMD_DO_SET_MODE
+    exchange.py    Exchange, the interface of every client: `poll(now_ns)`, `handle(message, now_ns)`, `done`; Timer
+    parameters.py  ParameterClient, ParameterServer; integers in PX4's encoding
+    missions.py    MissionUpload, MissionDownload, MissionServer for missions, fences and other plans
+    commands.py    CommandClient, CommandServer; STATUSTEXT split and joined
+    ftp.py         FtpClient, FtpPacket
+    ftp_server.py  FtpServer: lists, checksums, reads and bursts of the files of a Files
+    parameter_file.py  @PARAM/param.pck in ArduPilot's format
+    logs.py        LogServer: LOG_REQUEST_LIST, LOG_REQUEST_DATA
+    modes.py       modes of ArduRover and PX4: numbers, names, parameters of MAV_CMD_DO_SET_MODE
 
-A server's handlers are keyed by message id. What is to come, and where: another command is a row of CommandServer's
-table, another kind of plan one of MissionServer's, another mission item a case of the plan that keeps it
-(agent/fcu/mavlink/plans.py), another file one of agent/fcu/mavlink/files.py. A station that speaks MAVLink 1
-(`came_as_mavlink1`) has no mission_type, 0 is taken then, and is asked for its items by MISSION_REQUEST.
+A server's handlers are keyed by message id. To extend it: another command is a row of CommandServer's table, and
+another kind of plan is a row of MissionServer's. Another mission item is a case of its plan
+(agent/fcu/mavlink/plans.py). Another file belongs in agent/fcu/mavlink/files.py.
 
-The protocols are those of mavlink.io/en/services.
+Messages of a MAVLink 1 station (`came_as_mavlink1`) have no mission_type, so 0 is used. Such a station gets
+MISSION_REQUEST for its items. The protocols are those of mavlink.io/en/services.
 """

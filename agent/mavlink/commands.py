@@ -8,14 +8,14 @@ from typing import Any, Callable, NamedTuple
 from agent.mavlink.exchange import Messages, Request, Target, Timer, text_of
 from agent.wire import dialect as mav
 
-FORCE_ARM, FORCE_DISARM = 2989, 21196  # param2 of COMPONENT_ARM_DISARM; ArduPilot arms by either
+FORCE_ARM, FORCE_DISARM = 2989, 21196  # param2 of COMPONENT_ARM_DISARM; ArduPilot accepts both for arming
 TEXT_BYTES = 50
 _MOST_CHUNKS = 254
 _RELEASES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}  # by FIRMWARE_VERSION_TYPE
 
 
 class CommandClient:
-    """Commands to `target`, each an exchange. tries, answer_s, new_timer: as of a ParameterClient."""
+    """Sends commands to `target`, each as an exchange. tries, answer_s, new_timer: as for a ParameterClient."""
 
     def __init__(
         self, target: Target, tries: int = 4, answer_s: float = 1.0, new_timer: Callable[[], Timer] = Timer
@@ -26,7 +26,7 @@ class CommandClient:
         self._new_timer = new_timer
 
     def command(self, number: int, *parameters: float) -> Request:
-        """A MAV_CMD; the answer is its COMMAND_ACK."""
+        """Return the request of a MAV_CMD. Its answer is the COMMAND_ACK."""
 
         def is_answer(message: Any) -> bool:
             return bool(message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_ACK and message.command == number)
@@ -37,7 +37,7 @@ class CommandClient:
         return self._request(make, is_answer)
 
     def request_message(self, message_id: int) -> Request:
-        """One message of that number, which is the answer."""
+        """Return the request of one message with this number, which is the answer."""
         request = command_long(self._target, mav.MAV_CMD_REQUEST_MESSAGE, message_id)
         return self._request(lambda attempt: request, lambda message: bool(message.get_msgId() == message_id))
 
@@ -46,13 +46,16 @@ class CommandClient:
 
 
 def command_long(target: Target, number: int, *parameters: float, confirmation: int = 0) -> Any:
-    """COMMAND_LONG with the parameters that count; the others are 0."""
+    """Return COMMAND_LONG with these parameters; the others are 0."""
     padded = (*parameters, *([0.0] * (7 - len(parameters))))
     return mav.MAVLink_command_long_message(*target, number, confirmation, *padded)
 
 
 def version_text(autopilot_version: Any) -> str:
-    """`4.6.3-rc (3fc7011a)` of an AUTOPILOT_VERSION: numbers and release type, and the revision where it is told."""
+    """Return the version of an AUTOPILOT_VERSION, for example `4.6.3-rc (3fc7011a)`.
+
+    It contains numbers, release type, and the revision if available.
+    """
     major, minor, patch, release = int(autopilot_version.flight_sw_version).to_bytes(4, "big")
     revision = bytes(autopilot_version.flight_custom_version).partition(b"\0")[0].decode("ascii", "replace").strip()
     also = f" ({revision})" if revision and revision.isprintable() else ""
@@ -60,7 +63,7 @@ def version_text(autopilot_version: Any) -> str:
 
 
 class Command(NamedTuple):
-    """COMMAND_LONG or COMMAND_INT in one form. Latitude and longitude are in degrees and may be anything."""
+    """Common form of COMMAND_LONG and COMMAND_INT. Latitude and longitude are in degrees and unchecked."""
 
     number: int
     p1: float
@@ -74,11 +77,11 @@ class Command(NamedTuple):
 
 
 Answer = tuple[int, Messages]
-"""A MAV_RESULT, and what goes out behind the acknowledgement."""
+"""A MAV_RESULT, and the messages to send after the acknowledgement."""
 
 
 class CommandServer:
-    """Acknowledges every command: one of `table`, by its MAV_CMD, with the result of its function."""
+    """Acknowledges every command. The function of `table` for its MAV_CMD gives the result."""
 
     def __init__(self, table: Mapping[int, Callable[[Command, int], Answer]]) -> None:
         self._table = table
@@ -104,20 +107,23 @@ class CommandServer:
 
 
 def command_ack(message: Any, number: int, result: int) -> Any:
-    """COMMAND_ACK to the sender of a message."""
+    """Return a COMMAND_ACK to the sender of a message."""
     return mav.MAVLink_command_ack_message(
         number, int(result), 0, 0, message.get_srcSystem(), message.get_srcComponent()
     )
 
 
 class StatusTextSender:
-    """STATUSTEXT to one receiver; numbers the sentences that take more than one message."""
+    """STATUSTEXT to one receiver. Numbers the sentences that need several messages."""
 
     def __init__(self) -> None:
         self._text_id = 0
 
     def messages(self, severity: int, text: str) -> Messages:
-        """A sentence, in chunks of TEXT_BYTES when it is longer; the chunk that is not full ends it."""
+        """Return the messages of a sentence.
+
+        Longer ones are split into chunks of TEXT_BYTES; the last chunk is not full.
+        """
         data = text.encode("ascii", "replace")
         if len(data) <= TEXT_BYTES:
             return [mav.MAVLink_statustext_message(severity, data)]
@@ -128,13 +134,13 @@ class StatusTextSender:
 
 
 class StatusTextReceiver:
-    """Joins what came in chunks. A sentence that PX4 tells as an event too ends in a tab, which is taken off."""
+    """Joins the chunks of sentences. PX4 ends a sentence that is also an event with a tab, which is removed."""
 
     def __init__(self) -> None:
         self._begun: dict[int, str] = {}
 
     def handle(self, message: Any) -> str | None:
-        """The sentence that a STATUSTEXT ends, None while more of it is to come."""
+        """Return the sentence that a STATUSTEXT completes, None while chunks are missing."""
         chunk, text_id = text_of(message.text), message.id
         text = self._begun.pop(text_id, "") + chunk if text_id else chunk
         if text_id and len(chunk) == TEXT_BYTES:

@@ -1,4 +1,4 @@
-"""What every MAVLink client here is: an exchange that is polled for what it asks and handed what comes."""
+"""Common interface of all MAVLink clients: an exchange that is polled for requests and handles received messages."""
 
 from __future__ import annotations
 
@@ -10,48 +10,48 @@ Target = tuple[int, int]  # system and component
 
 
 class Exchange(Protocol):
-    """Asks until it is `done`. Times are nanoseconds on one clock, which the caller chooses."""
+    """Repeats its requests until it is `done`. Times are in nanoseconds on one clock, which the caller chooses."""
 
     @property
     def done(self) -> bool:
-        """Whether it has ended, well or not."""
+        """Whether it has ended, successfully or not."""
 
     def poll(self, now_ns: int) -> Messages:
-        """Requests that are due, repeated where no answer came."""
+        """Return the requests that are due, including repetitions."""
 
     def handle(self, message: Any, now_ns: int) -> Messages:
-        """What to reply to a message of the other end; messages of no concern are passed over."""
+        """Handle a message of the other end and return the replies. Unrelated messages are ignored."""
 
 
 class Timer:
-    """Time since `start`, on the caller's clock. A caller with more than one clock has another of this interface."""
+    """Time since `start`, on the caller's clock. A caller with several clocks has another class with this interface."""
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
 
     @property
     def started(self) -> bool:
-        """Whether anything is waited for."""
+        """Whether the timer is running."""
         return self._start_ns is not None
 
     def start(self, now_ns: int) -> None:
-        """Wait from now on."""
+        """Start the timer."""
         self._start_ns = now_ns
 
     def stop(self) -> None:
-        """Nothing is waited for any more."""
+        """Stop the timer."""
         self._start_ns = None
 
     def is_over(self, now_ns: int, seconds: float) -> bool:
-        """Whether `seconds` have passed since the start; False without one."""
+        """Whether `seconds` have passed since the start. False when the timer is stopped."""
         return self._start_ns is not None and now_ns - self._start_ns >= seconds * 1e9
 
 
 class Request:
-    """One request, sent every `answer_s` until `is_answer` of a message, at most `tries` times.
+    """One request, sent every `answer_s` until `is_answer` is true for a message, at most `tries` times.
 
-    make: builds the message of an attempt, counted from 0. answer: the message that answered; None with `done` when
-    none did.
+    make: builds the message of an attempt, counted from 0.
+    answer: the answering message; None with `done` after a timeout.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Request:
 
 
 def complete(exchange: Exchange, send: Callable[[Any], object], receive: Callable[[float], Messages]) -> None:
-    """Run an exchange to its end on the monotonic clock. `receive(timeout_s)` waits for messages at most so long."""
+    """Run an exchange to its end on the monotonic clock. `receive(timeout_s)` waits for messages at most that long."""
     while not exchange.done:
         for request in exchange.poll(time.monotonic_ns()):
             send(request)
@@ -98,5 +98,5 @@ def complete(exchange: Exchange, send: Callable[[Any], object], receive: Callabl
 
 
 def text_of(raw: bytes | str) -> str:
-    """A character field of a message as text, up to its first NUL."""
+    """Text of a character field of a message, up to its first NUL."""
     return (raw if isinstance(raw, str) else raw.decode("utf-8", "replace")).partition("\0")[0]

@@ -1,7 +1,8 @@
-"""MAVLink FTP (mavlink.io/en/services/ftp.html), the client's side: checksum, folder, read, write, one at a time.
+"""MAVLink FTP (mavlink.io/en/services/ftp.html), client: checksum, folder, read, write, one operation at a time.
 
-A repeated request keeps its sequence number, by which the vehicle knows it again and only repeats its answer; so
-nothing is done twice. The answer is an FtpPacket too: ACK or NAK, sequence one higher, `requested` the operation.
+A repeated request keeps its sequence number, by which the vehicle recognises it and only repeats its answer. So nothing
+is executed twice. The answer is also an FtpPacket: ACK or NAK, the sequence number plus one, and `requested` is the
+operation.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from agent.wire import dialect as mav
 
 ANSWER_S = 0.7
 TRIES = 8
-BUSY_S = 4.0  # ArduPilot gives up the session of a client that has been silent for 3 s
+BUSY_S = 4.0  # ArduPilot releases the session of a client that has been silent for 3 s
 BUSY_PAUSE_S = 0.2
 PAYLOAD_BYTES = 251
 DATA_BYTES = 239
@@ -47,7 +48,10 @@ Result = TypeVar("Result")
 
 
 class FtpRefusedError(Exception):
-    """The vehicle said no. `code` is of the protocol, `errno` of its file system, where that failed."""
+    """Raised when the vehicle refuses.
+
+    `code` is the protocol's error code; `errno` is its file system's error, 0 for none.
+    """
 
     def __init__(self, data: bytes) -> None:
         self.code = data[0] if data else FAIL
@@ -57,12 +61,12 @@ class FtpRefusedError(Exception):
 
     @property
     def nothing_there(self) -> bool:
-        """Whether a file or folder is missing, as far as it says: some builds only say that it failed."""
+        """Whether a file or folder is missing, as far as reported: some builds only report a failure."""
         return self.code in (FAIL, FILE_NOT_FOUND) or self.errno == _NO_SUCH_FILE
 
 
 class FtpSilentError(Exception):
-    """The vehicle did not answer TRIES times."""
+    """Raised when the vehicle did not answer TRIES times."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -71,63 +75,64 @@ class FtpSilentError(Exception):
 
 
 class FtpPacket(NamedTuple):
-    """The payload of FILE_TRANSFER_PROTOCOL.
-
-    size: of `data`, or how much is asked for; requested: the operation that is answered; ends_burst: no more comes of
-    the burst that was asked for.
-    """
+    """Payload of FILE_TRANSFER_PROTOCOL."""
 
     sequence: int
     session: int
     operation: int
     size: int
+    """Size of `data`, or the requested number of bytes."""
     requested: int = 0
+    """Operation that is answered."""
     offset: int = 0
     data: bytes = b""
     ends_burst: bool = False
+    """Whether this is the last packet of the requested burst."""
 
     def pack(self) -> bytes:
-        """The bytes of the payload."""
+        """Return the bytes of the payload."""
         sequence, session, operation, size, requested, offset, _, ends_burst = self
         head = _HEADER.pack(sequence, session, operation, size, requested, ends_burst, offset)
         return (head + self.data).ljust(PAYLOAD_BYTES, b"\0")
 
     @classmethod
     def from_payload(cls, payload: bytes) -> FtpPacket:
-        """Read a payload of PAYLOAD_BYTES."""
+        """Parse a payload of PAYLOAD_BYTES."""
         sequence, session, operation, size, requested, ends_burst, offset = _HEADER.unpack_from(payload)
         data = payload[_HEADER.size : _HEADER.size + size]
         return cls(sequence, session, operation, size, requested, offset, data, bool(ends_burst))
 
 
 class FtpRequest(NamedTuple):
-    """What an operation asks. session: None for the client's own; wanted: bytes to read, where that is asked for."""
+    """Request of an operation."""
 
     operation: int
     data: bytes = b""
     offset: int = 0
     session: int | None = None
+    """None for the client's own session."""
     wanted: int | None = None
+    """Number of bytes to read, None for other operations."""
 
 
 FtpSteps = Generator[FtpRequest, FtpPacket, Result]
-"""An operation on files: yields its requests, gets their answers, returns its result. FtpClient carries it out."""
+"""An operation on files: yields its requests, receives their answers, returns its result. FtpClient executes it."""
 
 
 class FtpClient:
-    """The file service of `target`, for one operation at a time."""
+    """Client of the file service of `target`, for one operation at a time."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
-        self._sequence = random.randrange(1 << 16)  # a vehicle could take a known one for a repetition
+        self._sequence = random.randrange(1 << 16)  # a vehicle could treat a known number as a repetition
         self._session = random.randrange(1, 256)
 
     def start(self, steps: FtpSteps[Result]) -> FtpOperation[Result]:
-        """An exchange that carries an operation out."""
+        """Return an exchange that executes an operation."""
         return FtpOperation(self, steps)
 
     def packet(self, request: FtpRequest) -> FtpPacket:
-        """A request with a sequence number of its own."""
+        """Return the packet of a request, with a new sequence number."""
         sequence = self._sequence
         self._sequence = (sequence + 2) & 0xFFFF
         session = self._session if request.session is None else request.session
@@ -135,12 +140,12 @@ class FtpClient:
         return FtpPacket(sequence, session, request.operation, size, 0, request.offset, request.data)
 
     def message(self, packet: FtpPacket) -> Any:
-        """FILE_TRANSFER_PROTOCOL with that payload."""
+        """Return FILE_TRANSFER_PROTOCOL with this payload."""
         return mav.MAVLink_file_transfer_protocol_message(0, *self._target, packet.pack())
 
 
 class FtpOperation(Generic[Result]):
-    """An exchange of the requests of an operation, each repeated until it is answered."""
+    """An exchange of the requests of an operation. Each request is repeated until it is answered."""
 
     def __init__(self, client: FtpClient, steps: FtpSteps[Result]) -> None:
         self.done = False
@@ -157,7 +162,7 @@ class FtpOperation(Generic[Result]):
 
     @property
     def result(self) -> Result:
-        """What came of it, once `done`. Raises FtpRefusedError or FtpSilentError where it failed."""
+        """Result, once `done`. Raises FtpRefusedError or FtpSilentError if the operation failed."""
         if self._error is not None:
             raise self._error
         return self._result  # type: ignore[return-value]
@@ -197,7 +202,7 @@ class FtpOperation(Generic[Result]):
         return []
 
     def _advance(self, step: Callable[[], FtpRequest]) -> None:
-        """To the next request, or to the end."""
+        """Continue with the next request, or end."""
         self._packet = None
         self._pause.stop()
         self._busy.stop()
@@ -213,7 +218,7 @@ class FtpOperation(Generic[Result]):
 
 
 def read_checksum(path: str) -> FtpSteps[int | None]:
-    """Of a file there, as `checksum` of its content; None when there is none."""
+    """Return the checksum of a remote file, as `checksum` computes it. None for a missing file."""
     try:
         answer = yield FtpRequest(CHECKSUM, path.encode())
     except FtpRefusedError as refusal:
@@ -224,11 +229,11 @@ def read_checksum(path: str) -> FtpSteps[int | None]:
 
 
 def has_folder(path: str) -> FtpSteps[bool]:
-    """Whether there is such a folder, an empty one too."""
+    """Return whether a folder exists. It may be empty."""
     try:
         yield FtpRequest(LIST, path.encode())
     except FtpRefusedError as refusal:
-        if refusal.code == END_OF_FILE:  # how a folder's list ends, that of an empty one at once
+        if refusal.code == END_OF_FILE:  # end of a folder's list, which an empty folder returns at once
             return True
         if refusal.nothing_there or refusal.code == FAIL_ERRNO:
             return False
@@ -237,7 +242,7 @@ def has_folder(path: str) -> FtpSteps[bool]:
 
 
 def make_folder(path: str) -> FtpSteps[None]:
-    """Make a folder; one that is there is fine."""
+    """Make a folder. An existing one is accepted."""
     try:
         yield FtpRequest(MAKE_DIRECTORY, path.encode())
     except FtpRefusedError:
@@ -246,13 +251,13 @@ def make_folder(path: str) -> FtpSteps[None]:
 
 
 def read_file(path: str, most: int) -> FtpSteps[bytes]:
-    """What is in a file, `most` bytes at most: the size that a made-up file (@SYS/…) tells is not its own."""
+    """Return the content of a file, at most `most` bytes. The reported size of a virtual file (@SYS/…) may be wrong."""
     session = (yield FtpRequest(OPEN, path.encode())).session
     return (yield from _closing(session, _read(session, most)))
 
 
 def write_file(path: str, content: bytes, progress: Callable[[float], object] = lambda part: None) -> FtpSteps[None]:
-    """Write a file anew; `progress` hears what part is done."""
+    """Write a new file. progress: called with the completed part, 0 to 1."""
     session = (yield FtpRequest(CREATE, path.encode())).session
     yield from _closing(session, _write(session, content, progress))
 
@@ -279,7 +284,7 @@ def _write(session: int, content: bytes, progress: Callable[[float], object]) ->
 
 
 def _closing(session: int, steps: FtpSteps[Result]) -> FtpSteps[Result]:
-    """The steps, and the end of the session behind them, however they end."""
+    """Run the steps and then close the session, even after an error."""
     try:
         result = yield from steps
     except (FtpRefusedError, FtpSilentError):
@@ -290,5 +295,5 @@ def _closing(session: int, steps: FtpSteps[Result]) -> FtpSteps[Result]:
 
 
 def checksum(content: bytes, before: int = 0) -> int:
-    """CRC-32 as MAVLink FTP has it, that of zlib without its inversions; `before` is that of what comes before."""
+    """CRC-32 of MAVLink FTP: CRC-32 of zlib without its inversions. before: checksum of the preceding content."""
     return ~zlib.crc32(content, ~before & 0xFFFFFFFF) & 0xFFFFFFFF

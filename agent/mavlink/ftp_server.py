@@ -1,7 +1,7 @@
-"""MAVLink FTP (mavlink.io/en/services/ftp.html), the vehicle's side: lists, checksums and reads; writes nothing.
+"""MAVLink FTP (mavlink.io/en/services/ftp.html), server on the vehicle: lists, checksums and reads. It never writes.
 
-Where the standard leaves it open it answers as ArduPilot does: the client chooses the number of its session, and a
-burst ends with the refusal END_OF_FILE. A request that is repeated is answered again, not carried out again.
+If the standard is ambiguous, it answers as ArduPilot does. The client chooses its session number, and a burst ends with
+the refusal END_OF_FILE. A repeated request is answered again but not executed again.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ PER_POLL = 20
 MOST_SESSIONS = 8
 MOST_WAITING = 16  # requests that wait for the disk
 MOST_CLIENTS = 8
-IDLE_NS = 3_000_000_000  # a session that has been silent for so long is given to who needs one
+IDLE_NS = 3_000_000_000  # a session that has been silent for this time can be replaced
 BURST_PACKETS = 500
-CHECKSUM_BYTES = 1 << 16  # of one poll
+CHECKSUM_BYTES = 1 << 16  # per poll
 
 _CHANGES = frozenset(
     (
@@ -44,24 +44,24 @@ class ServedFile(Protocol):
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
 
     def read(self, offset: int, count: int) -> bytes | None:
-        """So many bytes, fewer before the end, none behind it; None while the disk is waited for. Raises OSError."""
+        """Return `count` bytes, fewer at the end, none after it. None while waiting for the disk. Raises OSError."""
 
 
 class Files(Protocol):
-    """What is served. Nothing here waits: None stands for an answer that the disk still owes."""
+    """Served files. No method blocks: None means that the disk has not answered yet."""
 
     def entries(self, path: str) -> Sequence[str] | None:
-        """`Fname<TAB>size` of each file of a folder and `Dname` of each folder. Raises OSError."""
+        """Return `Fname<TAB>size` of each file of a folder and `Dname` of each folder. Raises OSError."""
 
     def open(self, path: str) -> ServedFile | None:
-        """A file by its path. Raises OSError."""
+        """Open a file by its path. Raises OSError."""
 
 
 def _error_data(error: OSError) -> bytes:
-    """What a refusal carries for what the disk said."""
+    """Return the data of a refusal for a disk error."""
     if isinstance(error, (FileNotFoundError, NotADirectoryError, IsADirectoryError)):
         return bytes((ftp.FILE_NOT_FOUND,))
     return bytes((ftp.FAIL_ERRNO, (error.errno or errno.EIO) & 0xFF))
@@ -81,7 +81,7 @@ class _Burst(NamedTuple):
 
 
 class _Session:
-    """A file that a client has open. burst: what is still to be sent of it unasked."""
+    """An open file of a client. burst: the remaining packets of a burst."""
 
     def __init__(self, client: Target, number: int, file: ServedFile, now_ns: int) -> None:
         self.client = client
@@ -92,16 +92,16 @@ class _Session:
 
 
 _Steps = Generator[None, None, FtpPacket]
-"""An answer in the making, a step a poll."""
+"""An answer in progress, one step per poll."""
 _Attempt = Callable[[], Optional[FtpPacket]]
-"""The answer, None for not yet."""
+"""Return the answer, None if it is not ready."""
 
 
 class FtpServer:
     """Serves `files` to the clients of one link. At most MOST_SESSIONS files are open.
 
-    `poll` carries bursts on, PER_POLL messages each time at most, and answers what the disk was asked for. dropped:
-    requests while MOST_WAITING others waited for the disk.
+    `poll` continues bursts, at most PER_POLL messages each time, and answers requests that waited for the disk.
+    dropped: requests that arrived while MOST_WAITING others waited for the disk.
     """
 
     def __init__(self, files: Files) -> None:
@@ -127,7 +127,7 @@ class FtpServer:
         }
 
     def poll(self, now_ns: int, most: int = PER_POLL) -> Messages:
-        """What is due, `most` messages at most."""
+        """Return the messages that are due, at most `most`."""
         messages: Messages = []
         for _ in range(min(len(self._waiting), most)):
             messages += self._try(*self._waiting.popleft())
@@ -160,7 +160,7 @@ class FtpServer:
         return self._try(client, request, lambda: at_once(client, packet, now_ns))
 
     def _try(self, client: Target, request: bytes, attempt: _Attempt) -> Messages:
-        """What has no answer yet waits for the next poll."""
+        """Attempt to answer. An unfinished request waits for the next poll."""
         packet = FtpPacket.from_payload(request)
         try:
             answer = attempt()
@@ -171,7 +171,7 @@ class FtpServer:
         if answer is None:
             self._waiting.append((client, request, attempt))
             return []
-        if packet.operation == ftp.BURST and answer.operation == ftp.ACK:  # that was begun; asked again it begins again
+        if packet.operation == ftp.BURST and answer.operation == ftp.ACK:  # begun; a repeated request restarts it
             return []
         self._answered.pop(client, None)
         if len(self._answered) >= MOST_CLIENTS:
@@ -183,7 +183,7 @@ class FtpServer:
         raise _RefusedError(ftp.FILE_PROTECTED if packet.operation in _CHANGES else ftp.UNKNOWN_COMMAND)
 
     def _terminate(self, client: Target, packet: FtpPacket, now_ns: int) -> FtpPacket:
-        """One that is over has ended too."""
+        """End a session. An ended session is also acknowledged."""
         self._sessions = [one for one in self._sessions if (one.client, one.number) != (client, packet.session)]
         return _reply(packet)
 
@@ -219,7 +219,7 @@ class FtpServer:
         return _reply(packet, size)._replace(session=number)
 
     def _drop_idle(self, client: Target, number: int, now_ns: int) -> None:
-        """Make room for a session of that number, where others have been silent."""
+        """Make room for a session with this number, by ending silent ones."""
         idle = [one for one in self._sessions if not 0 <= now_ns - one.used_ns < IDLE_NS]
         same = [one for one in idle if (one.client, one.number) == (client, number)]
         if not same and len(self._sessions) >= MOST_SESSIONS:
@@ -252,7 +252,7 @@ class FtpServer:
         value = offset = 0
         while offset < file.size:
             chunk = file.read(offset, min(CHECKSUM_BYTES, file.size - offset))
-            if chunk == b"":  # it became shorter
+            if chunk == b"":  # the file became shorter
                 break
             if chunk:
                 value = checksum(chunk, value)
@@ -272,7 +272,7 @@ class FtpServer:
         return _reply(packet)
 
     def _next_of_burst(self, session: _Session, burst: _Burst, now_ns: int) -> FtpPacket | None:
-        """The next packet, None while the disk is waited for."""
+        """Return the next packet, None while waiting for the disk."""
         sequence, offset, chunk, left = burst
         try:
             data = session.file.read(offset, chunk)
@@ -304,7 +304,7 @@ def _stepping(steps: _Steps) -> _Attempt:
 
 
 def _path(packet: FtpPacket) -> str:
-    """What a request names. Raises _RefusedError for a size that cannot be."""
+    """Return the path of a request. Raises _RefusedError for an invalid size."""
     if not 0 < packet.size <= DATA_BYTES or packet.data[:1] == b"\0":
         raise _RefusedError(ftp.INVALID_SIZE)
     return packet.data.partition(b"\0")[0].decode("utf-8", "replace")

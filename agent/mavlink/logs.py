@@ -1,6 +1,6 @@
-"""The log messages of MAVLink, the vehicle's side: LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END, LOG_ERASE.
+"""MAVLink log messages, server on the vehicle: LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END, LOG_ERASE.
 
-Logs are read, never deleted: what a run has recorded is not for a link without a password to erase.
+Logs are read and never deleted: a link without a password must not erase the records of a run.
 """
 
 from __future__ import annotations
@@ -14,47 +14,49 @@ from agent.mavlink.ftp_server import ServedFile
 from agent.wire import dialect as mav
 
 PER_POLL = 20
-MOST_PARTS = 256  # that are asked for and not sent yet
+MOST_PARTS = 256  # limit of requested parts that were not sent yet
 DATA_BYTES = 90
 
 
 class ListedLog(Protocol):
-    """A log by its place in the list."""
+    """A log in the list."""
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
 
     @property
     def modified_s(self) -> int:
-        """When it was written last, seconds since 1970."""
+        """Time of the last write, seconds since 1970."""
 
 
 class Logs(Protocol):
-    """The logs there are, oldest first. Nothing here waits: None while the disk is asked."""
+    """Available logs, oldest first. No method blocks: None while the disk is being read."""
 
     def logs(self) -> Sequence[ListedLog] | None:
-        """All of them."""
+        """Return all logs."""
 
     def open_log(self, index: int) -> ServedFile | None:
-        """One by its place in that list. Raises OSError, or IndexError for one that there is not."""
+        """Open a log by its index in that list. Raises OSError, or IndexError for an invalid index."""
 
 
 class LogServer:
-    """Serves `logs` to one link, numbered from 1. `refused` says a sentence to the station.
+    """Serves `logs` to one link, numbered from 1.
 
-    `poll` sends what was asked for, PER_POLL messages each time at most. dropped: requests for parts while MOST_PARTS
-    others waited.
+    refused: returns the messages of a refusal.
+
+    `poll` sends the requested data, at most PER_POLL messages each time.
+    dropped: requests for parts that arrived while MOST_PARTS others waited.
     """
 
     def __init__(self, logs: Logs, refused: Callable[[str], Messages]) -> None:
         self.dropped = 0
         self._logs = logs
         self._refused = refused
-        self._listing: tuple[int, int] | None = None  # first and last number still to be told
+        self._listing: tuple[int, int] | None = None  # first and last number that remain to be listed
         self._number = 0
         self._file: ServedFile | None = None
-        self._parts: deque[tuple[int, int]] = deque()  # offset and how much
+        self._parts: deque[tuple[int, int]] = deque()  # offset and size
         self.handlers: dict[int, Callable[[Any, int], Messages]] = {
             mav.MAVLINK_MSG_ID_LOG_REQUEST_LIST: self._on_list,
             mav.MAVLINK_MSG_ID_LOG_REQUEST_DATA: self._on_data,
@@ -63,7 +65,7 @@ class LogServer:
         }
 
     def poll(self, most: int = PER_POLL) -> Messages:
-        """What is due, `most` messages at most."""
+        """Return the messages that are due, at most `most`."""
         messages = self._entries(most) if self._listing is not None else []
         while self._parts and len(messages) < most:
             message = self._next_piece()
@@ -99,7 +101,7 @@ class LogServer:
     # -- data
 
     def _on_data(self, m: Any, now_ns: int) -> Messages:
-        """Parts of one log may be asked for one behind the other; another log ends that."""
+        """Queue a part of a log. Several parts of one log may be queued; a request for another log removes them."""
         if m.id != self._number:
             self._end()
             self._number = m.id
@@ -110,7 +112,7 @@ class LogServer:
         return []
 
     def _next_piece(self) -> Any | None:
-        """LOG_DATA, of no bytes behind the end of a log and where there is none; None while the disk is waited for."""
+        """Return a LOG_DATA, with zero bytes after the end or for an unknown log. None while waiting for the disk."""
         offset, left = self._parts[0]
         try:
             if self._file is None:

@@ -1,4 +1,4 @@
-"""The MAVLink mission protocol (mavlink.io/en/services/mission.html) for missions and fences: client and server."""
+"""MAVLink mission protocol (mavlink.io/en/services/mission.html) for missions and fences: client and server."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from agent.wire.codec import came_as_mavlink1
 REPEAT_NS = 500_000_000
 RETRIES = 5
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
-GUIDED_TARGET, GUIDED_ALTITUDE = 2, 3  # `current` of an item that is no part of a mission, as ArduPilot takes it
-_PLAIN_XY = (202, 203, 1000, 42702, 42703)  # commands whose x and y are numbers, not a place
+GUIDED_TARGET, GUIDED_ALTITUDE = 2, 3  # `current` of an item outside a mission, as in ArduPilot
+_PLAIN_XY = (202, 203, 1000, 42702, 42703)  # commands with numbers in x and y, instead of a position
 
 
 class PlanItem(NamedTuple):
-    """MISSION_ITEM and MISSION_ITEM_INT in one form; any values are possible. `frame` is a MAV_FRAME.
+    """Common form of MISSION_ITEM and MISSION_ITEM_INT. Values are unchecked.
 
-    Latitude and longitude are x and y of MISSION_ITEM_INT / 1e7, also of a command that has no place.
+    Latitude and longitude are x and y of MISSION_ITEM_INT / 1e7, even for a command without a position.
     """
 
     seq: int
     frame: int
+    """MAV_FRAME."""
     command: int
     parameters: tuple[float, float, float, float]
     lat_deg: float
@@ -32,13 +33,13 @@ class PlanItem(NamedTuple):
 
 
 def plan_item(m: Any) -> PlanItem:
-    """From either message."""
+    """Convert either message."""
     scale = 1e7 if m.get_msgId() == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT or m.command in _PLAIN_XY else 1.0
     return PlanItem(m.seq, m.frame, m.command, (m.param1, m.param2, m.param3, m.param4), m.x / scale, m.y / scale, m.z)
 
 
 def item_message(target: Target, item: PlanItem, current: bool, mission_type: int = MISSION, whole: bool = True) -> Any:
-    """MISSION_ITEM_INT of an item, or MISSION_ITEM when not `whole`."""
+    """Return MISSION_ITEM_INT of an item, or MISSION_ITEM when not `whole`."""
     head = (*target, item.seq, item.frame, item.command, int(current), 1, *item.parameters)
     lat, lon = round(item.lat_deg * 1e7), round(item.lon_deg * 1e7)
     if not whole:
@@ -48,7 +49,7 @@ def item_message(target: Target, item: PlanItem, current: bool, mission_type: in
 
 
 def waypoint_items(places: Iterable[tuple[float, float, float]]) -> list[PlanItem]:
-    """A mission of waypoints at latitudes and longitudes in degrees, altitudes in metres; the first is home."""
+    """Return a mission of waypoints at latitudes and longitudes in degrees, altitudes in metres. The first is home."""
     return [
         PlanItem(seq, mav.MAV_FRAME_GLOBAL, mav.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), *place)
         for seq, place in enumerate(places)
@@ -56,7 +57,7 @@ def waypoint_items(places: Iterable[tuple[float, float, float]]) -> list[PlanIte
 
 
 def result_name(result: int) -> str:
-    """`MAV_MISSION_NO_SPACE`; the number of an unknown one."""
+    """Name of a result, for example `MAV_MISSION_NO_SPACE`; the number of an unknown one."""
     entry = mav.enums["MAV_MISSION_RESULT"].get(result)
     return str(entry.name) if entry else str(result)
 
@@ -65,11 +66,12 @@ def result_name(result: int) -> str:
 
 
 class MissionUpload:
-    """An exchange that hands over a plan; an empty one is done at once and sends nothing.
+    """An exchange that uploads a plan. An empty plan is done at once and sends nothing.
 
-    It is announced, and again when nothing was asked for since `repeat_s`, for `give_up_s` at most. A refusal counts
-    once the upload has lasted `refused_s`: an autopilot that has just been started may have no room yet. accepted:
-    whether it was taken; result: the latest MAV_MISSION_RESULT, None while there is none.
+    The upload is announced again when no request arrived for `repeat_s`, for at most `give_up_s`. A refusal is final
+    after `refused_s`, because an autopilot that has just started may have no room yet.
+    accepted: whether the plan was accepted.
+    result: the latest MAV_MISSION_RESULT, None before the first.
     """
 
     def __init__(
@@ -95,7 +97,7 @@ class MissionUpload:
 
     @property
     def accepted(self) -> bool:
-        """Whether the other end has the whole plan."""
+        """Whether the other end has accepted the complete plan."""
         return self.result == int(mav.MAV_MISSION_ACCEPTED)
 
     def poll(self, now_ns: int) -> Messages:
@@ -129,10 +131,12 @@ class MissionUpload:
 
 
 class MissionDownload:
-    """An exchange that brings a plan: asks for what comes next, and again every REPEAT_NS, for as long as it is polled.
+    """An exchange that downloads a plan. It repeats its request every REPEAT_NS, without limit.
 
-    items: MISSION_ITEM_INT messages, the whole plan once `done`; of a plan longer than `most` the first ones. asked_ns:
-    when it asked last; tries: how often in vain since something last came; answered: whether that was after it asked.
+    items: MISSION_ITEM_INT messages, the complete plan once `done`, but at most `most` items.
+    asked_ns: time of the last request.
+    tries: unanswered requests since the last item.
+    answered: whether an answer followed the last request.
     """
 
     def __init__(self, target: Target, mission_type: int = MISSION, most: int = 65535) -> None:
@@ -180,38 +184,38 @@ class MissionDownload:
 
 
 class RefusedItem(NamedTuple):
-    """Why an item or a whole plan is not taken: a MAV_MISSION_RESULT and a sentence, empty when it is said already."""
+    """Refusal of an item or a plan: a MAV_MISSION_RESULT and a sentence, empty when already reported."""
 
     result: int
     problem: str
 
 
 class Plan(Protocol):
-    """One type of plan as the vehicle keeps it. Items are whatever `read` makes of them."""
+    """One type of plan on the vehicle. `read` defines the type of its items."""
 
     name: str
     most: int
 
     def items(self) -> list[Any]:
-        """What is in force."""
+        """Return the present items."""
 
     def current(self) -> int:
-        """The item under way, -1 for none."""
+        """Return the index of the current item, -1 for none."""
 
     def read(self, item: PlanItem) -> Any:
-        """An item that came, or RefusedItem."""
+        """Convert a received item, or return RefusedItem."""
 
     def write(self, seq: int) -> PlanItem:
-        """An item that is in force."""
+        """Convert a present item for sending."""
 
     def store(self, items: list[Any], in_part: bool) -> RefusedItem | None:
-        """Put a whole plan in force, or say why not. in_part: its beginning is as it was."""
+        """Store a complete plan, or return the refusal. in_part: its beginning is unchanged."""
 
 
 class _IncomingPlan:
-    """An upload that a message has begun: the items from `first` on, `before` and `after` stay as they are.
+    """A started upload: items from `first` on. `before` and `after` remain unchanged.
 
-    A sender that speaks MAVLink 1 is asked for the items in its form.
+    A MAVLink 1 sender gets requests in its form.
     """
 
     def __init__(self, message: Any, first: int, count: int, now_ns: int) -> None:
@@ -233,17 +237,20 @@ class _IncomingPlan:
         return self.first + len(self.items)
 
     def request(self) -> Any:
-        """Asks for it."""
+        """Return the request of the next item."""
         return self._ask(*self.sender, self.expected, self.mission_type)
 
 
 class MissionServer:
-    """Serves `plans` by their MAV_MISSION_TYPE to one station: upload whole or in part, download, clear, set current.
+    """Serves `plans` by their MAV_MISSION_TYPE to one station: complete or partial upload, download, clear, set
+    current.
 
-    A new plan replaces the old one only when its last item has arrived and the whole is accepted; an item that does not
-    come is asked for again. There is no rally point: such a plan is always empty. warn: hears why something is refused.
-    set_current: goes on from an item of the mission and returns what that is answered by. guide: goes to the place of
-    an item that is a target for GUIDED, or says why not.
+    A new plan replaces the old one only after its last item has arrived and the complete plan is accepted. A missing
+    item is requested again. Rally points are not supported: such a plan is always empty.
+
+    warn: reports the reason of a refusal.
+    set_current: continues from an item of the mission and returns the replies.
+    guide: goes to the position of an item that is a GUIDED target, or returns the refusal.
     """
 
     def __init__(
@@ -274,7 +281,7 @@ class MissionServer:
         }
 
     def poll(self, now_ns: int) -> Messages:
-        """Ask again for an item that does not come; give up after RETRIES."""
+        """Request a missing item again. Give up after RETRIES."""
         upload = self._upload
         if upload is None or 0 <= now_ns - upload.asked_ns < REPEAT_NS:
             return []
@@ -291,7 +298,7 @@ class MissionServer:
     # -- upload
 
     def _on_count(self, message: Any, now_ns: int) -> Messages:
-        """Start of an upload; one from the same sender starts again."""
+        """Start an upload. A second one of the same sender restarts it."""
         sender, mission_type = _sender(message), message.mission_type
         plan = self._plans.get(mission_type)
         if plan is None:
@@ -309,7 +316,7 @@ class MissionServer:
         return [self._upload.request()]
 
     def _on_write_partial(self, message: Any, now_ns: int) -> Messages:
-        """Items start_index to end_index of the plan in force are replaced."""
+        """Start to replace the items start_index to end_index of the present plan."""
         sender, mission_type = _sender(message), message.mission_type
         plan = self._plans.get(mission_type)
         if plan is None:
@@ -325,7 +332,10 @@ class MissionServer:
         return [upload.request()]
 
     def _on_item(self, message: Any, now_ns: int) -> Messages:
-        """One item. The one before is a duplicate and ignored; any other but the expected makes it be asked again."""
+        """Handle an item. The previous item is a duplicate and ignored.
+
+        After any other item, the expected one is requested again.
+        """
         sender, mission_type = _sender(message), message.mission_type
         upload, plan = self._upload, self._plans.get(mission_type)
         if plan is None:
@@ -360,7 +370,7 @@ class MissionServer:
         return [_ack(message, result)]
 
     def _on_guided(self, message: Any) -> int:
-        """A change of altitude is acknowledged, and is nothing to a boat."""
+        """Handle a GUIDED target. A change of altitude is acknowledged and ignored."""
         if message.current == GUIDED_ALTITUDE:
             return int(mav.MAV_MISSION_ACCEPTED)
         refused = self._guide(plan_item(message))
@@ -379,7 +389,7 @@ class MissionServer:
         return refused.result
 
     def _on_ack(self, message: Any, now_ns: int) -> Messages:
-        """A sender ends its upload, or has all that it asked for."""
+        """Handle the end of an upload or download by the sender."""
         upload = self._upload
         ends = upload is not None and (upload.sender, upload.mission_type) == (_sender(message), message.mission_type)
         if ends and message.type != mav.MAV_MISSION_ACCEPTED:
@@ -394,7 +404,7 @@ class MissionServer:
         return [mav.MAVLink_mission_count_message(*_sender(message), count, message.mission_type)]
 
     def _on_request(self, message: Any, now_ns: int) -> Messages:
-        """One item, in the form it was asked for; item 0 of a mission is home."""
+        """Return one item, in the requested form. Item 0 of a mission is home."""
         plan = self._plans.get(message.mission_type)
         if plan is None or message.seq >= len(plan.items()):
             return [_ack(message, mav.MAV_MISSION_INVALID_SEQUENCE)]
@@ -403,13 +413,13 @@ class MissionServer:
         return [item_message(_sender(message), item, item.seq == plan.current(), message.mission_type, whole)]
 
     def _on_request_partial(self, message: Any, now_ns: int) -> Messages:
-        """ArduPilot does not do this either: a station asks for the items one by one."""
+        """Refuse a partial download, as ArduPilot does: a station requests the items individually."""
         return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
 
-    # -- the rest
+    # -- other requests
 
     def _on_clear(self, message: Any, now_ns: int) -> Messages:
-        """Delete a plan, or all."""
+        """Delete a plan, or all plans."""
         mission_type = message.mission_type
         if mission_type == RALLY:
             return [_ack(message, mav.MAV_MISSION_ACCEPTED)]

@@ -1,8 +1,8 @@
 """Modes of ArduRover and PX4: numbers, names, and the parameters of MAV_CMD_DO_SET_MODE.
 
-The embedded autopilot has ArduRover's numbers. A mode of PX4 is a main mode and, of the automatic ones, a sub mode:
-bytes 2 and 3 of a heartbeat's custom_mode, parameters 2 and 3 of MAV_CMD_DO_SET_MODE
-(src/modules/commander/px4_custom_mode.h). What is GUIDED elsewhere is its Hold, with a place from DO_REPOSITION.
+The embedded autopilot has ArduRover's numbers. A mode of PX4 is a main mode, and for automatic modes also a sub mode.
+They are bytes 2 and 3 of a heartbeat's custom_mode, and parameters 2 and 3 of MAV_CMD_DO_SET_MODE
+(src/modules/commander/px4_custom_mode.h). PX4's counterpart of GUIDED is Hold, with a position from DO_REPOSITION.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ ROVER_MODES: Mapping[int, str] = {
 """Names by ArduRover's custom_mode (Rover/mode.h)."""
 ROVER_MODE_NUMBERS: Mapping[str, int] = {name: number for number, name in ROVER_MODES.items()}
 MISSION_MODE = "AUTO"
-"""Name of the mode that sails the mission on board, of ArduRover and of PX4."""
+"""Name of the mode that follows the uploaded mission, for ArduRover and PX4."""
 
 _MANUAL, _ALTITUDE, _POSITION, _AUTO, _ACRO, _OFFBOARD, _STABILIZED = range(1, 8)
 _LOITER, _MISSION, _RETURN = 3, 4, 5
@@ -48,7 +48,7 @@ PX4_MODES: Mapping[str, tuple[int, int]] = {
     "RTL": (_AUTO, _RETURN),
     "GUIDED": (_AUTO, _LOITER),
 }
-"""Main and sub mode by the names that profiles use."""
+"""Main and sub mode by the names in profiles."""
 _PX4_NAMES = {
     **{mode: name for name, mode in PX4_MODES.items()},
     PX4_MODES["LOITER"]: "LOITER",
@@ -63,7 +63,7 @@ _PX4_NAMES = {
 
 
 def mode_name(custom_mode: int, px4: bool = False) -> str:
-    """Name of a heartbeat's custom_mode: `AUTO`, `mode 21` for an unknown one; LOITER for PX4's Hold."""
+    """Name of a heartbeat's custom_mode, for example `AUTO`; `mode 21` for an unknown one; LOITER for PX4's Hold."""
     if not px4:
         return ROVER_MODES.get(custom_mode, f"mode {custom_mode}")
     mode = (custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF)
@@ -71,11 +71,11 @@ def mode_name(custom_mode: int, px4: bool = False) -> str:
 
 
 def shown_mode(name: str, px4: bool = False) -> str:
-    """What `mode_name` says while this mode is in force: PX4 has one for HOLD, LOITER and GUIDED."""
+    """Name that `mode_name` returns while this mode is active. PX4 has one mode for HOLD, LOITER and GUIDED."""
     return _PX4_NAMES[PX4_MODES[name]] if px4 else name
 
 
 def set_mode_parameters(name: str, px4: bool = False) -> tuple[float, ...]:
-    """First parameters of MAV_CMD_DO_SET_MODE. Raises KeyError for a name that the autopilot does not have."""
+    """First parameters of MAV_CMD_DO_SET_MODE. Raises KeyError for a mode that the autopilot lacks."""
     numbers = PX4_MODES[name] if px4 else (ROVER_MODE_NUMBERS[name],)
     return (float(CUSTOM_MODE_ENABLED), *map(float, numbers))

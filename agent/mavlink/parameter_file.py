@@ -1,9 +1,13 @@
-"""`@PARAM/param.pck`: all parameters in one file, packed as ArduPilot does (libraries/AP_Filesystem, Param).
+"""`@PARAM/param.pck`: all parameters in one file, in ArduPilot's format (libraries/AP_Filesystem, Param).
 
-A header of three 16-bit numbers: 0x671B, or 0x671C with defaults; how many parameters the file has; how many there are.
-Then each parameter: type (4 bits: 1 INT8, 2 INT16, 3 INT32, 4 REAL32) and flags (4 bits, 1 for a default behind the
-value), what of the name before is kept and how much follows (4 bits each), the rest of the name, and the value. Zero
-bytes ahead of a parameter keep its value within one piece of the reads.
+The header has three 16-bit numbers: 0x671B, or 0x671C with defaults; the number of parameters in the file; the total
+number. Each parameter follows:
+
+- type (4 bits: 1 INT8, 2 INT16, 3 INT32, 4 REAL32) and flags (4 bits, 1 for a default after the value),
+- number of characters kept from the last name, and number of new ones minus one (4 bits each),
+- the new characters of the name, and the value.
+
+Zero bytes before a parameter keep its value within one piece of the reads.
 """
 
 from __future__ import annotations
@@ -23,24 +27,26 @@ _LIMIT = 65535
 
 
 class ParameterFileRow(NamedTuple):
-    """One parameter; `type` is a MAV_PARAM_TYPE."""
+    """One parameter."""
 
     name: str
     type: int
+    """MAV_PARAM_TYPE."""
     value: float
     default: float
 
 
 class ParameterQuery(NamedTuple):
-    """What stands behind the `?` of the file's name. limit: how many at most, 0 for all."""
+    """Query after the `?` of the file's name."""
 
     start: int = 0
     limit: int = 0
+    """Largest number of parameters, 0 for all."""
     with_defaults: bool = False
 
 
 def parse_query(text: str) -> ParameterQuery:
-    """`start=10&count=5&withdefaults=1`; what else it says is passed over. Raises OSError for a bad number."""
+    """Parse `start=10&count=5&withdefaults=1`. Other keys are ignored. Raises OSError for an invalid number."""
     found = {"start": 0, "count": 0, "withdefaults": 0}
     for part in text.split("&"):
         name, _, number = part.partition("=")
@@ -56,7 +62,7 @@ WHOLE = ParameterQuery()
 
 
 def pack_parameters(rows: Sequence[ParameterFileRow], query: ParameterQuery = WHOLE, piece: int = DATA_BYTES) -> bytes:
-    """The file, for reads of `piece` bytes each."""
+    """Return the file, for reads of `piece` bytes each."""
     chosen = rows[query.start : query.start + query.limit] if query.limit else rows[query.start :]
     magic = _MAGIC_WITH_DEFAULTS if query.with_defaults else _MAGIC
     return _HEADER.pack(magic, len(chosen), len(rows)) + _packed(chosen, query.with_defaults, piece)
@@ -88,10 +94,10 @@ def _value(layout: str, value: float) -> bytes:
 
 
 class PackedParameters:
-    """The file as it was at the first read, whose size is that of the pieces. A ServedFile."""
+    """A ServedFile with the content at the first read, which also defines the piece size."""
 
     def __init__(self, rows: Callable[[], Sequence[ParameterFileRow]], query: ParameterQuery) -> None:
-        """Raises OSError where nothing is left of what is asked for."""
+        """Raises OSError when the query is beyond the last parameter."""
         self._rows = rows()
         self._query = query
         self._content = b""

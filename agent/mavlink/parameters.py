@@ -1,4 +1,4 @@
-"""The MAVLink parameter protocol (mavlink.io/en/services/parameter.html): client, server, PX4's whole numbers."""
+"""MAVLink parameter protocol (mavlink.io/en/services/parameter.html): client, server, and PX4's integers."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _WHOLE = {1: "<Bxxx", 2: "<bxxx", 3: "<Hxx", 4: "<hxx", 5: "<I", 6: "<i"}  # by 
 
 
 class ParameterClient:
-    """Reads and sets parameters of `target`, each by an exchange of its own.
+    """Reads and sets parameters of `target`, each by a separate exchange.
 
-    bytewise: whether whole numbers lie in the four bytes of the field as such (PX4's way, MAV_PROTOCOL_CAPABILITY
-    PARAM_ENCODE_BYTEWISE). tries, answer_s: how often a request is sent and how long each waits; new_timer: the clocks
-    for that. typed: whether a parameter is set with the type that it was told with, as it has to be bytewise; else as a
-    REAL32, which ArduPilot takes for every type.
+    bytewise: integers are the raw four bytes of the field (PX4, MAV_PROTOCOL_CAPABILITY PARAM_ENCODE_BYTEWISE).
+    typed: a parameter is set with its own type, which bytewise needs; otherwise as REAL32, which ArduPilot accepts.
+    tries, answer_s: number of attempts of a request and timeout of each.
+    new_timer: creates the timers.
     """
 
     def __init__(
@@ -47,18 +47,20 @@ class ParameterClient:
 
     @property
     def types(self) -> Mapping[str, int]:
-        """MAV_PARAM_TYPE by name, of what has come."""
+        """MAV_PARAM_TYPE by name, of the received parameters."""
         return self._types
 
     def read(self, name: str) -> Request:
-        """Ask for one by its name; the answer is a PARAM_VALUE."""
+        """Return the request of one parameter by its name. The answer is a PARAM_VALUE."""
         message = mav.MAVLink_param_request_read_message(*self._target, name.encode("ascii", "replace"), -1)
         return self._request(message, name)
 
     def set(self, name: str, value: float) -> Request:
-        """Set one; the answer is the PARAM_VALUE in force, which may be another value.
+        """Return the request to set a parameter.
 
-        Raises ValueError for a value that a whole-number parameter of PX4 does not hold.
+        The answer is the PARAM_VALUE afterwards, which may have another value.
+
+        Raises ValueError for a value that an integer parameter of PX4 cannot hold.
         """
         param_type = self._types.get(name, mav.MAV_PARAM_TYPE_REAL32)
         field = bytewise_field(value, param_type) if self._bytewise else value
@@ -66,7 +68,7 @@ class ParameterClient:
         return self._request(message, name)
 
     def read_all(self) -> ParameterList:
-        """Ask for all."""
+        """Return the exchange that reads all parameters."""
         return ParameterList(self._target, self.value)
 
     def value(self, answer: Any) -> float:
@@ -83,9 +85,9 @@ class ParameterClient:
 
 
 class ParameterList:
-    """An exchange for all parameters: the list, then what got lost, BATCH at a time, until ROUNDS in a row bring none.
+    """An exchange for all parameters: first the list, then lost ones, BATCH at a time, until ROUNDS in a row fail.
 
-    count: how many there are, None while nothing came.
+    count: number of parameters, None before the first one.
     """
 
     def __init__(self, target: Target, value: Callable[[Any], float]) -> None:
@@ -101,12 +103,12 @@ class ParameterList:
 
     @property
     def values(self) -> dict[str, float]:
-        """What has come, by name in the vehicle's order."""
+        """Received values, by name in the vehicle's order."""
         return {name: value for _, (name, value) in sorted(self._found.items())}
 
     @property
     def complete(self) -> bool:
-        """Whether all have come."""
+        """Whether all parameters were received."""
         return self.count is not None and len(self._found) == self.count
 
     def poll(self, now_ns: int) -> Messages:
@@ -135,11 +137,13 @@ class ParameterList:
 
 
 class ParameterServer:
-    """Serves the parameters of `types` (MAV_PARAM_TYPE by name), in their order. A list goes out `per_poll` values a
-    call of `poll`.
+    """Serves the parameters of `types` (MAV_PARAM_TYPE by name), in their order.
 
-    value: of a parameter by its name. set_value: sets it, or raises ValueError. refused: what is sent, beside the old
-    value, when that was raised, for its words. read_only: names that cannot be set, whatever the value.
+    A list is sent with `per_poll` values per call of `poll`.
+    value: returns a parameter by its name.
+    set_value: sets it, or raises ValueError.
+    refused: returns messages for the text of that error, sent in addition to the old value.
+    read_only: names that cannot be set.
     """
 
     def __init__(
@@ -167,26 +171,29 @@ class ParameterServer:
         }
 
     def poll(self, most: int | None = None) -> Messages:
-        """The next values of a list, `most` of them where that is fewer."""
+        """Return the next values of a list, at most `most` and at most `per_poll`."""
         count = min(self._per_poll if most is None else min(most, self._per_poll), len(self._queue))
         return [self._message(self._queue.popleft()) for _ in range(count)]
 
     def value_message(self, name: str) -> Any:
-        """PARAM_VALUE of one. Raises KeyError for a name that is none."""
+        """Return the PARAM_VALUE of a parameter. Raises KeyError for an unknown name."""
         return self._message(self._index[name])
 
     def _on_request_list(self, message: Any, now_ns: int) -> Messages:
-        """Start again from the first."""
+        """Restart the list from the first parameter."""
         self._queue = deque(range(len(self._names)))
         return []
 
     def _on_request_read(self, message: Any, now_ns: int) -> Messages:
-        """By index, or by name when that is negative. What does not exist is not answered, as ArduPilot has it."""
+        """Answer by index, or by name when the index is negative. Unknown parameters get no answer, as in ArduPilot."""
         index = message.param_index if message.param_index >= 0 else self._index.get(message.param_id, -1)
         return [self._message(index)] if 0 <= index < len(self._names) else []
 
     def _on_set(self, message: Any, now_ns: int) -> Messages:
-        """Answered by the value in force; when refused, by why, the old one and PARAM_ERROR, for who knows that."""
+        """Set a parameter and answer with its value.
+
+        After a refusal, answer with the reason, the old value and PARAM_ERROR.
+        """
         name = message.param_id
         index = self._index.get(name)
         value = [] if index is None else [self._message(index)]
@@ -209,7 +216,7 @@ class ParameterServer:
 
 
 def _error(message: Any, error: int) -> Messages:
-    """PARAM_ERROR to who wanted to set one; MAVLink 1 has none."""
+    """Return PARAM_ERROR to the sender. MAVLink 1 has no such message."""
     if came_as_mavlink1(message):
         return []
     name = message.param_id.encode("ascii", "replace")
@@ -217,7 +224,7 @@ def _error(message: Any, error: int) -> Messages:
 
 
 def bytewise_value(message: Any) -> float:
-    """Value of a PARAM_VALUE of PX4, where a whole number lies in the four bytes of the field as such."""
+    """Value of a PARAM_VALUE of PX4, in which an integer is the raw four bytes of the field."""
     layout = _WHOLE.get(message.param_type)
     if layout is None:
         return float(message.param_value)
@@ -225,9 +232,9 @@ def bytewise_value(message: Any) -> float:
 
 
 def bytewise_field(value: float, param_type: int) -> float:
-    """Field of a PARAM_SET to PX4 for a value of the type that PARAM_VALUE told.
+    """Return the field of a PARAM_SET to PX4 for a value of this type.
 
-    Raises ValueError for a value that the type does not hold.
+    Raises ValueError for a value that the type cannot hold.
     """
     layout = _WHOLE.get(param_type)
     if layout is None:
@@ -241,7 +248,7 @@ def bytewise_field(value: float, param_type: int) -> float:
 
 
 def as_float32(value: float) -> float:
-    """The value as a message carries it, a 32-bit float."""
+    """Round a value to a 32-bit float, as in a message."""
     try:
         return float(struct.unpack("<f", struct.pack("<f", value))[0])
     except OverflowError:

@@ -1,1 +1,1 @@
-"""What a node can be, and what the embedded autopilot serves beside the host."""
+"""Roles of a node, and the ground stations and storage of the embedded autopilot."""

@@ -1,4 +1,4 @@
-"""The embedded autopilot as a node: LS, LC and LA, its ground stations, what it keeps and what it logs."""
+"""The embedded autopilot as a node: LS, LC and LA, its ground stations, its storage and its log."""
 
 from __future__ import annotations
 
@@ -25,12 +25,16 @@ if TYPE_CHECKING:
 
 
 class AutopilotRole(Role):
-    """Sensors in, actuators out at LOOP_HZ. `make_channel` builds a fresh autopilot for every run.
+    """Sensors in, actuators out at LOOP_HZ.
 
-    `send` hands messages to the host. `ground` serves ground stations beside the host, between runs too: there is no
-    motion then, but parameters and plans can be set. `storage` keeps over a restart what they set. `make_log` gets this
-    node's clock and gives a flight log, a new one begun with each run. None of the three is this one's to close.
-    `stored_logs` are those that stations may read.
+    make_channel: builds a new autopilot for every run.
+
+    send: sends messages to the host.
+    ground: serves ground stations, between runs too, when parameters and plans can be set without motion.
+    storage: keeps their settings over a restart.
+    make_log: takes this node's clock and returns a flight log, which starts a new file with each run. This role closes
+      none of these three.
+    stored_logs: logs that stations may read.
     """
 
     title = "embedded autopilot"
@@ -56,10 +60,10 @@ class AutopilotRole(Role):
 
     @property
     def channel(self) -> MavlinkChannel:
-        """What serves the host, with the autopilot of the run."""
+        """Channel that serves the host, with the autopilot of the run."""
         return self._channel
 
-    # -- the life of a run
+    # -- start and end of a run
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
         self._clock = clock
@@ -94,7 +98,7 @@ class AutopilotRole(Role):
             executor.add("log", LOOP_HZ, self._keep)
 
     def end_run(self, now_ns: int) -> Sequence[Message]:
-        """The host takes the world away: nothing is steered any more."""
+        """End the run: disarm, because the host no longer simulates."""
         self._autopilot.disarm()
         self._actuators = self._hub.actuators = Actuators()
         if self._log is not None:

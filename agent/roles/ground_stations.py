@@ -1,4 +1,4 @@
-"""All ground stations of one agent: those we send to, and those that connect to us."""
+"""All ground stations of one agent. The agent sends to some, and others connect to it."""
 
 from __future__ import annotations
 
@@ -19,50 +19,48 @@ from agent.wire.transport import BadUrlError, Transport, open_transport
 from agent.wire.udp import UdpTransport
 
 MOST_CLIENTS = 16
-CHUNK_BYTES = 1024  # of one station in one cycle: some 20 to 80 messages; the rest waits in the system's buffer
-BYTES_A_CYCLE = 4096  # of all stations together, shared evenly: what costs time is theirs, the time is the control's
+CHUNK_BYTES = 1024  # per station and cycle: about 20 to 80 messages; the rest waits in the system's buffer
+BYTES_A_CYCLE = 4096  # of all stations together, shared evenly: their processing time is taken from the control loop
 FEWEST_BYTES = 128
 DATAGRAMS = 4
-DATAGRAM_BYTES = 2048  # more than any station sends at once
-QUIET_NS = 3_000_000_000  # a station's heart beats once a second
+DATAGRAM_BYTES = 2048  # longer than any datagram of a station
+QUIET_NS = 3_000_000_000  # a station sends a heartbeat once a second
 LOOK_AGAIN_S = 0.5
-BULK = 2  # messages of lists and files that wait for a line with a capacity, beside telemetry
+BULK = 2  # messages of lists and files, in addition to telemetry, for a line with a capacity
 SILENCE_NS = 1_000_000_000
-STUCK_NS = 10_000_000_000  # a station that takes nothing for so long is dropped
+STUCK_NS = 10_000_000_000  # a station that accepts nothing for this time is dropped
 
 
 class StationCounters(NamedTuple):
-    """Since the start, over all stations, those that have left among them.
-
-    turned_away: none any more, who calls too many waits. dropped: stations that took nothing for ten seconds, or made
-    room for another. unsent: frames that a station did not take. skipped: cycles in which one was too slow to be sent
-    anything. refused: frames without a good signature, and datagrams longer than any of a station, and
-    requests for files and logs beyond those that wait. unpackable: messages
-    with a field that does not fit the wire.
-    """
+    """Counts since the start, over all stations, including former ones."""
 
     connected: int
     turned_away: int
+    """Always 0: callers beyond the limit wait."""
     dropped: int
+    """Stations that accepted nothing for ten seconds, or made room for another."""
     sent: int
     unsent: int
+    """Frames that a station did not accept."""
     skipped: int
+    """Cycles in which a station was too slow to receive anything."""
     refused: int
+    """Frames without a valid signature, overlong datagrams, and requests for files and logs beyond the waiting ones."""
     unpackable: int
+    """Messages with a field that does not fit the wire."""
 
     @property
     def missed(self) -> int:
-        """Everything that stations did not get, or said in vain."""
+        """Sum of everything that stations did not receive or sent without effect."""
         return self.turned_away + self.dropped + self.unsent + self.skipped + self.refused + self.unpackable
 
 
 class GroundStations:
-    """`udp://host:port` is sent to; at `tcp://host:port` we listen for any number of stations up to `MOST_CLIENTS`.
+    """Sends to `udp://host:port`. Listens at `tcp://host:port` for up to `MOST_CLIENTS` stations.
 
-    When another one calls, one that is idle makes room: that has never sent a good frame, then that has been silent for
-    longest. While all have been heard of late it waits.
-
-    Raises a TransportError from the constructor. Afterwards nothing of a station's doing raises or waits.
+    When another one connects, an idle one makes room: first a station without any valid frame, then the longest silent
+    one. While all have been heard recently, the new one waits. The constructor raises TransportError. Afterwards,
+    nothing that a station does raises or blocks.
     """
 
     def __init__(self, urls: Sequence[str], system_id: int, component_id: int, signing: Signing | None = None) -> None:
@@ -78,7 +76,7 @@ class GroundStations:
         try:
             for url in urls:
                 self._open(url)
-        except Exception:  # whatever is wrong with one, those that are open already are not left so
+        except Exception:  # close those that are open already, whatever the error
             self.close()
             raise
 
@@ -107,7 +105,7 @@ class GroundStations:
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where stations are sent to or may call."""
+        """Addresses of the stations, or addresses that they may connect to."""
         return (
             *(client.name for client in self._clients if not isinstance(client.transport, TcpAccepted)),
             *(listener.address for listener in self._listeners),
@@ -129,7 +127,7 @@ class GroundStations:
         )
 
     def descriptors(self) -> list[int]:
-        """What becomes readable when there is something to do."""
+        """Descriptors that become readable when there is something to do."""
         found = [client.transport.fileno() for client in self._clients]
         found += [listener.fileno() for listener in self._listeners]
         return [descriptor for descriptor in found if descriptor is not None]
@@ -141,7 +139,7 @@ class GroundStations:
             client.attach(hub)
 
     def receive(self, clock: Callable[[], int]) -> None:
-        """Take in who calls and handle what has arrived; `clock` is the vehicle's."""
+        """Accept connections and handle the received messages. clock: the vehicle's clock."""
         for listener in self._listeners:
             self._accept(listener)
         for client in self._clients:
@@ -151,13 +149,13 @@ class GroundStations:
             self._let_go(client)
 
     def telemetry(self, now_ns: int) -> None:
-        """Send every station what is due for it; once a cycle."""
+        """Send the messages that are due to every station. Called once a cycle."""
         self._spoke_ns = time.monotonic_ns()
         for client in self._clients:
             client.telemetry(now_ns)
 
     def keep_alive(self, now_ns: int) -> None:
-        """Where the vehicle's clock stands still, its heart beats on."""
+        """Continue the heartbeat while the vehicle's clock is stopped."""
         if time.monotonic_ns() - self._spoke_ns >= SILENCE_NS:
             self._spoke_ns = time.monotonic_ns()
             for client in self._clients:
@@ -177,7 +175,7 @@ class GroundStations:
         if len(self._clients) >= MOST_CLIENTS:
             stations = [one for one in self._clients if isinstance(one.transport, TcpAccepted)]
             if len(stations) >= MOST_CLIENTS:
-                idle = min(stations, key=lambda one: one.heard_ns)  # 0: has never sent a frame; the oldest comes first
+                idle = min(stations, key=lambda one: one.heard_ns)  # 0 if it never sent a frame; the oldest is first
                 if time.monotonic_ns() - idle.heard_ns < QUIET_NS:
                     listener.pause(LOOK_AGAIN_S)
                     return
@@ -197,7 +195,7 @@ class GroundStations:
         self._share()
 
     def _share(self) -> None:
-        """How much of each station is read in a cycle."""
+        """Share the number of bytes to read per cycle among the stations."""
         stations = [one.transport for one in self._clients if isinstance(one.transport, TcpAccepted)]
         for transport in stations:
             transport.chunk_bytes = max(min(CHUNK_BYTES, BYTES_A_CYCLE // len(stations)), FEWEST_BYTES)
@@ -221,10 +219,11 @@ class GroundStations:
 
 
 class GroundStation:
-    """Serves one station. Nothing here waits, raises for what comes in, or lets a slow station cost more than a try.
+    """Serves one station. Nothing here blocks or raises for received bytes, and a slow station costs at most one try.
 
-    skipped: cycles of telemetry not even made because the station did not take the last. unpackable: messages with a
-    value that does not fit the wire. heard_ns: when its last good frame came, on the monotonic clock, 0 for never.
+    skipped: cycles of telemetry omitted because the station did not accept the last one.
+    unpackable: messages with a value that does not fit the wire.
+    heard_ns: time of the last valid frame on the monotonic clock, 0 for never.
     """
 
     def __init__(self, link: Link, name: str) -> None:
@@ -234,25 +233,25 @@ class GroundStation:
         self.unpackable = 0
         self.heard_ns = 0
         self._channel: MavlinkChannel | None = None
-        self._unanswered = 0  # by channels before
+        self._unanswered = 0  # of earlier channels
         self._stuck_ns: int | None = None
         self._said_signature = False
 
     @property
     def transport(self) -> Transport:
-        """Carries its bytes."""
+        """Transport of its bytes."""
         return self.link.transport
 
     @property
     def refused(self) -> int:
-        """See StationCounters."""
+        """Number of refused frames, datagrams and requests, see StationCounters."""
         transport = self.transport
         too_long = transport.too_long if isinstance(transport, UdpTransport) else 0
         unanswered = self._unanswered + (0 if self._channel is None else self._channel.unanswered)
         return self.link.refused_signature + too_long + unanswered
 
     def attach(self, hub: MavlinkHub) -> None:
-        """Serve this vehicle from now on, at the rates the station has asked for."""
+        """Serve this vehicle from now on, at the rates that the station has set."""
         old = self._channel
         self._unanswered += 0 if old is None else old.unanswered
         self._channel = MavlinkChannel(hub.autopilot, self.link.system_id, self.link.component_id, hub=hub, ground=True)
@@ -261,7 +260,7 @@ class GroundStation:
             old.close()
 
     def receive(self, clock: Callable[[], int]) -> None:
-        """Handle what has arrived, as much of it as one cycle can bear."""
+        """Handle the received messages, within the limit of one cycle."""
         channel = self._channel
         if channel is None:
             return
@@ -277,7 +276,7 @@ class GroundStation:
             channel.autopilot.events.add(WARNING, f"Frames from {self.name} refused: not signed with our key")
 
     def telemetry(self, now_ns: int) -> None:
-        """Send what is due."""
+        """Send the messages that are due."""
         if self._channel is None:
             return
         if self._is_stuck():
@@ -288,13 +287,13 @@ class GroundStation:
             self._send(messages)
 
     def heartbeat(self, now_ns: int) -> None:
-        """Send that alone."""
+        """Send only a heartbeat."""
         if self._channel is not None:
             beat = self._channel.streams.message(mav.MAVLINK_MSG_ID_HEARTBEAT, now_ns)
             self._send([beat])
 
     def is_gone(self, monotonic_ns: int) -> bool:
-        """Whether the station has left, or takes nothing any more."""
+        """Whether the station has left, or accepts nothing any more."""
         transport = self.transport
         if not isinstance(transport, TcpTransport):
             return False
@@ -315,7 +314,7 @@ class GroundStation:
         self.transport.close()
 
     def _room(self) -> int | None:
-        """How many messages of lists and files a line with a capacity takes at once, None for one without."""
+        """Number of list and file messages that a line with a capacity accepts at once, None without a capacity."""
         if self.transport.capacity_bps is None:
             return None
         return 0 if self.link.waiting else BULK

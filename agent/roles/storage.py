@@ -1,6 +1,6 @@
-"""What ground stations set and a restart keeps: parameters, mission and fence in one JSON file.
+"""Settings of ground stations that persist over a restart: parameters, mission and fence in one JSON file.
 
-The file is replaced as a whole, by a thread of its own: the control loop only hands over what is to be in it.
+A separate thread replaces the complete file. The control loop only hands over the content.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from agent.fcu.vehicle_state import ERROR, WARNING
 from agent.files import read_text
 
 FORMAT = 2
-_FORMATS = (1, 2)  # 1 kept of a mission's items what counted
+_FORMATS = (1, 2)  # format 1 stored only some fields of mission items
 
 
 class StorageError(ValueError):
-    """A file was refused; the message says which, why and what to do."""
+    """Raised for a refused file. The message says which file, why and what to do."""
 
 
 class _Contents(NamedTuple):
@@ -33,7 +33,7 @@ class _Contents(NamedTuple):
 
 
 class Storage:
-    """See `SettingsStorage`. Raises StorageError from the constructor; a failed write becomes an event."""
+    """Implements `SettingsStorage`. The constructor raises StorageError. A failed write becomes an event."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -47,7 +47,7 @@ class Storage:
         self._thread.start()
 
     def apply(self, autopilot: Autopilot) -> None:
-        """Put in force what is kept; what does not fit this version any more is left out, with an event."""
+        """Apply the stored settings. Omit invalid ones for this version, with an event."""
         contents = self._contents
         for name, value in contents.parameters.items():
             try:
@@ -89,12 +89,12 @@ class Storage:
             autopilot.events.add(ERROR, problem)
 
     def flush(self) -> None:
-        """Wait until all is written."""
+        """Wait until everything is written."""
         with self._changed:
             self._changed.wait_for(lambda: self._wanted is None and not self._busy, timeout=10.0)
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining content and end the thread."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -124,7 +124,7 @@ class Storage:
 
 
 def _write(path: Path, contents: _Contents) -> None:
-    """Whole or not at all: beside it, then in its place."""
+    """Write the file atomically: under another name, then moved into place."""
     document = {
         "format": FORMAT,
         "parameters": contents.parameters,
@@ -167,7 +167,7 @@ def _read(path: Path) -> _Contents:
 
 
 def _mission_item(fields: Any) -> MissionItem:
-    """An item of either format; the first kept each command's own fields instead of its parameters."""
+    """Return an item of either format. Format 1 stored each command's own fields instead of its parameters."""
     command = int(fields["command"])
     lat_deg, lon_deg, alt_m = (float(fields.get(name, 0.0)) for name in ("lat_deg", "lon_deg", "alt_m"))
     named = {CHANGE_SPEED: ("", "speed_mps"), JUMP: ("jump_seq", "repeats")}.get(command, ("hold_s", ""))
@@ -177,6 +177,6 @@ def _mission_item(fields: Any) -> MissionItem:
 
 
 def _item(kind: Any, fields: Any) -> Any:
-    """A NamedTuple of numbers, each of the type of its field."""
+    """Return a NamedTuple of numbers, each with the type of its field."""
     whole = {"command", "vertex_count"}
     return kind(**{name: int(value) if name in whole else float(value) for name, value in fields.items()})

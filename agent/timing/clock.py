@@ -1,4 +1,4 @@
-"""Where a part of the agent gets its time from: real, or that of the lockstep ticks."""
+"""Clocks of the agent: real time, or the time of the lockstep ticks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Clock(Protocol):
     """Time that never steps back."""
 
     def now_ns(self) -> int:
-        """Nanoseconds since the clock's own zero."""
+        """Nanoseconds since the clock's zero."""
 
 
 class MonotonicClock:
@@ -29,7 +29,7 @@ class MonotonicClock:
 
 
 class TickClock:
-    """Lockstep: stands still between ticks."""
+    """Lockstep clock, which is constant between ticks."""
 
     def __init__(self, now_ns: int = 0) -> None:
         self._now_ns = now_ns
@@ -39,7 +39,7 @@ class TickClock:
         return self._now_ns
 
     def advance_to(self, now_ns: int) -> bool:
-        """Set the time. False, and nothing happens, when that would be a step back or no step."""
+        """Set the time. Return False without a change if it is not later than the present time."""
         if now_ns <= self._now_ns:
             return False
         self._now_ns = now_ns
@@ -47,7 +47,7 @@ class TickClock:
 
 
 class SteppedClock:
-    """Another clock with faults: ahead by steps, and running fast. Without faults it is that clock."""
+    """Another clock with faults: ahead by steps, and with a skew. Without faults it equals that clock."""
 
     def __init__(self, clock: Clock) -> None:
         self._base_ns = clock.now_ns
@@ -57,17 +57,17 @@ class SteppedClock:
         self.offset_ns = 0
 
     def now_ns(self) -> int:
-        """Nanoseconds since the other clock's zero, and what this one is ahead."""
+        """Nanoseconds since the other clock's zero, plus the lead of this clock."""
         now_ns = self._base_ns()
         if self._skew:
             return now_ns + self._ahead_ns + round((now_ns - self._since_ns) * self._skew)
         return now_ns + self._ahead_ns
 
     def disturb(self, offset_ns: int, skew_ppm: float) -> bool:
-        """Be `offset_ns` ahead by steps and run fast by `skew_ppm` (below 0: slow) from now on.
+        """Step to `offset_ns` ahead and run fast by `skew_ppm` (below 0: slow) from now on.
 
-        What an earlier skew has made of the time stays. False, and nothing is changed, for a smaller offset than now:
-        time never steps back.
+        The effect of an earlier skew remains. Return False without a change for a smaller offset than the present one,
+        because time never steps back.
         """
         if offset_ns < self.offset_ns or not -1e6 < skew_ppm < 1e6:
             return False
@@ -80,10 +80,10 @@ class SteppedClock:
 
 
 def wait_readable(descriptors: Sequence[int], timeout_s: float) -> None:
-    """Return once one of the descriptors is readable, or after timeout_s.
+    """Return when one of the descriptors is readable, or after timeout_s.
 
-    select() ends on the microsecond where poll() and epoll round up to whole milliseconds, but cannot take a descriptor
-    from 1024 on.
+    select() has microsecond resolution, while poll() and epoll round up to milliseconds. But select() does not accept
+    descriptors from 1024 on.
     """
     if max(descriptors) < _MOST_FOR_SELECT:
         select.select(descriptors, (), (), timeout_s)

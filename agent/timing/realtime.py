@@ -1,7 +1,7 @@
-"""What Linux does for a process with deadlines: a fixed priority, memory that stays, processors of its own.
+"""Linux settings for a process with deadlines: fixed priority, locked memory, dedicated processors.
 
-Each function returns an empty text when it is done, else one sentence: what is not, why, and what to do. Nothing here
-raises for want of permission: an agent without it still works, and reports how well.
+Each function returns an empty text on success, otherwise one sentence with failure, cause and remedy. Missing
+permissions never raise: an agent without them still works, and reports its timing.
 """
 
 from __future__ import annotations
@@ -15,27 +15,29 @@ from typing import NamedTuple
 
 DEFAULT_PRIORITY = 50
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
-SWITCH_S = 0.001  # how long a thread that writes a log may hold up the one with deadlines; Python's own is 5 ms
+SWITCH_S = 0.001  # longest delay by a thread that writes a log; Python's default is 5 ms
 _CAP_IPC_LOCK = 14
 
 
 class RealtimeState(NamedTuple):
-    """How the process runs. priority: of SCHED_FIFO, 0 for none. problems: what was asked for and is not so."""
+    """Real-time state of the process."""
 
     priority: int = 0
+    """Priority of SCHED_FIFO, 0 for none."""
     memory_locked: bool = False
     pinned: bool = False
     problems: tuple[str, ...] = ()
+    """Requests that failed."""
 
 
 def set_up(priority: int, cpus: Sequence[int]) -> RealtimeState:
-    """Pin to `cpus` if any; with a priority above 0, lock memory and schedule by SCHED_FIFO.
+    """Pin to `cpus` if any. With a priority above 0, lock memory and schedule by SCHED_FIFO.
 
-    For all threads there are and those started later. Call it when all that stays has been loaded.
+    This applies to all present and later threads. Call it after everything permanent has been loaded.
     """
     sys.setswitchinterval(SWITCH_S)
     gc.collect()
-    gc.freeze()  # what is loaded by now is not looked through again at every collection
+    gc.freeze()  # exclude everything loaded so far from later collections
     pinned = pin(cpus) if cpus else ""
     locked = lock_memory() if priority else ""
     scheduled = schedule(priority) if priority else ""
@@ -48,7 +50,7 @@ def set_up(priority: int, cpus: Sequence[int]) -> RealtimeState:
 
 
 def schedule(priority: int) -> str:
-    """SCHED_FIFO at `priority`, 1 to 99."""
+    """Schedule by SCHED_FIFO at `priority`, 1 to 99."""
     if not hasattr(os, "sched_setscheduler"):
         return "no SCHED_FIFO: this system does not offer it; real-time scheduling needs Linux"
     try:
@@ -64,7 +66,7 @@ def schedule(priority: int) -> str:
 
 @contextmanager
 def ordinary() -> Iterator[None]:
-    """Within, without SCHED_FIFO: for what is started meanwhile, as it would inherit it."""
+    """Context without SCHED_FIFO, so that processes started in it do not inherit it."""
     if not hasattr(os, "sched_getscheduler") or os.sched_getscheduler(0) != os.SCHED_FIFO:
         yield
         return
@@ -77,7 +79,7 @@ def ordinary() -> Iterator[None]:
 
 
 def lock_memory() -> str:
-    """Pages that were touched once stay in memory, those of the future too (mlockall with MCL_ONFAULT)."""
+    """Lock all pages in memory once they are touched, future ones too (mlockall with MCL_ONFAULT)."""
     advice = "start as root or set LimitMEMLOCK=infinity in the systemd unit"
     if not _may_lock_all():
         return f"memory is not locked (the limit is below what may be needed later); {advice}"
@@ -93,7 +95,7 @@ def lock_memory() -> str:
 
 
 def _may_lock_all() -> bool:
-    """Under a finite limit a lock would succeed now and let an allocation fail later."""
+    """Whether all memory may be locked. Under a finite limit, a lock would succeed and let a later allocation fail."""
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)
@@ -110,7 +112,7 @@ def _may_lock_all() -> bool:
 
 
 def _threads() -> list[int]:
-    """Of this process; 0 for the calling one where the system does not tell."""
+    """Threads of this process; 0 for the calling one if the system does not list them."""
     try:
         return [int(name) for name in os.listdir("/proc/self/task")]  # noqa: PTH208  names are all that is wanted
     except OSError:
@@ -118,7 +120,7 @@ def _threads() -> list[int]:
 
 
 def pin(cpus: Sequence[int]) -> str:
-    """Run on these processors alone."""
+    """Run only on these processors."""
     if not hasattr(os, "sched_setaffinity"):
         return "not pinned: this system does not offer it; CPU affinity needs Linux"
     before = os.sched_getaffinity(0)

@@ -1,15 +1,18 @@
-"""How another machine's clock runs against this one's, from four-timestamp exchanges over a link with jitter.
+"""Relation of another machine's clock to this one, from four-timestamp exchanges over a link with jitter.
 
-Of an exchange, t2 - t1 is the offset plus the delay there, t3 - t4 the offset minus the delay back. Delays have a floor
-and pile up above it, so the truth is seen at the edges: a line below all t2 - t1 and one above all t3 - t4 (the linear
-programme of Moon, Skelly and Towsley, INFOCOM 1999). They are two lines of one drift, and every drift leaves a gap
-between them. The widest gap is the likeliest drift when delays fall off exponentially from their floor; the drift taken
-is the mean of all, each weighed by that likelihood with the density of delays seen at the floor, which errs less than
-the likeliest and asks nothing of the delays further up: outliers, bursts and heavy tails weigh nothing. Only the
-vertices of two convex hulls matter, so all of it is exact and cheap. With n samples the edges close in as 1/n, where
-averages of any kind close in as 1/sqrt(n). The offset is half way between the lines. What no exchange can see is the
-asymmetry of the two floors: it shifts the offset by half of the difference, at most by half of the smallest round trip.
-Delays without a floor (a bell curve) close in more slowly.
+In an exchange, t2 - t1 is the offset plus the delay there, and t3 - t4 is the offset minus the delay back. Delays have
+a floor and accumulate above it, so the truth is at the edges. One line is below all t2 - t1, the other above all t3 -
+t4 (the linear programme of Moon, Skelly and Towsley, INFOCOM 1999). Both lines have the same drift, and each drift
+leaves a gap between them.
+
+If delays decrease exponentially from their floor, the widest gap is the likeliest drift. The estimate is the mean of
+all drifts, weighted by that likelihood with the observed density of delays at the floor. It has a smaller error than
+the likeliest drift. It makes no assumption about longer delays: outliers, bursts and heavy tails have no weight. Only
+the vertices of two convex hulls matter, so the computation is exact and cheap.
+
+With n samples the edges converge as 1/n, whereas averages converge as 1/sqrt(n). The offset is half way between the
+lines. No exchange can observe the asymmetry of the two floors. It shifts the offset by half of the difference, at most
+by half of the smallest round trip. Delays without a floor (a Gaussian distribution) converge more slowly.
 """
 
 from __future__ import annotations
@@ -20,55 +23,58 @@ from dataclasses import dataclass
 from math import exp, inf, isfinite, sqrt
 
 HISTORY = 600
-FIT_EVERY = 10  # samples between fits once there are many; a fit costs some 0.5 ms for 600
+FIT_EVERY = 10  # samples between fits of a long history; a fit of 600 takes some 0.5 ms
 PENDING = 10
-DENSITY_SHARE = 20  # the lowest 1/20 of the delays tell how dense they are at the floor
+DENSITY_SHARE = 20  # the lowest 1/20 of the delays define the density at the floor
 VIOLATIONS = 3
 SMALLEST_STEP_NS = 200_000.0
-SETTLING_NS = 3e9  # spans shorter than this say little about drift, which is then drawn to zero
+SETTLING_NS = 3e9  # shorter spans have little information on drift, which is then drawn to zero
 
 Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class SyncEstimate:
-    """Remote clock against local clock at the newest sample.
-
-    offset_ns: remote minus local. drift_ppm: growth of the offset. drift_error_ppm: standard error of that.
-    path_delay_ns: one way, half of the smallest round
-    trip. asymmetry_bound_ns: the most by which unequal floors of the two ways, and an uneven clock, can shift the
-    offset. residual_ns: RMS of
-    the single exchanges about the line, a measure of the jitter. used: samples behind the estimate. refused: exchanges
-    that no clocks could give. outliers: exchanges that contradict the rest. steps: times the relation broke and was
-    learned anew.
-    """
+    """Remote clock against local clock at the newest sample."""
 
     offset_ns: int
+    """Remote minus local."""
     drift_ppm: float
+    """Growth of the offset."""
     drift_error_ppm: float
+    """Standard error of `drift_ppm`."""
     path_delay_ns: int
+    """One way, half of the smallest round trip."""
     asymmetry_bound_ns: int
+    """Largest shift of the offset by unequal floors of the two ways and an uneven clock."""
     residual_ns: float
+    """RMS of the single exchanges about the line, a measure of the jitter."""
     used: int
+    """Number of samples in the estimate."""
     refused: int
+    """Number of impossible exchanges."""
     outliers: int
+    """Number of exchanges that contradict the others."""
     steps: int
+    """Number of times that the relation changed and was estimated anew."""
 
 
 @dataclass(frozen=True)
 class _Sample:
     sent_ns: float  # local, since the first sample
     returned_ns: float
-    there_ns: float  # t2 - t1 and t3 - t4, less the first sample's offset
+    there_ns: float  # t2 - t1 and t3 - t4, minus the first sample's offset
     back_ns: float
 
 
 class ClockSync:
-    """Feed it exchanges; ask it for the relation. Memory and time per sample are bounded.
+    """Estimates the relation of two clocks from exchanges. Memory and time per sample are bounded.
 
-    A clock that steps contradicts the lines: the offset would need negative delays. `VIOLATIONS` of that among
-    `PENDING` samples start a new history; fewer are outliers and left out. uneven_ns: by how much the remote clock may
-    fall behind and catch up again, which is no step; the bound of the offset grows by what of it is seen.
+    A clock that steps contradicts the lines: the offset would need negative delays. `VIOLATIONS` such samples among
+    `PENDING` ones start a new history. Fewer are outliers and dropped.
+
+    uneven_ns: amount by which the remote clock may fall behind and catch up again, which is not a step. The observed
+    part of it increases the bound of the offset.
     """
 
     def __init__(self, max_drift_ppm: float = 500.0, uneven_ns: float = 0.0) -> None:
@@ -88,18 +94,18 @@ class ClockSync:
 
     @property
     def ready(self) -> bool:
-        """Whether there is a relation at all."""
+        """Whether there is an estimate."""
         return bool(self._history)
 
     @property
     def doubtful(self) -> bool:
-        """Whether the newest exchanges contradict the relation: it may be about to be learned anew."""
+        """Whether the newest exchanges contradict the relation, so that it may soon be estimated anew."""
         return bool(self._pending)
 
     def add(self, t1_ns: int, t2_ns: int, t3_ns: int, t4_ns: int) -> bool:
-        """An exchange: sent (local), arrived (remote), answered (remote), returned (local).
+        """Add an exchange: sent (local), arrived (remote), answered (remote), returned (local).
 
-        False when it was refused.
+        Return False when it was refused.
         """
         if t4_ns < t1_ns or t3_ns < t2_ns or t4_ns - t1_ns < t3_ns - t2_ns:
             self._refused += 1
@@ -161,7 +167,7 @@ class ClockSync:
         self._smallest_trip_ns = min(s.there_ns - s.back_ns for s in samples)
         self._slope_error += self._unevenness_ns() / max(span_ns, SETTLING_NS)
         crossed_ns = self._lower_ns - self._upper_ns
-        if crossed_ns > self._uneven_ns and len(samples) > PENDING:  # a step before there was a line to break
+        if crossed_ns > self._uneven_ns and len(samples) > PENDING:  # a step before the lines were known
             self._steps += 1
             newest = list(samples)[-PENDING:]
             samples.clear()
@@ -173,7 +179,7 @@ class ClockSync:
         self._residual_ns = sqrt(sum(error * error for error in errors) / len(samples))
 
     def _unevenness_ns(self) -> float:
-        """How far the clock was seen to fall behind: the two lines lie closer together by that, or cross."""
+        """Observed lag of the clock: it brings the two lines closer together, or makes them cross."""
         if not self._uneven_ns:
             return 0.0
         return max(self._smallest_trip_ns - (self._upper_ns - self._lower_ns), 0.0)
@@ -186,12 +192,12 @@ class ClockSync:
             raise ValueError("clock sync: no exchange has come back yet; add one before asking for a time")
 
     def to_remote(self, local_ns: int) -> int:
-        """What the remote clock shows when the local one shows local_ns. Raises ValueError before the first sample."""
+        """Remote time at a local time. Raises ValueError before the first sample."""
         self._need_ready()
         return local_ns + self._offset_zero_ns + round(self._offset_at(float(local_ns - self._local_zero_ns)))
 
     def to_local(self, remote_ns: int) -> int:
-        """What the local clock shows when the remote one shows remote_ns. Raises ValueError before the first sample."""
+        """Local time at a remote time. Raises ValueError before the first sample."""
         self._need_ready()
         guess_ns = remote_ns - self._offset_zero_ns
         shift_ns = self._offset_at(float(guess_ns - self._local_zero_ns)) / (1.0 + self._slope)
@@ -199,7 +205,7 @@ class ClockSync:
 
     @property
     def estimate(self) -> SyncEstimate:
-        """The relation at the newest sample. Raises ValueError before the first."""
+        """Relation at the newest sample. Raises ValueError before the first."""
         self._need_ready()
         return SyncEstimate(
             offset_ns=self._offset_zero_ns + round(self._offset_at(self._newest_ns)),
@@ -216,7 +222,7 @@ class ClockSync:
 
 
 def _lower_hull(points: list[Point]) -> list[Point]:
-    """Convex hull from below (Andrew's monotone chain)."""
+    """Lower convex hull (Andrew's monotone chain)."""
     hull: list[Point] = []
     for x, y in sorted(points):
         if hull and x == hull[-1][0]:
@@ -232,7 +238,7 @@ def _lower_hull(points: list[Point]) -> list[Point]:
 
 @dataclass(frozen=True)
 class _Line:
-    """The gap between the edges, top - fall * slope, for slopes from start to end."""
+    """Gap between the edges, top - fall * slope, for slopes from start to end."""
 
     start: float
     end: float
@@ -244,7 +250,7 @@ class _Line:
 
 
 def _lines(there: list[Point], back: list[Point], limit: float) -> list[_Line]:
-    """The gap as a function of the slope within the limit: concave, a line between two edges of the hulls."""
+    """Gap as a function of the slope within the limit. It is concave, and linear between two edges of the hulls."""
     i, j, start = 0, len(back) - 1, -limit
     lines: list[_Line] = []
     while True:
@@ -270,7 +276,7 @@ def _slope(one: Point, other: Point) -> float:
 
 
 def _excesses(samples: Sequence[_Sample], slope: float) -> list[float]:
-    """How far each delay is above its floor, both ways."""
+    """Excess of each delay over its floor, in both directions."""
     there = [s.there_ns - slope * s.sent_ns for s in samples]
     back = [slope * s.returned_ns - s.back_ns for s in samples]
     floor_there, floor_back = min(there), min(back)
@@ -278,9 +284,9 @@ def _excesses(samples: Sequence[_Sample], slope: float) -> list[float]:
 
 
 def _weighed_slope(lines: list[_Line], likeliest: float, per_ns: float) -> tuple[float, float]:
-    """Mean and standard deviation of the slopes weighed by exp(gap * per_ns), in closed form.
+    """Mean and standard deviation of the slopes, weighted by exp(gap * per_ns), in closed form.
 
-    The likeliest has the widest gap.
+    The likeliest slope has the widest gap.
     """
     widest = max(line.at_start() for line in lines)
     area = moment = square = 0.0

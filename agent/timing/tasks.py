@@ -1,4 +1,4 @@
-"""Periodic tasks on absolute deadlines, and how they kept them."""
+"""Periodic tasks on absolute deadlines, and their timing statistics."""
 
 from __future__ import annotations
 
@@ -16,27 +16,28 @@ MOST_KEPT = 64
 
 @dataclass(frozen=True)
 class TaskStats:
-    """How one task kept its deadlines since the start.
+    """Timing of one task since the start, on the executor's clock.
 
-    All times are from the executor's clock: under a TickClock, which stands still while a task runs, run times are 0
-    by construction.
-
-    cycles: cycles run. missed: cycles that were skipped, or ended after the next was due. skipped: the skipped ones
-    among them. start_jitter: from the instant a cycle was due to its start. worst_run_ns: start of the longest run.
-    worst_start_ns: the most delayed start. The histograms are those of `agent.timing.tasks`.
+    A TickClock is constant while a task runs, so run times are 0 under it. `histogram_bin` defines the bins of the
+    histograms.
     """
 
     name: str
     rate_hz: float
     cycles: int = 0
     missed: int = 0
+    """Cycles that were skipped, or ended after the next was due."""
     skipped: int = 0
+    """Skipped cycles among them."""
     start_jitter_max_ns: int = 0
+    """Start jitter is the time from the due instant of a cycle to its start."""
     start_jitter_mean_ns: float = 0.0
     run_max_ns: int = 0
     run_mean_ns: float = 0.0
     worst_run_ns: int = 0
+    """Start of the longest run."""
     worst_start_ns: int = 0
+    """The most delayed start."""
     start_jitter_histogram: tuple[int, ...] = EMPTY
     run_histogram: tuple[int, ...] = EMPTY
 
@@ -59,7 +60,7 @@ class _Task:
         self.run_bins = [0] * BINS
 
     def due(self, index: int) -> int:
-        """Instant of a cycle, from the start and not from the cycle before: rounding does not add up."""
+        """Due instant of a cycle, computed from the start so that rounding errors do not accumulate."""
         return self.start_ns + round(index * 1e9 / self.rate_hz)
 
     def shift(self, by_ns: int) -> None:
@@ -80,7 +81,7 @@ class _Task:
         self.index, self.due_ns = index + 1, next_ns
         self.function(begin_ns)
         end_ns = clock.now_ns()
-        cycles = self.cycles  # below, times under 0 are of a clock that stepped back meanwhile
+        cycles = self.cycles  # below, negative times mean that the clock stepped back meanwhile
         self.cycles = cycles + 1
         jitter_ns = begin_ns - due_ns
         if jitter_ns < 0:
@@ -120,13 +121,14 @@ class _Task:
 
 
 class Executor:
-    """Runs functions at fixed rates; the caller waits, this one decides what is due.
+    """Runs functions at fixed rates. The caller waits, and the executor decides which are due.
 
-    Cycle k of a task is due at start + k / rate, whatever happened before. A task that comes late runs once, for the
-    newest cycle due; the cycles it slept through are skipped and counted, never made up for. A clock that jumps ahead
-    does just that. When it steps back, the deadlines step back with it: nothing is waited for twice.
+    Cycle k of a task is due at start + k / rate, whatever happened before. A late task runs once, for the newest due
+    cycle. Missed cycles are skipped and counted, and never made up. A clock that jumps ahead has the same effect. When
+    the clock steps back, the deadlines step back with it, so that no wait is repeated.
 
-    misses: the deadlines missed, one by one. steps_back: how often the clock did that.
+    misses: the missed deadlines.
+    steps_back: number of times that the clock stepped back.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -138,9 +140,9 @@ class Executor:
         self._last_ns = clock.now_ns()
 
     def add(self, name: str, rate_hz: float, function: Callable[[int], None], urgent: bool = False) -> None:
-        """A task, first due now; `function` gets the instant its cycle starts.
+        """Add a task that is first due now. `function` gets the start instant of its cycle.
 
-        What is due together runs in the order added. `run_urgent` runs the urgent ones alone.
+        Tasks that are due together run in the order of addition. `run_urgent` runs only the urgent ones.
         """
         if not 0.0 < rate_hz <= 1e6:
             raise ValueError(f"task {name}: rate_hz = {rate_hz} is not a rate; use a number above 0 up to 1e6")
@@ -157,14 +159,14 @@ class Executor:
         return min([task.due_ns for task in self._tasks], default=None)
 
     def run_due(self, now_ns: int) -> int:
-        """Run once each task due at now_ns (an instant of the executor's clock, not in its future).
+        """Run each task that is due at now_ns once. now_ns must not be in the future of the executor's clock.
 
-        Returns how many ran.
+        Return the number of tasks that ran.
         """
         return self._run(self._tasks, now_ns)
 
     def run_urgent(self, now_ns: int) -> int:
-        """The same for the urgent ones; the others stay due."""
+        """Run only the urgent tasks that are due; the others remain due."""
         return self._run(self._urgent, now_ns)
 
     def _run(self, tasks: list[_Task], now_ns: int) -> int:
@@ -184,13 +186,13 @@ class Executor:
             task.shift(now_ns - self._last_ns)
 
     def clock_stepped(self, ahead_ns: int) -> None:
-        """The clock was set ahead. The deadlines move with it: a step of the clock is not a late task."""
+        """Handle a clock that was set ahead. The deadlines move with it, because a clock step is not a late task."""
         self._last_ns += ahead_ns
         for task in self._tasks:
             task.shift(ahead_ns)
 
     def restart(self, now_ns: int) -> None:
-        """All tasks first due at now_ns, with empty statistics."""
+        """Restart all tasks, first due at now_ns, with empty statistics."""
         self._last_ns = now_ns
         self.steps_back = 0
         self.misses.clear()
@@ -199,20 +201,20 @@ class Executor:
 
     @property
     def stats(self) -> list[TaskStats]:
-        """One per task, in the order added."""
+        """Statistics of each task, in the order of addition."""
         return [task.stats() for task in self._tasks]
 
 
 def histogram_bin(duration_ns: int) -> int:
-    """Which bin a time belongs to; below 0 to the first."""
+    """Return the bin of a time. Negative times are in the first bin."""
     number = (duration_ns // 1000).bit_length() - 1 if duration_ns >= 2000 else 0
     return number if number < BINS else BINS - 1
 
 
 def quantile_us(histogram: Sequence[int], share: float, longest_us: int) -> int:
-    """The time that `share` of all counted did not exceed, as far as the bins tell: the upper edge of its bin.
+    """Return the quantile `share` of the counted times: the upper edge of its bin.
 
-    At most `longest_us`, the longest time counted; 0 when nothing was.
+    It is at most `longest_us`, the longest counted time, and 0 without counts.
     """
     wanted = share * sum(histogram)
     counted = 0
@@ -224,25 +226,25 @@ def quantile_us(histogram: Sequence[int], share: float, longest_us: int) -> int:
 
 
 class TaskMiss(NamedTuple):
-    """A task that came late by a cycle or more, or took longer than it had.
-
-    cycle, due_ns: the cycle that was due, counted from 0 in periods since the start, and when. start_ns, end_ns: of the
-    run it got. skipped: cycles that were due after it before it started; they are never made up for. All on the
-    executor's clock.
-    """
+    """A cycle that started a period late or later, or ran longer than its period. Times are on the executor's clock."""
 
     task: str
     cycle: int
+    """The due cycle, counted from 0 in periods since the start."""
     due_ns: int
+    """Due instant of that cycle."""
     start_ns: int
+    """Start of its run."""
     end_ns: int
+    """End of its run."""
     skipped: int
+    """Later cycles that were due before it started. They are not made up."""
 
 
 class TaskMisses:
-    """The misses nobody has taken yet, at most `MOST_KEPT`: the first ones, as they tell how it began.
+    """Misses that were not drained yet, at most `MOST_KEPT`: the first ones, because they show the cause.
 
-    unreported: misses for which there was no room.
+    unreported: number of misses beyond that limit.
     """
 
     def __init__(self) -> None:
@@ -253,18 +255,18 @@ class TaskMisses:
         return len(self._kept)
 
     def add(self, miss: TaskMiss) -> None:
-        """Keep it, if there is room."""
+        """Store a miss, if there is room."""
         if len(self._kept) < MOST_KEPT:
             self._kept.append(miss)
         else:
             self.unreported += 1
 
     def drain(self, most: int) -> list[TaskMiss]:
-        """The oldest ones, at most so many."""
+        """Return the oldest misses, at most `most`."""
         kept = self._kept
         return [kept.popleft() for _ in range(min(most, len(kept)))]
 
     def clear(self) -> None:
-        """As at the start."""
+        """Reset to the initial state."""
         self.unreported = 0
         self._kept.clear()

@@ -1,1 +1,1 @@
-"""The wire: the XITL dialect, its codec, and the transports that carry it."""
+"""The wire: the XITL dialect, its codec, and the transports."""

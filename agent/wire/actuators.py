@@ -1,4 +1,4 @@
-"""Motor commands in XITL_ACTUATORS: eight, and eight more as an extension that is not sent while unused."""
+"""Motor commands in XITL_ACTUATORS: eight, and eight more in an extension that is omitted while unused."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def actuators_message(
     count: int,
     failsafe: bool = False,
 ) -> Message:
-    """Of at most 16 commands; `count` is the tick that it answers, or counts up."""
+    """Return the message of at most 16 commands. count: the tick that it answers, or a counter."""
     sent = list(commands[:COMMANDS_ON_WIRE])
     flags = dialect.XITL_ACTUATOR_FLAGS_ARMED if armed else 0
     flags |= dialect.XITL_ACTUATOR_FLAGS_FAILSAFE if failsafe else 0
@@ -33,5 +33,5 @@ def actuators_message(
 
 
 def commands_of(message: Message) -> tuple[float, ...]:
-    """All that are in use."""
+    """Return the commands in use."""
     return (*message.command, *message.more)[: message.count]

@@ -2,7 +2,7 @@
 
     can://INTERFACE/CHANNEL?bitrate=…&fd=true&data_bitrate=…&node=2&peer=1&…
 
-python-can drives the bus, so that every interface it knows can be used; keys other than these go to it as they are.
+python-can drives the bus, so all of its interfaces are supported. It gets all other keys unchanged.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ CHUNK_BYTES = 4096
 
 
 class CanAdapter:
-    """What a bus does not tell of itself: nothing, as far as is known."""
+    """Additional information on a bus. By default there is none."""
 
     def has_room(self) -> bool:
-        """Whether a frame would be taken."""
+        """Whether a frame would be accepted."""
         return True
 
     def has_input(self) -> bool:
-        """Whether there are frames that select() does not see."""
+        """Whether there are frames that select() does not detect."""
         return False
 
 
 class SlcanPort(CanAdapter):
-    """Takes the place of the pyserial port, with the names that python-can looks up."""
+    """Replaces the pyserial port, with the names that python-can uses."""
 
     def __init__(self, port: Any) -> None:
         self.write_timeout = None
@@ -62,14 +62,14 @@ class SlcanPort(CanAdapter):
         self._at = 0
         self._unwritten = b""
         attributes = termios.tcgetattr(self._descriptor)
-        attributes[6][termios.VMIN] = 1  # so that an empty read means that the adapter is gone
+        attributes[6][termios.VMIN] = 1  # an empty read then means that the adapter is gone
         termios.tcsetattr(self._descriptor, termios.TCSANOW, attributes)
 
     def has_input(self) -> bool:
         return self._at < len(self._unread)
 
     def has_room(self) -> bool:
-        """Raises OSError when the adapter is gone."""
+        """Whether a line would be accepted. Raises OSError when the adapter is gone."""
         if self._unwritten:
             with suppress(BlockingIOError, InterruptedError):
                 self._unwritten = self._unwritten[os.write(self._descriptor, self._unwritten) :]
@@ -77,7 +77,7 @@ class SlcanPort(CanAdapter):
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that `read` has. Raises OSError when the adapter is gone."""
+        """Number of bytes for `read`. Raises OSError when the adapter is gone."""
         if self._at >= len(self._unread):
             self._at, self._unread = 0, b""
             with suppress(BlockingIOError, InterruptedError):
@@ -87,27 +87,27 @@ class SlcanPort(CanAdapter):
         return len(self._unread) - self._at
 
     def read(self, size: int = 1) -> bytes:
-        """Bytes of those that `in_waiting` found."""
+        """Return bytes that `in_waiting` has read."""
         at = self._at
         self._at = at + size
         return self._unread[at : at + size]
 
     def write(self, line: bytes) -> int:
-        """Takes all of it; what the adapter does not take yet goes with the next `has_room`."""
+        """Accept the complete line. The next `has_room` sends the part that the adapter does not accept yet."""
         self._unwritten += line
         self.has_room()
         return len(line)
 
     def flush(self) -> None:
-        """Does not wait."""
+        """Return without waiting."""
 
     def reset_input_buffer(self) -> None:
-        """Forget what has not been read."""
+        """Drop unread bytes."""
         self._at, self._unread = 0, b""
         self._port.reset_input_buffer()
 
     def fileno(self) -> int:
-        """Of the port."""
+        """Descriptor of the port."""
         return self._descriptor
 
     def close(self) -> None:
@@ -115,28 +115,31 @@ class SlcanPort(CanAdapter):
         self._port.close()
 
 
-CALLER, LISTENER = 1, 2  # the nodes' numbers when the URL gives none
+CALLER, LISTENER = 1, 2  # default node numbers
 EXAMPLE = "write it like can://socketcan/can0?bitrate=1000000"
 
 
 @dataclass(frozen=True)
 class CanSettings:
-    """interface and channel are python-can's; extra: its other arguments."""
+    """Settings of a CAN bus."""
 
     interface: str
+    """Interface of python-can."""
     channel: str | int
+    """Channel of python-can."""
     line: CanLine
     node: int
     peer: int
     extra: Mapping[str, Value]
+    """Other arguments of python-can."""
 
     def url(self, node: int) -> str:
-        """A node of this bus, for people."""
+        """URL of a node of this bus, for people."""
         return f"can://{self.interface}/{str(self.channel).lstrip('/')}?node={node}"
 
 
 def read_can_settings(url: SplitResult, listen: bool) -> CanSettings:
-    """The settings in a URL. Raises BadUrlError."""
+    """Read the settings from a URL. Raises BadUrlError."""
     where = url_text(url)
     channel = unquote(url.path).lstrip("/")
     if not url.netloc or "@" in url.netloc or ":" in url.netloc:
@@ -175,11 +178,11 @@ def _channel(interface: str, channel: str) -> str | int:
 
 
 VIRTUAL_QUEUE = 4096
-BUFFER_BYTES = 1 << 20  # half a second of a busy bus while the reader is held up; the kernel caps it
+BUFFER_BYTES = 1 << 20  # half a second of a busy bus while the reader is blocked; the kernel limits it
 
 
 def open_bus(settings: CanSettings, where: str) -> tuple[Any, CanAdapter]:
-    """The python-can bus, and what says more of it than python-can does.
+    """Open the python-can bus. Return it and an adapter with additional information.
 
     Raises a TransportError that names `where`.
     """
@@ -260,24 +263,27 @@ def _number(error: BaseException | None) -> int | None:
     return None
 
 
-BATCH = 4096  # CAN frames of one receive(): a flood may not hold the caller
+BATCH = 4096  # CAN frames per receive(), so that a flood does not block the caller
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
-REST_S = 0.001  # how often room is looked for while the rest of a transfer waits
-_SELECTABLE = ("socketcan", "slcan", "udp_multicast")  # nothing is held back inside them that select() does not see
+REST_S = 0.001  # interval of checks for room while the rest of a transfer waits
+_SELECTABLE = ("socketcan", "slcan", "udp_multicast")  # select() detects all of their received frames
 _NO_ROOM = (errno.ENOBUFS, errno.EAGAIN)
 
 
 class CanTransport(Transport):
-    """One node of a bus that talks to one other, `peer`.
+    """One node of a bus that communicates with one other, `peer`.
 
-    A bus that breaks (adapter unplugged, interface gone) is opened again, first after `FIRST_RETRY_S`, then twice as
-    long each time up to `LAST_RETRY_S`. losses: how often it broke. errors: frames that python-can could not read, and
-    error frames of the controller. The other `counts` are those of `Reassembler`.
+    A failed bus (adapter unplugged, interface gone) is reopened, first after `FIRST_RETRY_S`, then after twice as long
+    each time up to `LAST_RETRY_S`.
+    losses: number of failures.
+    errors: frames that python-can could not read, and error frames of the controller.
+
+    `Reassembler` defines the other `counts`.
     """
 
     name = "can"
-    datagram_bytes = 0  # each frame is a transfer of its own, so that what is urgent waits for one at most
+    datagram_bytes = 0  # each frame is a separate transfer, so that an urgent one waits for at most one other
 
     def __init__(self, settings: CanSettings, where: str) -> None:
         super().__init__(settings.url(settings.node))
@@ -345,7 +351,7 @@ class CanTransport(Transport):
         return False
 
     def _flush(self) -> bool:
-        """True when nothing waits any more."""
+        """Send the waiting frames. Return True when none remains."""
         rest = self._rest
         while rest and self._write(rest[0]):
             rest.popleft()
@@ -397,7 +403,7 @@ class CanTransport(Transport):
             timeout_s = 0.0
             if message is None:
                 if self._selectable:
-                    continue  # one that the interface passes over
+                    continue  # a frame that the interface skipped
                 return
             if self._line.backlog_s() > 0.0:
                 self._line.add(self._seconds_of(min(message.dlc, self._settings.line.part_bytes)))
@@ -424,7 +430,7 @@ class CanTransport(Transport):
             self.errors += 1
             if _broken(error):
                 self._lose()
-            elif hasattr(self._bus, "flush"):  # slcan keeps a line that it cannot read
+            elif hasattr(self._bus, "flush"):  # slcan keeps a line that it cannot parse
                 with suppress(*self._errors):
                     self._bus.flush()
             return None
@@ -453,7 +459,7 @@ class CanTransport(Transport):
             with suppress(*self._errors):
                 bus.shutdown()
             with suppress(AttributeError, OSError):
-                bus.serialPortOrig.close()  # slcan's, which a failed goodbye leaves open
+                bus.serialPortOrig.close()  # slcan's port, which remains open after a failed shutdown
 
     def backlog_s(self) -> float:
         return self._line.backlog_s()
@@ -474,7 +480,7 @@ class CanTransport(Transport):
 
 
 def _broken(error: BaseException) -> bool:
-    """Whether an error of the bus is one of the device below it, and not of what came over it."""
+    """Whether an error is one of the device, and not of received data."""
     number = getattr(error, "error_code", None) or getattr(error, "errno", None)
     if number in _NO_ROOM:
         return False

@@ -1,18 +1,17 @@
-"""Chunks of bytes as CAN frames: segmentation, reassembly, and the time a frame takes. No bus in here.
+"""Chunks of bytes as CAN frames: segmentation, reassembly, and the duration of a frame. This module uses no bus.
 
-A chunk of up to 510 bytes is one transfer: two bytes of length, little endian, then the chunk, cut into parts of 8
-bytes (classic CAN) or 64 (CAN FD, the last one padded to a length that CAN FD has). Identifier, 29 bits, high first:
+A chunk of up to 510 bytes is one transfer: two bytes of length, little endian, then the chunk. It is split into parts
+of 8 bytes (classic CAN) or 64 (CAN FD, with the last part padded to a valid length). Identifier, 29 bits, high first:
 
     priority 2 | tag 4 | sender 6 | destination 6 | transfer 5 | index 6
 
-Priority 0 is for urgent messages, 2 for the rest, so that the bus itself lets the first pass. The tag marks frames of
-this protocol. Transfers count up modulo 32 for each priority, index is the number of the part, so that order on the bus
-does not matter.
+Priority 0 is for urgent messages, 2 for the others, so that bus arbitration prefers urgent ones. The tag marks frames
+of this protocol. Transfers count up modulo 32 for each priority. The index is the number of the part, so the order on
+the bus does not matter.
 
-A reassembled chunk is one that was sent, and comes out once, as long as frames are displaced by fewer than 16 transfers
-of their priority, and of the transfers that follow one with a hole within `OPEN_S` not all of 16 in a row are lost
-whole. Beyond that the transfer number alone cannot tell old from new; a chunk put together wrongly then fails the
-checksum of the frame it holds.
+A chunk is reassembled correctly and once under two conditions. Frames are displaced by fewer than 16 transfers of their
+priority. After an incomplete transfer, not all of 16 consecutive transfers within `OPEN_S` are lost completely. Beyond
+that, the transfer number is ambiguous. A wrongly reassembled chunk then fails the checksum of its frame.
 """
 
 from __future__ import annotations
@@ -28,15 +27,16 @@ HEADER_BYTES = 2  # of a transfer: its length
 
 @dataclass(frozen=True)
 class CanLine:
-    """Bit rates of a bus; data_bitrate counts for the data of CAN FD frames."""
+    """Bit rates of a bus."""
 
     bitrate: int
     fd: bool = False
     data_bitrate: int = 0
+    """For the data of CAN FD frames."""
 
     @property
     def part_bytes(self) -> int:
-        """The most data a frame carries."""
+        """Largest data size of a frame."""
         return FD_BYTES if self.fd else CLASSIC_BYTES
 
     @property
@@ -45,7 +45,7 @@ class CanLine:
         return self.part_bytes / self.frame_s(self.part_bytes)
 
     def frame_s(self, data_bytes: int) -> float:
-        """Time of one frame, in seconds."""
+        """Duration of one frame, in seconds."""
         if not self.fd:
             stuffed = 54 + 8 * data_bytes  # start of frame to checksum
             return (stuffed + (stuffed - 1) // 4 + 13) / self.bitrate
@@ -57,13 +57,13 @@ class CanLine:
         return slow / self.bitrate + fast / (self.data_bitrate or self.bitrate)
 
     def transfer_s(self, chunk_bytes: int) -> float:
-        """Time of all frames that carry a chunk."""
+        """Duration of all frames of a chunk, in seconds."""
         whole, rest = divmod(HEADER_BYTES + chunk_bytes, self.part_bytes)
         return whole * self.frame_s(self.part_bytes) + (self.frame_s(rest) if rest else 0.0)
 
 
 def padded(data_bytes: int) -> int:
-    """The shortest length that a CAN FD frame can have for so many bytes."""
+    """Return the shortest valid CAN FD length for this number of bytes."""
     return next(length for length in FD_LENGTHS if length >= data_bytes)
 
 
@@ -72,7 +72,7 @@ NODES = 64
 TRANSFERS = 32
 URGENT, NORMAL = 0, 2
 MOST_OPEN = 8
-OPEN_S = SILENCE_S = 2.0  # an end that stands still for less, on a machine with much to do, loses nothing by it
+OPEN_S = SILENCE_S = 2.0  # a busy machine may pause an end for less without losses
 _TAG = 0xA
 _WINDOW = TRANSFERS // 2
 
@@ -85,7 +85,7 @@ class CanFrame(NamedTuple):
 
 
 class Segmenter:
-    """Cuts the chunks of one sender for one destination."""
+    """Splits the chunks of one sender for one destination."""
 
     def __init__(self, sender: int, destination: int, fd: bool) -> None:
         self._fixed = _TAG << 23 | sender << 17 | destination << 11
@@ -94,7 +94,7 @@ class Segmenter:
         self._next = {URGENT: 0, NORMAL: 0}
 
     def cut(self, chunk: bytes, priority: int = NORMAL) -> list[CanFrame]:
-        """The frames of the next transfer. Raises ValueError above 510 bytes."""
+        """Return the frames of the next transfer. Raises ValueError above 510 bytes."""
         if len(chunk) > LARGEST_CHUNK:
             raise ValueError(f"a chunk of {len(chunk)} bytes does not fit a CAN transfer; use at most {LARGEST_CHUNK}")
         transfer = self._next[priority]
@@ -108,7 +108,7 @@ class Segmenter:
 
 
 class _Open:
-    """A transfer of which parts are missing."""
+    """A transfer with missing parts."""
 
     def __init__(self, fd: bool, since_s: float) -> None:
         self.fd = fd
@@ -117,7 +117,7 @@ class _Open:
 
 
 class _Transfers:
-    """Where the transfers of one priority stand."""
+    """State of the transfers of one priority."""
 
     def __init__(self) -> None:
         self.newest = 0
@@ -127,11 +127,14 @@ class _Transfers:
 
 
 class Reassembler:
-    """Puts together what `sender` sends to `destination`. Memory is bounded: 8 open transfers a priority.
+    """Reassembles the chunks from `sender` to `destination`. Memory is bounded: 8 open transfers per priority.
 
-    incomplete: transfers given up with a part missing. malformed: transfers whose parts do not fit together. repeated:
-    frames that came again. foreign: frames of others or for others, or of another protocol. Own frames that a bus gives
-    back are passed over.
+    incomplete: abandoned transfers with missing parts.
+    malformed: transfers with inconsistent parts.
+    repeated: repeated frames.
+    foreign: frames of other nodes, for other nodes, or of another protocol.
+
+    Own frames that a bus echoes are ignored.
     """
 
     def __init__(self, sender: int, destination: int) -> None:
@@ -141,7 +144,7 @@ class Reassembler:
         self.incomplete = self.malformed = self.repeated = self.foreign = 0
 
     def add(self, identifier: int, data: bytes, fd: bool, now_s: float) -> bytes | None:
-        """The chunk that this frame completes, if any. `now_s` is the instant on any clock that does not go back."""
+        """Return the chunk that this frame completes, if any. now_s: instant on any monotonic clock."""
         transfers = self._priorities.get(identifier >> 27)
         size = FD_BYTES if fd else CLASSIC_BYTES
         if transfers is None or identifier >> 11 & 0xFFFF != self._expected or not 0 < len(data) <= size:
@@ -154,11 +157,11 @@ class Reassembler:
             if payload[index * size : index * size + len(data)] == data:
                 self.repeated += 1
                 return None
-            self._restart_at(transfers, number)  # the number is in use again
+            self._restart_at(transfers, number)  # the number is reused
         return self._put(transfers, number, index, data, fd, now_s)
 
     def _place(self, transfers: _Transfers, number: int, now_s: float) -> None:
-        """Forget what is too old to belong together with transfer `number`."""
+        """Drop transfers that are too old to belong to transfer `number`."""
         heard_s, transfers.heard_s = transfers.heard_s, now_s
         if heard_s is None or now_s - heard_s > SILENCE_S:
             self.incomplete += len(transfers.open)
@@ -187,7 +190,7 @@ class Reassembler:
             if known == data:
                 self.repeated += 1
                 return None
-            if known is not None or open_.fd != fd or now_s - open_.since_s > OPEN_S:  # the number is in use again
+            if known is not None or open_.fd != fd or now_s - open_.since_s > OPEN_S:  # the number is reused
                 self._give_up(transfers, number)
                 open_ = None
         if open_ is None:

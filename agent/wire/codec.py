@@ -1,7 +1,7 @@
-"""Conversion between the generated message classes and raw frames; the one place with untyped generated code.
+"""Conversion between the generated message classes and raw frames. Only this module uses untyped generated code.
 
-Hundreds of messages a second pass here on a slow board: frames are made and read with what is known of each class
-beforehand, the same bytes as the generated code makes with a dozen objects a message.
+A slow board converts hundreds of messages a second. So frames are packed and unpacked with precomputed data of each
+class. The bytes equal those of the generated code, which creates a dozen objects per message.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC, MAGIC_1, SIG
 class Message(Protocol):
     """A message of the dialect. Its fields are attributes named as in xitl.xml and fleet.xml.
 
-    `id` is no guide, as STATUSTEXT has a field of that name.
+    Do not use `id`, because STATUSTEXT has a field with this name.
     """
 
     def get_msgId(self) -> int:  # noqa: N802  the generated name
@@ -37,29 +37,29 @@ class Message(Protocol):
         """Sequence number of the frame."""
 
     def __getattr__(self, name: str) -> Any:
-        """A field."""
+        """Value of a field."""
 
 
 class MessageRefusedError(ValueError):
-    """A message whose fields do not fit the wire."""
+    """Raised for a message with fields that do not fit the wire."""
 
 
 class Outgoing(Protocol):
-    """How frames are signed, see `agent.wire.signing`."""
+    """Signs frames, see `agent.wire.signing`."""
 
     def signed(self, frame: bytes) -> bytes:
-        """A frame that says it is signed, with its signature."""
+        """Return a frame, which is flagged as signed, with its signature."""
 
 
 Prepared = tuple[Message, bytes]
-"""A message whose fields are known to fit and its payload, to be framed later; later changes do not count."""
+"""A message with validated fields and its payload, to be framed later. Later changes of the message have no effect."""
 
 
 _MAGIC_BYTE, _MAGIC_1_BYTE = bytes([MAGIC]), bytes([MAGIC_1])
 
 
 class Packer:
-    """Makes frames of one sender. `sequence` is the number of the next one; with `mavlink1` they are of MAVLink 1."""
+    """Makes frames of one sender. `sequence` is the next sequence number. With `mavlink1` the frames are MAVLink 1."""
 
     def __init__(self, system_id: int, component_id: int, signing: Outgoing | None = None) -> None:
         for what, value in (("system_id", system_id), ("component_id", component_id)):
@@ -73,14 +73,14 @@ class Packer:
         self._flags = 0 if signing is None else SIGNED
 
     def pack(self, message: Message) -> bytes:
-        """The next frame. Raises MessageRefusedError when a field does not fit its type.
+        """Return the next frame. Raises MessageRefusedError when a field does not fit its type.
 
-        The sequence does not move then.
+        The sequence number then remains unchanged.
         """
         return self.pack_prepared(prepare(message))
 
     def pack_prepared(self, prepared: Prepared) -> bytes:
-        """The next frame, of a message that was prepared."""
+        """Return the next frame, from a prepared message."""
         message, payload = prepared
         number, crc_extra, *_ = _PACKING[type(message)]
         sequence = self.sequence
@@ -94,12 +94,12 @@ class Packer:
 
 
 def fits_mavlink1(message: Message) -> bool:
-    """Whether MAVLink 1 has a number for it."""
+    """Whether the message has a MAVLink 1 number."""
     return message.get_msgId() <= 255
 
 
 def _mavlink1_frame(prepared: Prepared, sender: tuple[int, int, int]) -> bytes:
-    """Whole, but for the extensions. sender: sequence number, system, component."""
+    """Return a frame without the extensions. sender: sequence number, system, component."""
     message, payload = prepared
     packing = _PACKING[type(message)]
     size = packing.mavlink1_bytes
@@ -109,18 +109,18 @@ def _mavlink1_frame(prepared: Prepared, sender: tuple[int, int, int]) -> bytes:
 
 
 def frame_sequence(frame: bytes) -> int:
-    """Sequence number of a frame of ours."""
+    """Sequence number of a frame from a Packer."""
     return frame[4] if frame[0] == MAGIC else frame[2]
 
 
 def came_as_mavlink1(message: Message) -> bool:
-    """Whether a message that was received came in a frame of MAVLink 1, which has no extensions."""
+    """Whether a received message came in a MAVLink 1 frame, which has no extensions."""
     frame: bytes = getattr(message, "_msgbuf", b"")
     return len(frame) > HEADER_BYTES and is_mavlink1(frame)
 
 
 def prepare(message: Message) -> Prepared:
-    """Check and keep the fields of a message. Raises MessageRefusedError when one does not fit its type."""
+    """Check the fields of a message and store them. Raises MessageRefusedError when a field does not fit its type."""
     _, _, pack, fields, lengths, _ = _PACKING[type(message)]
     try:
         values = fields(message)
@@ -137,21 +137,21 @@ def prepare(message: Message) -> Prepared:
         raise MessageRefusedError(
             f"{message.get_type()}: a field does not fit the wire ({error}); check its value and length"
         ) from error
-    return message, payload.rstrip(b"\0") or payload[:1]  # zeros at the end are not sent, but for the first
+    return message, payload.rstrip(b"\0") or payload[:1]  # trailing zeros are not sent, except the first byte
 
 
 class _Packing(NamedTuple):
-    """What is known of a class before a message is packed. fields: in the order of the wire.
-
-    lengths: how many values each field has there, None where all have one. mavlink1_bytes: of the payload there.
-    """
+    """Precomputed data of a message class."""
 
     number: bytes
     crc_extra: bytes
     pack: Callable[..., bytes]
     fields: Callable[[Message], Any]
+    """Getter of the fields in wire order."""
     lengths: tuple[int, ...] | None
+    """Number of values of each field, None if all are 1."""
     mavlink1_bytes: int
+    """Payload size in MAVLink 1."""
 
 
 def _is_text(kind: Any, name: str) -> bool:
@@ -160,7 +160,7 @@ def _is_text(kind: Any, name: str) -> bool:
 
 
 def _packing(kind: Any) -> _Packing:
-    # Of a text the message has what a reader wants and, by another name, what is on the wire.
+    # A text field has a decoded value for the reader, and the raw value under another name.
     names = [f"_{name}_raw" if _is_text(kind, name) else name for name in kind.ordered_fieldnames]
     of_names = attrgetter(*names)
     lengths = None if all(count == 1 for count in kind.lengths) else tuple(kind.lengths)
@@ -173,7 +173,7 @@ def _packing(kind: Any) -> _Packing:
 _PACKING: dict[Any, _Packing] = {kind: _packing(kind) for kind in dialect.mavlink_map.values()}
 
 
-Step = tuple[int, int]  # where a field starts among the unpacked values, how many it takes
+Step = tuple[int, int]  # start of a field among the unpacked values, and their number
 Plan = tuple[Any, Any, int, tuple[Step, ...], bool]
 
 
@@ -187,9 +187,9 @@ _PLANS: dict[int, Plan] = {number: _plan(kind) for number, kind in dialect.mavli
 
 
 def decode(frame: bytes) -> Message:
-    """The message in a frame that a `Framer` found good; any values are possible in it.
+    """Return the message of a frame that a `Framer` has accepted. Its values are unchecked.
 
-    Raises KeyError for an id the dialect does not have.
+    Raises KeyError for an id that the dialect lacks.
     """
     number = frame[7] | frame[8] << 8 | frame[9] << 16
     kind, unpack, size, steps, straight = _PLANS[number]

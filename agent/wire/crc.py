@@ -8,16 +8,16 @@ _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def checksum(data: bytes) -> bytes:
-    """Of all bytes, as the two that end a frame."""
-    reflected = crc_hqx(data.translate(_REVERSED), 0xFFFF)  # as x25crc, without the object
+    """Return the checksum of all bytes, as the two bytes that end a frame."""
+    reflected = crc_hqx(data.translate(_REVERSED), 0xFFFF)  # same result as x25crc, without the object
     return bytes((_REVERSED[reflected >> 8], _REVERSED[reflected & 0xFF]))
 
 
 class x25crc:  # noqa: N801  the name the generated codec asks for
     """Running checksum over bytes, in `crc`.
 
-    `binascii.crc_hqx` has the same polynomial (0x1021) with the bits the other way round: reflecting each byte on the
-    way in and the 16-bit result on the way out turns one into the other.
+    `binascii.crc_hqx` has the same polynomial (0x1021) with reversed bits. Reflecting each input byte and the 16-bit
+    result converts one into the other.
     """
 
     def __init__(self, buf: bytes | bytearray | None = None) -> None:

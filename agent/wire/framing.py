@@ -1,8 +1,8 @@
-"""Finds MAVLink frames in bytes; anything else is skipped and counted, never raised.
+"""Finds MAVLink frames in bytes. All other bytes are skipped and counted, and never raise.
 
 Frame: 0xFD, payload length, incompatibility flags, compatibility flags, sequence, system, component, message id (3
-bytes, little endian), payload, checksum (2 bytes), and 13 bytes of signature when incompatibility flag 1 is set
-(mavlink.io, "Packet Serialization"). Of MAVLink 1: 0xFE, payload length, sequence, system, component, message id (one
+bytes, little endian), payload, checksum (2 bytes). With incompatibility flag 1, 13 bytes of signature follow
+(mavlink.io, "Packet Serialization"). MAVLink 1: 0xFE, payload length, sequence, system, component, message id (one
 byte), payload, checksum.
 """
 
@@ -19,7 +19,7 @@ CHECKSUM_BYTES = 2
 SIGNATURE_BYTES = 13
 LARGEST_FRAME = HEADER_BYTES + 255 + CHECKSUM_BYTES + SIGNATURE_BYTES
 SIGNED = 0x01
-FROM_MAVLINK_1 = 0x80  # a compatibility flag, which the protocol lets receivers pass over: a Framer sets it
+FROM_MAVLINK_1 = 0x80  # a compatibility flag, which receivers may ignore: a Framer sets it
 
 _MAGIC_BYTE, _MAGIC_1_BYTE = bytes([MAGIC]), bytes([MAGIC_1])
 _CRC_EXTRA: dict[int, bytes] = {number: bytes([kind.crc_extra]) for number, kind in dialect.mavlink_map.items()}
@@ -27,11 +27,12 @@ _CRC_EXTRA: dict[int, bytes] = {number: bytes([kind.crc_extra]) for number, kind
 
 @dataclass(frozen=True)
 class FramingCounters:
-    """What became of the bytes.
+    """Classification of the received bytes.
 
-    bytes_in = bytes_good + bytes_dropped + those of an unfinished frame still held (streams only).
-    The dropped_ fields count events, not bytes; bytes inside the extent that a damaged frame claims for itself belong
-    to its one event.
+    bytes_in = bytes_good + bytes_dropped + bytes of an unfinished frame that is still held (streams only).
+
+    The dropped_ fields count events, not bytes. All bytes within the claimed length of a damaged frame belong to its
+    event.
     """
 
     bytes_in: int = 0
@@ -44,37 +45,38 @@ class FramingCounters:
 
     @property
     def dropped(self) -> int:
-        """All events."""
+        """Sum of all events."""
         return self.dropped_bad_crc + self.dropped_unknown + self.dropped_truncated + self.dropped_noise
 
 
 def is_known(frame: bytes) -> bool:
-    """Whether the dialect has this kind of message."""
+    """Whether the dialect contains this message."""
     return frame[7] | frame[8] << 8 | frame[9] << 16 in _CRC_EXTRA
 
 
 def is_mavlink1(frame: bytes) -> bool:
-    """Whether a frame that a Framer found came as one of MAVLink 1."""
+    """Whether a frame from a Framer arrived as MAVLink 1."""
     return bool(frame[3] & FROM_MAVLINK_1)
 
 
 class Framer:
     """Finds the frames of the XITL dialect in chunks of bytes.
 
-    stream=False: every chunk is a datagram of whole frames, one cut off at its end is dropped as truncated.
-    stream=True: a frame may continue in the next chunk. At most `LARGEST_FRAME` bytes are held back; in a stream, a
-    frame behind a damaged one that claims to be long comes out when the claimed bytes have arrived.
+    stream=False: every chunk is a datagram of complete frames. A frame that is cut off at its end is dropped as
+      truncated.
+    stream=True: a frame may continue in the next chunk. At most `LARGEST_FRAME` bytes are held. In a stream, a damaged
+      frame may claim to be long. A frame after it is then returned when the claimed bytes have arrived.
 
-    - A wrong checksum, or a length damaged into it: dropped_bad_crc. The search goes on at the next 0xFD, also inside
-      the damaged frame, so a good frame is never lost to garbage before it.
-    - An id that the dialect does not have, or an incompatibility flag other than "signed": dropped_unknown, as the
-      checksum cannot be judged or the protocol forbids a guess.
-    - With `mavlink1`, frames of MAVLink 1 count too; each comes out as the MAVLink 2 frame of its message, see
-      `is_mavlink1`. Without, they are bytes outside any frame, as XITL ids do not fit them.
+    - A wrong checksum, or a damaged length that causes one: dropped_bad_crc. The search continues at the next 0xFD,
+      also inside the damaged frame, so garbage never hides a good frame.
+    - An id that the dialect lacks, or an incompatibility flag other than "signed": dropped_unknown. The checksum cannot
+      be verified, or the protocol forbids a guess.
+    - With `mavlink1`, MAVLink 1 frames count too. Each is returned as the MAVLink 2 frame of its message, see
+      `is_mavlink1`. Without it, they are bytes outside any frame, because XITL ids do not fit them.
     - Bytes outside any frame: dropped_noise, one event per run.
-    - With `foreign`, the other end has kinds that the dialect has not. A frame of such a kind comes out too when it
-      ends with the chunk or another begins behind it, for want of a checksum that could be judged.
-    - Signed frames are accepted on their checksum; the signature is passed on in the raw frame, not verified here.
+    - With `foreign`, the other end has messages that the dialect lacks. Their checksum cannot be verified. So such a
+      frame is returned if it ends with the chunk or another frame begins after it.
+    - Signed frames are accepted by their checksum. The raw frame contains the signature, which is not verified here.
     """
 
     def __init__(self, stream: bool, foreign: bool = False, mavlink1: bool = False) -> None:
@@ -82,14 +84,14 @@ class Framer:
         self._foreign = foreign
         self._mavlink1 = mavlink1
         self._held = b""
-        self._claimed = 0  # bytes ahead of the held ones that a damaged frame claimed
+        self._claimed = 0  # bytes before the held ones that a damaged frame claimed
         self._in_noise = False
         self._in = self._good = self._dropped = 0
         self._bad_crc = self._unknown = self._truncated = self._noise = 0
 
     @property
     def held_bytes(self) -> int:
-        """Bytes of an unfinished frame."""
+        """Number of bytes of an unfinished frame."""
         return len(self._held)
 
     @property
@@ -100,12 +102,12 @@ class Framer:
         )
 
     def reset_counters(self) -> None:
-        """Start counting again; an unfinished frame is kept and counts as new bytes."""
+        """Reset the counts. An unfinished frame is kept and counts as new bytes."""
         self._in, self._good, self._dropped = len(self._held), 0, 0
         self._bad_crc = self._unknown = self._truncated = self._noise = 0
 
     def feed(self, chunk: bytes) -> list[bytes]:
-        """Good frames that end in this chunk, in order."""
+        """Return the good frames that end in this chunk, in order."""
         self._in += len(chunk)
         data = self._held + chunk if self._held else chunk
         size = len(data)
@@ -174,7 +176,7 @@ class Framer:
         return frames
 
     def _next_magic(self, data: bytes, at: int) -> int:
-        """Where the next frame could begin, the end of the data for nowhere."""
+        """Return the next possible start of a frame, the end of the data for none."""
         size = len(data)
         found = data.find(_MAGIC_BYTE, at)
         if self._mavlink1:
@@ -184,14 +186,14 @@ class Framer:
 
 
 def _as_mavlink2(frame: bytes) -> bytes:
-    """The MAVLink 2 frame of the same message, with the check value that it came with."""
+    """Return the MAVLink 2 frame of the same message, with its original checksum."""
     length, sequence, system, component, number = frame[1:HEADER_1_BYTES]
     head = (MAGIC, length, 0, FROM_MAVLINK_1, sequence, system, component, number, 0, 0)
     return bytes(head) + frame[HEADER_1_BYTES:]
 
 
 def as_received(frame: bytes) -> bytes:
-    """A frame that a Framer found, byte for byte as it came."""
+    """Return a frame from a Framer in its original bytes."""
     if not is_mavlink1(frame):
         return frame
     return bytes((MAGIC_1, frame[1], *frame[4:8])) + frame[HEADER_BYTES:]

@@ -1,4 +1,4 @@
-"""Link faults: a transport that loses, delays, repeats and reorders what it sends, repeatably by a seed."""
+"""Link faults: a transport that loses, delays, repeats and reorders its outgoing frames, repeatably by a seed."""
 
 from __future__ import annotations
 
@@ -11,41 +11,44 @@ from urllib.parse import SplitResult
 
 from agent.wire.transport import BadUrlError, SenderStatus, Transport
 
-MOST_DELAYED = 4096  # frames: two seconds of the busiest link there is
-OVERTAKEN_S = 0.1  # a frame that is to be overtaken waits so long for another one to do it
+MOST_DELAYED = 4096  # frames: two seconds of the busiest link
+OVERTAKEN_S = 0.1  # longest wait of a frame for another one that overtakes it
 
 
 @dataclass(frozen=True)
 class LinkFaults:
-    """What is wrong with one direction of a link; all zero is a good link.
-
-    Every frame is kept back for delay_s and up to jitter_s more, drawn evenly; that alone never changes the order.
-    loss, duplicate, reorder: shares of the frames, 0 to 1, that are lost, sent twice, or overtaken by the next one
-    (which is not overtaken itself, nor is a frame that is sent twice).
-    cut: nothing gets through.
-    """
+    """Faults of one direction of a link. All zeros mean a good link."""
 
     delay_s: float = 0.0
+    """Delay of every frame. Delay and jitter alone never change the order."""
     jitter_s: float = 0.0
+    """Largest additional delay, uniformly distributed."""
     loss: float = 0.0
+    """Share of lost frames, 0 to 1."""
     duplicate: float = 0.0
+    """Share of frames that are sent twice, 0 to 1."""
     reorder: float = 0.0
+    """Share of frames that the next one overtakes, 0 to 1.
+
+    Overtaking frames and duplicated frames are not overtaken.
+    """
     cut: bool = False
+    """No frame passes."""
 
 
 NO_FAULTS = LinkFaults()
 
 
 class ImpairedTransport(Transport):
-    """Another transport, `inner`, with faults on what is sent through it; what arrives is left alone.
+    """Another transport, `inner`, with faults on its outgoing frames. Incoming frames are unchanged.
 
-    Faults act on whole frames, so `datagram_bytes` is 0 while some are in force: a link then sends each frame by
-    itself. Frames whose message number is `exempt` go out at once whatever the faults are. `clock_s` is what delays are
-    measured on.
+    Faults act on complete frames, so `datagram_bytes` is 0 while faults are active: a link then sends each frame
+    separately. Frames with an `exempt` message number are sent at once.
+    clock_s: clock of the delays.
 
-    patience_s: how long a frame that is to be overtaken waits for one to do it; inf where time does not pass by itself.
-    lost: frames that never reached `inner`, or that it did not take when their delay was over. duplicated, reordered:
-    frames sent twice, and overtaken.
+    patience_s: longest wait of a frame for another one that overtakes it; inf if time does not advance by itself.
+    lost: frames that never reached `inner`, or that it refused after their delay.
+    duplicated, reordered: frames that were sent twice, and overtaken.
     """
 
     def __init__(
@@ -67,23 +70,23 @@ class ImpairedTransport(Transport):
         self._in_force = NO_FAULTS, 0
         self._faulty = False
         self._rng = Random(0)
-        self._delayed: deque[tuple[float, bytes]] = deque()  # due, rising
-        self._overtaken: tuple[float, bytes] | None = None  # since when it waits for the next
+        self._delayed: deque[tuple[float, bytes]] = deque()  # due instants, ascending
+        self._overtaken: tuple[float, bytes] | None = None  # instant since which it waits for the next frame
 
     @classmethod
     def open(cls, url: SplitResult, listen: bool) -> ImpairedTransport:
-        """It has no URL: always raises BadUrlError."""
+        """Always raises BadUrlError, because faults have no URL."""
         raise BadUrlError(url.geturl(), "faults have no URL", "wrap a transport in ImpairedTransport")
 
     @property
     def faults(self) -> LinkFaults:
-        """What is in force."""
+        """Active faults."""
         return self._in_force[0]
 
     def set(self, faults: LinkFaults, seed: int = 0) -> None:
-        """Put faults in force; the same again changes nothing.
+        """Set the faults. The same faults again change nothing.
 
-        What was delayed before still takes its time, and what is sent after it stays behind it.
+        Frames delayed before keep their delay, and later frames remain behind them.
         """
         if (faults, seed) == self._in_force:
             return
@@ -95,7 +98,7 @@ class ImpairedTransport(Transport):
         self._flush()
 
     def send(self, data: bytes) -> bool:
-        """See Transport. True also for a frame that a fault drops: the sender on a bad link does not know."""
+        """See Transport. Returns True for a frame that a fault drops, because the sender on a bad link cannot know."""
         if not (self._faulty or self._delayed):
             return self.inner.send(data)
         if len(data) >= 10 and self._exempt(data[7] | data[8] << 8 | data[9] << 16):
@@ -194,7 +197,7 @@ class ImpairedTransport(Transport):
         return self.inner.fileno()
 
     def close(self) -> None:
-        """Close `inner`; what is still delayed is lost."""
+        """Close `inner`. Delayed frames are lost."""
         self.lost += len(self._delayed) + (self._overtaken is not None)
         self._delayed.clear()
         self._overtaken = None

@@ -23,10 +23,10 @@ from agent.wire.priority import WaitingMessages
 from agent.wire.signing import Signing
 from agent.wire.transport import DATAGRAM_BYTES, SenderStatus, Transport
 
-SENDERS = 64  # more than any link has; bounds what invented sender ids can cost
+SENDERS = 64  # more than any link has; limits the cost of forged sender ids
 ROUND = 256  # sequence numbers
 AHEAD = 128
-SHUFFLED = 32  # a frame that comes late is not further behind than this
+SHUFFLED = 32  # a late frame is at most this far behind
 
 
 class _Sender:
@@ -37,16 +37,16 @@ class _Sender:
 
 
 class SequenceMonitor:
-    """Counts frames lost, late and repeated, by the sequence numbers of each sender (system, component).
+    """Counts lost, late and repeated frames, by the sequence numbers of each sender (system, component).
 
-    A number up to 127 ahead of the expected one means that those between are lost. A number behind it is late when it
-    was counted as lost (the loss is then taken back), repeated when the frame that had it last has the same check
-    value, and of the next round when that has another. So frames sent = frames received - repeated + lost, as long as
-    fewer than 256 are lost in a row.
+    A number up to 127 ahead of the expected one means that the numbers between are lost. A number behind it is late if
+    it was counted as lost, and the loss is then cancelled. It is repeated if the last frame with this number has the
+    same check value, and of the next round otherwise. So frames sent = frames received - repeated + lost, as long as
+    fewer than 256 consecutive frames are lost.
 
-    Numbers go round after 256: of more in a row they tell the remainder alone, and lost is a lower bound, until the
-    sender tells how many it has sent (`heard_total`). That decides the rounds, as long as what is under way or out of
-    order then is fewer than 128 frames. A sender that starts anew costs up to 255 that were never sent.
+    Numbers wrap after 256. Of longer losses they show only the remainder, so `lost` is a lower bound until the sender
+    reports its count (`heard_total`). That determines the rounds if fewer than 128 frames are then in transit or out of
+    order. A sender that restarts adds up to 255 frames that were never sent.
     """
 
     def __init__(self) -> None:
@@ -57,11 +57,11 @@ class SequenceMonitor:
 
     @property
     def lost(self) -> int:
-        """Frames missing so far."""
+        """Number of missing frames."""
         return self._numbers_lost + ROUND * self._rounds
 
     def note(self, system_id: int, component_id: int, sequence: int, check: bytes = b"") -> None:
-        """A frame arrived; `check` is what differs between frames of one number: checksum or signature."""
+        """Note a frame. check: distinguishes frames with the same number, by checksum or signature."""
         key = system_id << 8 | component_id
         sender = self._senders.get(key)
         if sender is None:
@@ -91,7 +91,7 @@ class SequenceMonitor:
             self.late += 1
         elif checks[sequence] == check:
             self.repeated += 1
-        elif checks[sequence] is None and gap >= ROUND - SHUFFLED:  # from before the first
+        elif checks[sequence] is None and gap >= ROUND - SHUFFLED:  # from before the first frame
             self.late += 1
         else:
             self._numbers_lost += gap
@@ -101,15 +101,15 @@ class SequenceMonitor:
         checks[sequence] = check
 
     def heard_total(self, sent: int, received: int) -> None:
-        """The sender says how many frames it had sent when `received` had arrived, each counted from any instant."""
+        """Evaluate the sender's count: `sent` frames when `received` had arrived, each counted from any instant."""
         ahead = sent - (received - self.repeated + self._numbers_lost)
-        if not self._total or sent < self._total:  # the first, or the sender has begun anew
+        if not self._total or sent < self._total:  # the first report, or the sender has restarted
             self._ahead = ahead - ROUND * self._rounds
         self._total = sent
         self._rounds = max(round((ahead - self._ahead) / ROUND), 0)
 
     def reset(self) -> None:
-        """Forget all senders and counts."""
+        """Reset all senders and counts."""
         self.late = self.repeated = 0
         self._numbers_lost = self._rounds = 0
         self._total = self._ahead = 0
@@ -132,54 +132,57 @@ def _standing(messages: list[Message]) -> SenderStatus:
 
 @dataclass(frozen=True)
 class LinkCounters:
-    """What a link has seen since it was made or its counters were reset.
-
-    sent: frames handed to the transport. unsent: frames it did not take (their sequence numbers are used again), and
-    messages that waited for a slow line until others needed their place. received: good frames. lost, late, repeated:
-    see `SequenceMonitor`. dropped_*: see `Framer`. bytes_in, bytes_out: all bytes, good or
-    not. refused: good frames without a signature that counts, see `Signing`. strangers: good frames of another than the
-    peer, on a transport that takes bytes from anybody, and what that refused unread.
-    """
+    """Counts of a link since its creation or the last reset."""
 
     sent: int
+    """Frames handed to the transport."""
     unsent: int
+    """Frames that it refused (their sequence numbers are reused), and messages displaced while waiting for a slow line.
+    """
     received: int
+    """Good frames."""
     lost: int
+    """See `SequenceMonitor` for this and the next two."""
     late: int
     repeated: int
     dropped_bad_crc: int
+    """See `Framer` for this and the next three."""
     dropped_unknown: int
     dropped_truncated: int
     dropped_noise: int
     bytes_in: int
+    """All bytes, valid or not, also in `bytes_out`."""
     bytes_out: int
     refused: int = 0
+    """Good frames without an accepted signature, see `Signing`."""
     strangers: int = 0
+    """Good frames of senders other than the peer, on a transport open to any sender, and datagrams that it refused
+    unread.
+    """
 
     @property
     def dropped(self) -> int:
-        """Everything that arrived and was no good frame of the peer."""
+        """Number of received events that were not good frames of the peer."""
         damaged = self.dropped_bad_crc + self.dropped_unknown + self.dropped_truncated + self.dropped_noise
         return damaged + self.strangers
 
 
 class Link:
-    """One end of a MAVLink 2 connection. The transport stays the caller's to close.
+    """One end of a MAVLink 2 connection. The caller closes the transport.
 
-    tap(direction, frame) is called with "tx" for every frame sent and "rx" for every good frame received, raw, in
-    order. With `signing`, frames go out signed as from link `link_id`, and frames that it does not accept are counted
-    in `refused_signature` and go no further.
+    tap(direction, frame) is called with "tx" for every sent frame and "rx" for every good received frame, raw, in
+    order.
+    signing: signs frames as from link `link_id`. Frames that it refuses are counted in `refused_signature` and dropped.
 
-    `foreign`: the other end knows kinds of messages that the dialect does not have. They are counted in `passed`, their
-    sequence numbers count as any, and they go no further.
+    foreign: the other end has messages that the dialect lacks. They are counted in `passed` and dropped, and their
+      sequence numbers count.
+    mavlink1: the other end may use MAVLink 1. It gets MAVLink 1 until it sends a MAVLink 2 frame.
 
-    `mavlink1`: the other end may speak MAVLink 1, and is spoken to in that as long as it has said nothing in MAVLink 2.
+    wait_for_room: called before each send, to wait for a transport without room. None by default: frames without room
+    are unsent, and a run in real time continues.
 
-    wait_for_room: called before each send, to wait for a transport that has no room as long as that is worth while.
-    None as it begins: what finds no room is unsent, and a run in real time goes on.
-
-    On a transport with a capacity, messages that are not urgent wait until the line has room, see `WaitingMessages`:
-    `receive` sends them on, and `wake_s` says when it wants to.
+    On a transport with a capacity, messages that are not urgent wait until the line has room. `WaitingMessages` holds
+    them, `receive` sends them, and `wake_s` returns when to call it.
     """
 
     def __init__(
@@ -217,7 +220,7 @@ class Link:
             self._take = self._take_and_flush
 
     def go_through(self, transport: Transport) -> None:
-        """Send and receive by another transport that carries on to the one so far."""
+        """Send and receive by another transport that leads to the present one."""
         self.transport = transport
         if self._waiting is None:
             self._take = transport.receive
@@ -226,24 +229,24 @@ class Link:
 
     @property
     def system_id(self) -> int:
-        """System that this end sends as."""
+        """System id of this end."""
         return self._packer.system_id
 
     @property
     def component_id(self) -> int:
-        """Component that this end sends as."""
+        """Component id of this end."""
         return self._packer.component_id
 
     def send(self, *messages: Message) -> bool:
-        """Send messages in order, as few datagrams as hold them. False when the transport did not take all.
+        """Send messages in order, in as few datagrams as possible. Return False when the transport did not accept all.
 
-        Raises MessageRefusedError when a field does not fit the wire; the messages before it in the same call are then
-        not sent either. True for a message that waits for its turn.
+        Raises MessageRefusedError when a field does not fit the wire. Then no message of this call is sent. Returns
+        True for a message that waits for its turn.
         """
         return self.send_prepared([prepare(message) for message in messages])
 
     def send_prepared(self, messages: Sequence[Prepared]) -> bool:
-        """The same, of messages whose fields were found to fit when there was time for that."""
+        """Send prepared messages in the same way."""
         if self._packer.mavlink1:
             for message, _ in messages:
                 if not fits_mavlink1(message):
@@ -254,16 +257,16 @@ class Link:
         return self._send_frames([packer.pack_prepared(message) for message in messages])
 
     def pass_on(self, *messages: Message) -> bool:
-        """Send messages that came from others as theirs, with a sequence of their own. See `send`.
+        """Forward messages of other senders under their ids, with a separate sequence for each. See `send`.
 
-        A line with a capacity carries them as this end's.
+        A line with a capacity sends them under this end's id.
         """
         if self._waiting is not None:
             return self.send(*messages)
         return self._send_frames([self._packer_of(message).pack_prepared(prepare(message)) for message in messages])
 
     def _packer_of(self, message: Message) -> Packer:
-        """That of whoever sent it."""
+        """Return the packer for the sender of a message."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         packer = self._others.get(sender)
         if packer is None:
@@ -291,7 +294,7 @@ class Link:
     def _hand_on_prepared(self, prepared: Prepared) -> bool:
         frame = self._packer.pack_prepared(prepared)
         taken = self._hand_on([frame], frame, frame_sequence(frame))
-        self._unsent -= not taken  # it may wait, which is for the caller to say
+        self._unsent -= not taken  # the message may wait, which the caller counts
         return taken
 
     def _hand_on(self, frames: list[bytes], data: bytes, start: int) -> bool:
@@ -310,10 +313,10 @@ class Link:
         return True
 
     def receive(self, timeout_s: float = 0.0) -> list[Message]:
-        """Messages that have arrived, in order. Waits for bytes at most timeout_s.
+        """Return the messages that have arrived, in order. Wait for bytes at most timeout_s.
 
-        Bytes that hold no good frame end the wait too, except on a slow line, where frames come in pieces. No bytes
-        from outside raise. Each message knows its sender and sequence number (get_srcSystem(), ...).
+        Bytes without a good frame end the wait too, except on a slow line, which delivers frames in pieces. No received
+        bytes raise. Each message has its sender and sequence number (get_srcSystem(), ...).
         """
         transport, note, tap = self.transport, self._sequence.note, self.tap
         messages: list[Message] = []
@@ -367,11 +370,11 @@ class Link:
 
     @property
     def waiting(self) -> int:
-        """How many messages wait for the line."""
+        """Number of messages that wait for the line."""
         return 0 if self._waiting is None else len(self._waiting)
 
     def wake_s(self) -> float | None:
-        """Seconds until `receive` wants to be called although nothing came, None for never."""
+        """Seconds until `receive` should be called even without bytes, None for never."""
         own_s = None if self._waiting is None else self._waiting.wake_s()
         transport_s = self.transport.wake_s()
         if own_s is None or transport_s is None:
@@ -401,15 +404,15 @@ class Link:
 
     @property
     def strangers(self) -> int:
-        """As in `counters`."""
+        """Same count as in `counters`."""
         return self._strangers + self.transport.strangers - self._strangers_before
 
     def heard_total(self, sent: int, received: int) -> None:
-        """The other end says how many frames it has sent: see `SequenceMonitor`."""
+        """Evaluate the number of frames that the other end has sent, see `SequenceMonitor`."""
         self._sequence.heard_total(sent, received)
 
     def reset_counters(self) -> None:
-        """Count from zero and forget the senders, as at the start of a run. The own sequence number goes on."""
+        """Reset the counts and the senders, as at the start of a run. The own sequence number continues."""
         self._sent = self._unsent = self._received = self._bytes_out = self._strangers = self.passed = 0
         self._strangers_before = self.transport.strangers
         self._refused_before = self.refused_signature

@@ -1,4 +1,4 @@
-"""Two ends in one process: the backend of in-process runs and of tests."""
+"""Two ends in one process, for in-process runs and tests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from agent.wire.transport import BadUrlError, Transport, TransportClosedError
 
 
 class _Queue:
-    """One direction. The event is touched only while the reader waits, which keeps the unhurried path cheap."""
+    """One direction. The event is used only while the reader waits, which keeps the common path cheap."""
 
     def __init__(self, capacity: int) -> None:
         self.chunks: deque[bytes] = deque()
@@ -34,7 +34,7 @@ class MemoryTransport(Transport):
 
     @classmethod
     def open(cls, url: SplitResult, listen: bool) -> MemoryTransport:
-        """A pair has no URL: always raises BadUrlError."""
+        """Always raises BadUrlError, because a pair has no URL."""
         raise BadUrlError(url.geturl(), "the two ends in memory have no URL", "make them with memory_pair()")
 
     @property
@@ -74,9 +74,9 @@ class MemoryTransport(Transport):
 
 
 def memory_pair(name: str = "pair", capacity: int = 4096) -> tuple[MemoryTransport, MemoryTransport]:
-    """Two joined ends. Each direction holds at most `capacity` chunks.
+    """Return two connected ends. Each direction holds at most `capacity` chunks.
 
-    What does not fit is not sent and counted by the sender.
+    A chunk beyond that is not sent, and the sender counts it.
     """
     if capacity < 1:
         raise ValueError(f"memory_pair: capacity = {capacity} holds nothing; use at least 1")

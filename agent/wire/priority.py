@@ -1,4 +1,4 @@
-"""Priorities on a slow line: motor commands and inertial samples at once, the rest when there is room."""
+"""Priorities on a slow line: motor commands and inertial samples at once, other messages when there is room."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ URGENT = frozenset(
 )
 MOST_WAITING = 256
 MOST_URGENT = 16
-FULL_S = 0.005  # a line that has so much to carry gets nothing more that could wait
-RETRY_S = 0.002  # after the transport took nothing
+FULL_S = 0.005  # a line with this backlog gets only urgent messages
+RETRY_S = 0.002  # after the transport refused a frame
 
 
 class WaitingMessages:
-    """The messages of one end that wait for the line, at most `MOST_WAITING`; then the oldest is given up.
+    """Messages of one end that wait for the line, at most `MOST_WAITING`. Beyond that, the oldest is dropped.
 
-    Urgent messages overtake them and wait only while the transport takes nothing at all, at most `MOST_URGENT`. In
-    lockstep nothing overtakes: from a XITL_TICK to the next XITL_RUN, in either direction, everything goes in order, as
-    the tick says that all before it was sent. `hand_on` gives a message to the transport and says whether that took it;
-    numbers are given there, so that overtaking leaves no gaps.
+    Urgent messages overtake them. They wait only while the transport accepts nothing, at most `MOST_URGENT`. In
+    lockstep nothing overtakes: from a XITL_TICK to the next XITL_RUN, in either direction, all messages keep their
+    order. The tick states that everything before it was sent.
 
-    given_up: messages that will never be sent.
+    hand_on: gives a message to the transport and returns whether it was accepted. It assigns the sequence number, so
+      that overtaking leaves no gaps.
+    given_up: number of dropped messages.
     """
 
     def __init__(self, transport: Transport, hand_on: Callable[[Prepared], bool]) -> None:
@@ -50,7 +51,7 @@ class WaitingMessages:
         return len(self._waiting) + len(self._urgent)
 
     def send(self, messages: Iterable[Prepared]) -> bool:
-        """Send or keep messages. False when one, of these or an older one, was given up."""
+        """Send or queue messages. Return False when a message, one of these or an older one, was dropped."""
         given_up = self.given_up
         for prepared in messages:
             number = prepared[0].get_msgId()
@@ -61,7 +62,7 @@ class WaitingMessages:
             if number == dialect.MAVLINK_MSG_ID_XITL_TICK:
                 self._in_order = True
             self._keep(self._waiting, prepared, MOST_WAITING)
-            if number == dialect.MAVLINK_MSG_ID_XITL_RUN:  # lockstep ends with it, and not before it
+            if number == dialect.MAVLINK_MSG_ID_XITL_RUN:  # lockstep ends with this message, and not before
                 self.flush()
                 self._in_order = False
         self.flush()
@@ -74,7 +75,7 @@ class WaitingMessages:
         queue.append(prepared)
 
     def heard(self, messages: Iterable[Message]) -> None:
-        """What has arrived tells of lockstep too."""
+        """Update the lockstep state from received messages."""
         for message in messages:
             number = message.get_msgId()
             if number == dialect.MAVLINK_MSG_ID_XITL_TICK:
@@ -83,7 +84,7 @@ class WaitingMessages:
                 self._in_order = False
 
     def flush(self) -> None:
-        """Send what the line has room for."""
+        """Send the messages that the line has room for."""
         waiting, transport = self._waiting, self.transport
         self._refused = not self._pass_on(self._urgent)
         while waiting and not self._refused and (self._in_order or transport.backlog_s() < FULL_S):
@@ -97,7 +98,7 @@ class WaitingMessages:
         return not queue
 
     def wake_s(self) -> float | None:
-        """Seconds until `flush` is worth a call, None when nothing waits."""
+        """Seconds until the next useful call of `flush`, None when nothing waits."""
         if not (self._waiting or self._urgent):
             return None
         return RETRY_S if self._refused else max(self.transport.backlog_s() - FULL_S, 0.0) + 1e-4

@@ -1,7 +1,7 @@
-"""MAVLink over a serial line, 8 data bits, no parity, 1 stop bit: a stream in which frames are found by the `Framer`.
+"""MAVLink over a serial line, 8 data bits, no parity, 1 stop bit: a stream in which the `Framer` finds frames.
 
-Nothing here waits for the other end: bytes that the system's buffer does not take are refused, except the rest of a
-chunk it took in part, which goes out before anything else.
+Nothing here waits for the other end. Bytes that the system's buffer does not accept are refused. If it accepts a part
+of a chunk, the rest is sent before anything else.
 """
 
 from __future__ import annotations
@@ -28,19 +28,20 @@ from agent.wire.urls import parse_query, url_text, whole_number
 
 BITS_PER_BYTE = 10  # with start and stop bit
 CHUNK_BYTES = 4096
-CHUNKS = 16  # of one receive(): a flood may not hold the caller
+CHUNKS = 16  # per receive(), so that a flood does not block the caller
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
-REST_S = 0.002  # how often room is looked for while the rest of a chunk waits
+REST_S = 0.002  # interval of checks for room while the rest of a chunk waits
 EXAMPLE = "write it like serial:///dev/ttyACM0?baud=921600"
 _GONE = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF)
 
 
 class SerialTransport(Transport):
-    """A serial port, opened for this program alone.
+    """A serial port, opened exclusively.
 
-    A port that is unplugged is looked for again, first after `FIRST_RETRY_S`, then twice as long each time up to
-    `LAST_RETRY_S`; until then nothing is sent. losses: how often it went away.
+    An unplugged port is searched again, first after `FIRST_RETRY_S`, then after twice as long each time up to
+    `LAST_RETRY_S`. Until then nothing is sent.
+    losses: number of times that it disappeared.
     """
 
     name = "serial"
@@ -62,7 +63,7 @@ class SerialTransport(Transport):
 
     @classmethod
     def open(cls, url: SplitResult, listen: bool) -> SerialTransport:
-        """Both ends open alike."""
+        """Open either end."""
         return cls(url)
 
     @property
@@ -80,9 +81,9 @@ class SerialTransport(Transport):
         return False
 
     def _flush(self) -> bool:
-        """True when nothing waits any more."""
+        """Send the waiting bytes. Return True when none remains."""
         if self._rest:
-            taken = self._write(self._rest)  # forgets the rest when it finds the port gone
+            taken = self._write(self._rest)  # drops the rest when the port is gone
             self._rest = self._rest[taken:]
         return not self._rest and self._port is not None
 
@@ -170,7 +171,7 @@ class SerialTransport(Transport):
 
 
 def device_and_baud(url: SplitResult) -> tuple[str, int]:
-    """What a serial URL says. Raises BadUrlError."""
+    """Return device and baud rate of a serial URL. Raises BadUrlError."""
     where = url_text(url)
     if url.netloc:
         raise BadUrlError(where, f"{url.netloc} stands where nothing may stand", EXAMPLE)
@@ -199,9 +200,9 @@ def _opened(device: str, baud: int, where: str) -> Any:
         raise _explained(error, device, where) from None
     try:
         with suppress(OSError, ValueError, NotImplementedError):
-            port.set_low_latency_mode(True)  # else FTDI's converters hold bytes back for 16 ms
+            port.set_low_latency_mode(True)  # otherwise FTDI converters hold bytes for 16 ms
         attributes = termios.tcgetattr(port.fd)
-        attributes[6][termios.VMIN] = 1  # so that an empty read means that the line was hung up
+        attributes[6][termios.VMIN] = 1  # an empty read then means that the line was hung up
         termios.tcsetattr(port.fd, termios.TCSANOW, attributes)
     except (OSError, termios.error) as error:
         port.close()

@@ -1,7 +1,8 @@
 """MAVLink 2 message signing (mavlink.io, "Message Signing").
 
-A signed frame ends in 13 bytes: the sender's link number, a timestamp in units of 10 microseconds since 2015 (6 bytes,
-little endian), and the first 6 bytes of SHA-256 over key, frame, link number and timestamp.
+A signed frame ends in 13 bytes: link number of the sender, timestamp and signature. The timestamp has 6 bytes, little
+endian, in units of 10 microseconds since 2015. The signature is the first 6 bytes of SHA-256 over key, frame, link
+number and timestamp.
 """
 
 from __future__ import annotations
@@ -19,20 +20,20 @@ from agent.wire.framing import SIGNATURE_BYTES, SIGNED
 
 KEY_BYTES = 32
 MINUTE = 6_000_000
-RADIO_STATUS = 109  # telemetry radios write it into the stream themselves and hold no key
+RADIO_STATUS = 109  # telemetry radios insert it into the stream themselves, without a key
 _EPOCH_2015_S = 1_420_070_400
 _MOST_STREAMS = 64
 _LARGEST = (1 << 48) - 1
 
 
 class SigningKeyError(ValueError):
-    """A key file was refused; the message says which and what to write."""
+    """Raised for a refused key file. The message names the file and the remedy."""
 
 
 def read_key(text: str, source: str) -> bytes:
-    """The key in a file: 64 hexadecimal digits, or a passphrase whose SHA-256 it is, as ground stations make it.
+    """Return the key of a text: 64 hexadecimal digits, or the SHA-256 of a passphrase, as in ground stations.
 
-    Raises SigningKeyError when there is nothing in it.
+    Raises SigningKeyError for an empty text.
     """
     line = text.strip()
     if not line:
@@ -46,9 +47,11 @@ def read_key(text: str, source: str) -> bytes:
 
 
 def read_key_file(path: str, option: str) -> bytes:
-    """The key in the file, see `read_key`. option: what named the file, for the sentence.
+    """Return the key in a file, see `read_key`.
 
-    Raises SigningKeyError when there is none, and when another user may read, write or replace the file.
+    option: option that named the file, for messages.
+
+    Raises SigningKeyError for a missing file, and when another user may read, write or replace it.
     """
     try:
         data, status = read_with_status(Path(path))
@@ -69,15 +72,15 @@ def read_key_file(path: str, option: str) -> bytes:
 
 
 def _trusted_users() -> tuple[int, ...]:
-    """Root, this user, and the user who became root by sudo."""
+    """Ids of root, this user, and the user who became root by sudo."""
     behind = os.environ.get("SUDO_UID", "")
     return (0, os.geteuid(), *((int(behind),) if os.geteuid() == 0 and behind.isdecimal() else ()))
 
 
 def _check_private(path: str, status: os.stat_result) -> None:
-    """Raise SigningKeyError where another user than root may read, write or replace the key.
+    """Raise SigningKeyError when a user other than root may read, write or replace the key.
 
-    status: of the file that was read. Its group may read it: a service may have a group for that.
+    status: of the file that was read. Its group may read it, for a service with its own group.
     """
     trusted = _trusted_users()
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
@@ -101,14 +104,14 @@ def _check_private(path: str, status: os.stat_result) -> None:
 
 
 def wall_clock_timestamp() -> int:
-    """Now, in signing's units."""
+    """Present time in units of the signing timestamp."""
     return max(0, int((time.time() - _EPOCH_2015_S) * 1e5))
 
 
 class Signing:
-    """One key, for all links that it guards. Memory is bounded.
+    """One key, for all links that it protects. Memory is bounded.
 
-    refused_unsigned, refused_signature, refused_old: frames not accepted, by reason.
+    refused_unsigned, refused_signature, refused_old: number of refused frames, by reason.
     """
 
     def __init__(self, key: bytes, clock: Callable[[], int] = wall_clock_timestamp) -> None:
@@ -122,16 +125,16 @@ class Signing:
 
     @property
     def refused(self) -> int:
-        """Frames not accepted."""
+        """Number of refused frames."""
         return self.refused_unsigned + self.refused_signature + self.refused_old
 
     def next_timestamp(self) -> int:
-        """Never the same twice, never back, whatever the clock does."""
+        """Return a timestamp that always increases, whatever the clock does."""
         self._newest = min(max(self._newest + 1, self._clock()), _LARGEST)
         return self._newest
 
     def accepts(self, frame: bytes) -> bool:
-        """Whether a frame whose checksum is good comes from a holder of the key and is no repetition."""
+        """Whether a frame with a valid checksum is from a holder of the key and not a repetition."""
         if not frame[2] & SIGNED:
             if frame[7] | frame[8] << 8 | frame[9] << 16 == RADIO_STATUS:
                 return True
@@ -155,7 +158,7 @@ class Signing:
         return True
 
     def outgoing(self, link_id: int) -> OutgoingSigning:
-        """What the packer of one link signs with."""
+        """Return the signer for the packer of one link."""
         return OutgoingSigning(self, self._key, link_id)
 
 
@@ -168,11 +171,11 @@ class OutgoingSigning:
         self._link_id = bytes([link_id & 0xFF])
 
     def signed(self, frame: bytes) -> bytes:
-        """The frame with link number, timestamp and signature behind it."""
+        """Return the frame with link number, timestamp and signature appended."""
         signed = frame + self._link_id + self._signing.next_timestamp().to_bytes(6, "little")
         return signed + signature(self._key, signed)
 
 
 def signature(key: bytes, signed: bytes) -> bytes:
-    """Of a frame up to and with its timestamp."""
+    """Signature of a frame, including its timestamp."""
     return hashlib.sha256(key + signed).digest()[:6]

@@ -1,7 +1,7 @@
-"""Two ends of a pair of sockets: two processes of one machine, or two places in one.
+"""Two ends of a pair of sockets: in two processes of one machine, or in one process.
 
-Chunks arrive whole and in order, and none is lost: the system holds some hundred each way, and refuses what comes on
-top.
+Chunks arrive complete and in order, and none is lost. The system holds some hundred in each direction, and refuses
+more.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ from urllib.parse import SplitResult
 from agent.wire.transport import BadUrlError, Transport, TransportClosedError
 
 CHUNK_BYTES = 1 << 16
-CHUNKS = 1024  # of one receive(): a flood may not hold the caller
+CHUNKS = 1024  # per receive(), so that a flood does not block the caller
 
 
 class SocketPairTransport(Transport):
-    """The end of a pair that has `sock`, a SOCK_SEQPACKET which it closes. lost: the other end is closed.
+    """One end of a pair, with the SOCK_SEQPACKET `sock`, which it closes.
 
-    gather: what is sent is kept until there are so many bytes, `flush` or a `receive` that waits: to wake another
-    process costs more than what it is sent.
+    lost: the other end is closed.
+
+    gather: collect outgoing bytes up to this number, until `flush` or a `receive` that waits. Waking another process
+    costs more than sending.
     """
 
     name = "pair"
@@ -38,7 +40,7 @@ class SocketPairTransport(Transport):
 
     @classmethod
     def open(cls, url: SplitResult, listen: bool) -> SocketPairTransport:
-        """A pair has no URL: always raises BadUrlError."""
+        """Always raises BadUrlError, because a pair has no URL."""
         raise BadUrlError(url.geturl(), "the two ends of a pair have no URL", "make them with socket_pair()")
 
     @property
@@ -55,7 +57,7 @@ class SocketPairTransport(Transport):
         return self._hand_on(sock, data)
 
     def flush(self) -> None:
-        """Send what is kept."""
+        """Send the collected bytes."""
         if self._gathered:
             gathered, self._gathered = self._gathered, b""
             self._hand_on(self._open_socket(), gathered)
@@ -106,7 +108,7 @@ class SocketPairTransport(Transport):
         return self.lost or bool(select((), [sock], (), timeout_s)[1])
 
     def finish(self, timeout_s: float) -> bool:
-        """Say that nothing more comes, and wait until the other end is closed. False when that takes longer."""
+        """Announce the end of the data, and wait until the other end is closed. Return False at the timeout."""
         sock = self._open_socket()
         self.flush()
         try:
@@ -134,6 +136,6 @@ class SocketPairTransport(Transport):
 
 
 def socket_pair(name: str = "pair", gather: int = 0) -> tuple[SocketPairTransport, socket.socket]:
-    """An end in this process, and the socket of the other one, to hand to another process or a transport of its own."""
+    """Return an end in this process, and the socket of the other end, for another process or a separate transport."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     return SocketPairTransport(ours, name, gather), theirs

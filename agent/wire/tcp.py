@@ -1,8 +1,8 @@
-"""MAVLink over TCP: a stream of bytes in which frames are found by the link's `Framer`.
+"""MAVLink over TCP: a stream of bytes in which the link's `Framer` finds frames.
 
-Sending does not wait for the other end: bytes that the system's buffer does not take are refused, except the rest of a
-chunk it took in part, which goes out before anything else. So a slow reader loses whole chunks and never half ones. Who
-would rather wait asks `wait_for_room` first.
+Sending does not wait for the other end. Bytes that the system's buffer does not accept are refused. If it accepts a
+part of a chunk, the rest is sent before anything else. So a slow reader loses complete chunks and never parts. Call
+`wait_for_room` first to wait instead.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from urllib.parse import SplitResult
 from agent.wire.transport import SenderStatus, ServedPeer, Transport, TransportClosedError
 from agent.wire.urls import Address, address_url, bind_to_interface, interface_named_by, resolve, transport_error
 
-BUFFER_BYTES = 1 << 16  # what may lie unread at the other end: a second or two of telemetry, not minutes of it
+BUFFER_BYTES = 1 << 16  # limit of unread bytes at the other end: a second or two of telemetry, not minutes
 CHUNK_BYTES = 1 << 16
-CHUNKS = 16  # of one receive(): a flood may not hold the caller
+CHUNKS = 16  # per receive(), so that a flood does not block the caller
 RETRY_S = 0.5
-WAITING = 16  # connections the system holds until they are accepted
-LOOK_S = 0.1  # how often a listener with a peer looks who else calls
-IDLE_S = 1.5  # a peer that says nothing gives way after so long
-EXHAUSTED_S = 1.0  # without a descriptor for those who call, the next look is so much later
+WAITING = 16  # connections that the system holds until they are accepted
+LOOK_S = 0.1  # interval of checks for other callers while a peer is connected
+IDLE_S = 1.5  # a silent peer gives way after this time
+EXHAUSTED_S = 1.0  # pause after a call found no free descriptor
 
 
 _NO_DESCRIPTORS = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
@@ -43,7 +43,7 @@ class _Connection:
         self._full = False
 
     def stuck(self) -> bool:
-        """Whether there was no room and there still is none."""
+        """Whether there was no room and still is none."""
         if self._full:
             self._full = not self.flush() or not select.select((), [self.socket], (), 0.0)[1]
         return self._full
@@ -56,10 +56,10 @@ class _Connection:
                 return True
             if not writable:
                 return False
-        return True  # for `send` to find out
+        return True  # `send` will detect the loss
 
     def flush(self) -> bool:
-        """True when nothing waits any more."""
+        """Send the waiting bytes. Return True when none remains."""
         if self._rest:
             self._rest = self._rest[self._hand_on(self._rest) :]
         return not self._rest and not self.lost
@@ -101,10 +101,10 @@ class _Connection:
 
 
 class TcpTransport(Transport):
-    """A stream to one peer; `connection` is None while there is none. Subclasses say where a peer comes from.
+    """A stream to one peer. `connection` is None while there is none. Subclasses define the source of a peer.
 
-    losses: of connections that the other side ended or the network broke. chunks, chunk_bytes: the most that one
-    `receive` takes; the rest waits in the system's buffer.
+    losses: connections that the other side ended or the network broke.
+    chunks, chunk_bytes: limits of one `receive`; the rest waits in the system's buffer.
     """
 
     name = "tcp"
@@ -131,12 +131,12 @@ class TcpTransport(Transport):
 
     @property
     def connected(self) -> bool:
-        """Whether there is a peer, as far as is known."""
+        """Whether there is a peer, as far as known."""
         return self._connection is not None
 
     @property
     def stuck(self) -> bool:
-        """Whether the peer does not take what was sent."""
+        """Whether the peer does not accept sent data."""
         return self._connection is not None and not self._connection.lost and self._connection.stuck()
 
     def send(self, data: bytes) -> bool:
@@ -157,7 +157,7 @@ class TcpTransport(Transport):
             left_s = timeout_s
             while not chunks and left_s > 0.0:
                 descriptor = self.fileno()
-                # without a descriptor there is only the next try to connect to wait for
+                # without a descriptor, wait only for the next attempt to connect
                 select.select([] if descriptor is None else [descriptor], (), (), min(left_s, RETRY_S))
                 chunks = self._drain()
                 left_s = until_s - monotonic()
@@ -198,7 +198,7 @@ class TcpTransport(Transport):
 
 
 class TcpAccepted(TcpTransport):
-    """One of the connections a `TcpListener` accepted; once lost it stays so."""
+    """A connection that a `TcpListener` accepted. Once lost, it is not reopened."""
 
     def __init__(self, sock: socket.socket, address: str, peer: str) -> None:
         super().__init__(address)
@@ -206,7 +206,7 @@ class TcpAccepted(TcpTransport):
 
 
 class TcpListener:
-    """A listening socket. `accept` takes what has called."""
+    """A listening socket. `accept` returns its connections."""
 
     def __init__(self, url: SplitResult) -> None:
         family, kind, protocol, _, target = resolve(url, True, socket.SOCK_STREAM)
@@ -214,7 +214,7 @@ class TcpListener:
         try:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart need not wait a minute
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)  # those accepted inherit it
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)  # accepted ones inherit it
             interface = interface_named_by(url)
             if interface is not None:
                 bind_to_interface(self._socket, interface)
@@ -229,15 +229,16 @@ class TcpListener:
         self._closed = False
 
     def accept(self) -> tuple[socket.socket, str] | None:
-        """The next connection and who it is, None when nobody calls or there is no descriptor for it.
+        """Return the next connection and its peer, None without a caller or a free descriptor.
 
-        exhausted: how often that was so; who calls then waits, and is looked at again after `EXHAUSTED_S`.
+        exhausted: number of calls without a free descriptor. The caller then waits, and is checked again after
+        `EXHAUSTED_S`.
         """
         if monotonic() < self._again_s:
             return None
         try:
             sock, source = self._socket.accept()
-        except OSError as error:  # most often nobody, or somebody who gave up meanwhile
+        except OSError as error:  # usually no caller, or one that gave up meanwhile
             if error.errno in _NO_DESCRIPTORS:
                 self.pause(EXHAUSTED_S)
                 self.exhausted += 1
@@ -245,24 +246,24 @@ class TcpListener:
         return sock, address_url("tcp", source)
 
     def pause(self, seconds: float) -> None:
-        """Let those who call wait for so long: a descriptor that stays readable would wake the caller at once."""
+        """Let callers wait for this time. Otherwise the readable descriptor would wake the program at once."""
         self._again_s = monotonic() + seconds
 
     def fileno(self) -> int | None:
-        """Descriptor that becomes readable when somebody calls, None while they are to wait."""
+        """Descriptor that becomes readable when somebody connects, None during a pause."""
         return None if self._closed or monotonic() < self._again_s else self._socket.fileno()
 
     def close(self) -> None:
-        """Stop listening; connections that were accepted live on."""
+        """Stop listening. Accepted connections remain open."""
         self._closed = True
         self._socket.close()
 
 
 class TcpPeerOfListener(TcpTransport):
-    """Waits at an address and serves one peer at a time, until it has left or gives way, see `ServedPeer`.
+    """Listens at an address and serves one peer at a time, until it leaves or gives way, see `ServedPeer`.
 
-    Others who call wait for that; while the peer has a run on they are turned away, and are `strangers`. peer_changes:
-    how often a peer gave way.
+    Other callers wait. While the peer has an active run, they are refused and counted as `strangers`.
+    peer_changes: number of times that a peer gave way.
     """
 
     serves_one = True
@@ -322,7 +323,7 @@ class TcpPeerOfListener(TcpTransport):
 
 
 class TcpCaller(TcpTransport):
-    """Goes to an address when something is sent or received, and again `RETRY_S` after it was not there or has left."""
+    """Connects to an address on the first send or receive, and again `RETRY_S` after a failure or a disconnection."""
 
     def __init__(self, url: SplitResult) -> None:
         super().__init__(url.geturl())
@@ -338,7 +339,7 @@ class TcpCaller(TcpTransport):
             self._next_try_s = monotonic() + RETRY_S
             try:
                 self._calling = socket.socket(self._family, self._kind, self._protocol)
-            except OSError:  # no descriptor is left
+            except OSError:  # no free descriptor
                 return
             self._calling.setblocking(False)
             self._calling.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)

@@ -1,9 +1,9 @@
-"""What carries the bytes of a link: one interface, one table of schemes, one tree of errors.
+"""Transports of a link's bytes: one interface, one table of schemes, one tree of errors.
 
     (no URL)              two ends in one process, see `memory_pair`               agent.wire.memory
     (no URL)              two processes of one machine, see `socket_pair`          agent.wire.socket_pair
     udp://host:port       datagrams over Ethernet, USB-Ethernet or loopback        agent.wire.udp
-    tcp://host:port       a stream of bytes; listening, one peer after the other   agent.wire.tcp
+    tcp://host:port       a stream of bytes; a listener serves one peer at a time  agent.wire.tcp
     serial:///dev/…       a stream of bytes over a serial line                     agent.wire.serial_line
     can://bus/channel     a CAN bus, classic or FD, by python-can                  agent.wire.can_bus
 
@@ -32,18 +32,18 @@ from urllib.parse import SplitResult, urlsplit
 
 
 class LineOccupancy:
-    """A line that carries one thing after the other, each for a known time."""
+    """Occupancy of a line that carries one item after the other, each for a known time."""
 
     def __init__(self, clock_s: Callable[[], float] = monotonic) -> None:
         self._clock_s = clock_s
         self._free_at_s = 0.0
 
     def add(self, busy_s: float) -> None:
-        """It was given something that keeps it busy for so long."""
+        """Add an item that occupies the line for `busy_s`."""
         self._free_at_s = max(self._free_at_s, self._clock_s()) + busy_s
 
     def backlog_s(self) -> float:
-        """Seconds until it is free, 0 when it is."""
+        """Seconds until the line is free, 0 when it is."""
         return max(self._free_at_s - self._clock_s(), 0.0)
 
 
@@ -54,27 +54,27 @@ SCHEMES: dict[str, str] = {
     "can": "agent.wire.can_bus:CanTransport",
 }
 
-DATAGRAM_BYTES = 1400  # below the 1500 of Ethernet with room for IPv6 and a tunnel
+DATAGRAM_BYTES = 1400  # below Ethernet's 1500, with room for IPv6 and a tunnel
 
-ASKED_S = 1.0  # an end that only asked is served for so long after its last word
-RUN_SILENCE_S = 5.0  # and one that has started a run for so long
+ASKED_S = 1.0  # time of service after the last frame of an end that only asked
+RUN_SILENCE_S = 5.0  # the same for an end that has started a run
 
 Self = TypeVar("Self", bound="Transport")
 
 
 class SenderStatus(Enum):
-    """What the sender of a chunk with a good frame is to this end."""
+    """Status of the sender of a chunk with a good frame."""
 
-    HEARD = 0  # somebody who speaks the dialect
-    STARTS = 1  # asks to be served from now on, and nobody else
-    LEAVES = 2  # wants nothing more
+    HEARD = 0  # uses the dialect
+    STARTS = 1  # requests exclusive service from now on
+    LEAVES = 2  # ends the service
 
 
 class ServedPeer:
-    """Who is served at an address where anybody may call: one, until it leaves or has been silent for too long.
+    """The served peer at an address that is open to anybody: one peer, until it leaves or is silent for too long.
 
-    One that has started a run is served until RUN_SILENCE_S after its last good frame, and `bound` meanwhile; one that
-    only asked, for `asked_s`, and it gives way to one that starts a run.
+    A peer that has started a run is served until RUN_SILENCE_S after its last good frame, and is `bound` meanwhile. A
+    peer that only asked is served for `asked_s`, and gives way to a peer that starts a run.
     """
 
     def __init__(self, asked_s: float = ASKED_S) -> None:
@@ -83,11 +83,11 @@ class ServedPeer:
         self._heard_s = -inf
 
     def called(self, now_s: float) -> None:
-        """A new one is there that has said nothing yet."""
+        """Note a new peer that has sent nothing yet."""
         self._heard_s, self._patience_s = now_s, self._asked_s
 
     def heard(self, standing: SenderStatus, now_s: float) -> None:
-        """It has sent a good frame."""
+        """Note a good frame of the peer."""
         self._heard_s = now_s
         if standing is SenderStatus.STARTS:
             self._patience_s = RUN_SILENCE_S
@@ -97,11 +97,11 @@ class ServedPeer:
             self._patience_s = self._asked_s
 
     def bound(self, now_s: float) -> bool:
-        """Whether it has a run on: nobody else is heard."""
+        """Whether the peer has an active run, so that nobody else is served."""
         return self._patience_s == RUN_SILENCE_S and not self._is_over(now_s)
 
     def gives_way(self, standing: SenderStatus, now_s: float) -> bool:
-        """Whether another one is served from now on that has sent a good frame."""
+        """Whether another sender of a good frame replaces the peer."""
         return self._is_over(now_s) or (standing is SenderStatus.STARTS and not self.bound(now_s))
 
     def _is_over(self, now_s: float) -> bool:
@@ -109,7 +109,7 @@ class ServedPeer:
 
 
 class TransportError(Exception):
-    """A transport cannot do what was asked. The text is one sentence: where, what, how to fix it."""
+    """A transport cannot do what was requested. The text is one sentence: where, what, how to fix it."""
 
     def __init__(self, where: str, what: str, fix: str) -> None:
         super().__init__(f"{where}: {what}; {fix}")
@@ -150,16 +150,22 @@ class TransportClosedError(TransportError):
 
 
 class Transport(ABC):
-    """Carries chunks of bytes both ways between this end and one peer. Not safe for use by several threads on one end.
+    """Carries chunks of bytes in both directions between this end and one peer.
 
-    name: the kind, for instance "udp". address: this end as a URL, for people. stream: False when each `send` arrives
-    as one chunk or not at all, True when chunks may be cut and joined on the way. unsent: sends that `send` could not
-    hand on. learns_peer: True when the peer is learned from what comes. serves_one: True when others wait for the peer
-    to leave; for both `accept_sender` matters. strangers: datagrams and calls that were refused unheard because they
-    came from another than the peer; stranger: who sent the latest. datagram_bytes: the most that one `send` should
-    carry, when there is a choice; a single frame may be longer. capacity_bps: bytes of payload per second that the line
-    carries, None when the line is not what limits a link. lossless: True when what `send` took arrives, as long as the
-    connection lasts; losses: how often one has ended.
+    One end is not safe for several threads.
+
+    name: kind of transport, for instance "udp".
+    address: URL of this end, for people.
+    stream: False when each `send` arrives as one chunk or not at all; True when chunks may be split and joined.
+    unsent: number of failed sends.
+    learns_peer: True when received chunks define the peer.
+    serves_one: True when others wait for the peer to leave; both need `accept_sender`.
+    strangers: datagrams and calls refused unread because their sender is not the peer.
+    stranger: sender of the latest.
+    datagram_bytes: preferred limit of one `send`; a single frame may be longer.
+    capacity_bps: payload capacity of the line in bytes per second, None when the line is not the limit.
+    lossless: True when all sent chunks arrive while the connection lasts.
+    losses: number of lost connections.
     """
 
     name: str = ""
@@ -184,53 +190,56 @@ class Transport(ABC):
 
     @abstractmethod
     def send(self, data: bytes) -> bool:
-        """Hand bytes on without waiting. False, and `unsent` counts, when there is no peer yet, no room or no way.
+        """Send bytes without waiting. Return False and count `unsent` without a peer, room or route.
 
-        Never an exception for that.
+        These cases never raise.
         """
 
     @abstractmethod
     def receive(self, timeout_s: float = 0.0) -> list[bytes]:
-        """All chunks that are there, up to a bound, oldest first. Waits for the first at most timeout_s.
+        """Return all chunks that have arrived, up to a limit, oldest first. Wait for the first at most timeout_s.
 
-        0 does not wait. One that was waited for may come alone, though others are close behind.
+        0 does not wait. After a wait, the first chunk may be returned alone, even if others follow closely.
         """
 
     @abstractmethod
     def fileno(self) -> int | None:
-        """Descriptor that becomes readable with new bytes, or None when there is none."""
+        """Descriptor that becomes readable with new bytes, None when there is none."""
 
     @abstractmethod
     def close(self) -> None:
-        """Give everything back. A second call does nothing."""
+        """Release all resources. A second call does nothing."""
 
     @property
     def peer(self) -> str:
-        """The other end as a URL, or an empty text while it is not known."""
+        """URL of the other end, empty while unknown."""
         return ""
 
     def accept_sender(self, index: int, standing: SenderStatus) -> bool:
-        """Chunk `index` of the last `receive` held a good frame, which makes its sender what `standing` says.
+        """Note that chunk `index` of the last `receive` held a good frame from a sender with the status `standing`.
 
-        A transport that takes bytes from anybody learns its peer from this, so that stray bytes never redirect the
-        answers. False when the sender is not the peer: what it says is not for this end.
+        A transport that is open to anybody learns its peer from this, so that stray bytes never redirect the answers.
+        Return False when the sender is not the peer. Its messages are then not for this end.
         """
         return True
 
     def wait_for_room(self, timeout_s: float) -> bool:
-        """Whether `send` has room, waiting for it at most timeout_s. True where nothing says when there is."""
+        """Wait for room for `send` at most timeout_s and return whether there is room.
+
+        True if the transport cannot know.
+        """
         return True
 
     def backlog_s(self) -> float:
-        """How long what `send` took still occupies the line, in seconds; 0 where the line does not matter."""
+        """Time in seconds for which sent bytes still occupy the line; 0 if the line is not a limit."""
         return 0.0
 
     def wake_s(self) -> float | None:
-        """Seconds until `receive` wants to be called although no bytes came, None for never."""
+        """Seconds until `receive` should be called even without bytes, None for never."""
         return None
 
     def counts(self) -> dict[str, int]:
-        """What this end has counted beside what a link counts, by name."""
+        """Counts of this end by name, in addition to those of a link."""
         return {}
 
     def __enter__(self: Self) -> Self:
@@ -243,10 +252,10 @@ class Transport(ABC):
 
 
 def open_transport(url: str, listen: bool) -> Transport:
-    """Open the transport a URL names: wait there for the peer (listen) or go to it.
+    """Open the transport of a URL: wait there for the peer (listen) or connect to it.
 
-    Raises BadUrlError and the other TransportErrors. `port 0` asks for any free port when listening; `address` then
-    tells which.
+    Raises BadUrlError and the other TransportErrors. Port 0 selects any free port for listening, and `address` then
+    contains it.
     """
     scheme, found, _ = url.partition("://")
     known = ", ".join(f"{name}://" for name in SCHEMES)

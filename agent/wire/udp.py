@@ -1,4 +1,4 @@
-"""MAVLink over UDP: one datagram carries one or more whole frames."""
+"""MAVLink over UDP: one datagram carries one or more complete frames."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from agent.timing.clock import wait_readable
 from agent.wire.transport import DatagramTooLongError, SenderStatus, ServedPeer, Transport, TransportClosedError
 from agent.wire.urls import Address, address_url, bind_to_interface, interface_named_by, resolve, transport_error
 
-# A second and more of 400 Hz sensors while the reader is held up; the kernel caps it at net.core.rmem_max.
+# More than a second of 400 Hz sensors while the reader is blocked. The kernel limits it to net.core.rmem_max.
 BUFFER_BYTES = 1 << 20
-BATCH = 512  # datagrams of one receive(): a flood may not hold the caller
-STRANGERS = 32  # of those that may be anybody's
+BATCH = 512  # datagrams per receive(), so that a flood does not block the caller
+STRANGERS = 32  # limit while they may be from anybody
 LARGEST = 65507
 
 
 class UdpTransport(Transport):
     """A bound socket that learns its peer (listen), or a connected one.
 
-    Listening, answers go to the peer: the first sender of a good frame, until it gives way, see `ServedPeer`. So
-    garbage never moves it, a second host that asks around does not take the answers away, and a host that restarts on
-    another port is served. While the peer has a run on, datagrams of others are refused unread; at other times those of
-    any sender are handed up, few at a time, for they may be a flood.
+    A listening socket answers its peer: the first sender of a good frame, until it gives way, see `ServedPeer`. So
+    garbage never changes the peer, and a second host that only asks does not redirect the answers. A host that restarts
+    on another port is served. While the peer has an active run, datagrams of others are refused unread. At other times
+    those of any sender are returned, a few at a time, because they may be a flood.
 
-    refused: how often the other machine said that nobody listens at the port (ICMP). peer_changes: how often the peer
-    moved after the first. batch: the most datagrams that one `receive` takes. longest: longer ones are dropped, and
-    counted in `too_long`.
+    refused: number of reports by the other machine that nobody listens at the port (ICMP).
+    peer_changes: number of changes of the peer.
+    batch: largest number of datagrams per `receive`.
+    longest: longer datagrams are dropped, and counted in `too_long`.
     """
 
     name = "udp"
@@ -90,8 +91,8 @@ class UdpTransport(Transport):
                 self._socket.sendto(data, self._peer)
                 return True
         except ConnectionRefusedError:
-            self.refused += 1  # the answer to an earlier datagram, and it took this one with it
-        except OSError as error:  # buffers full, cable out, interface down: the next one may get through
+            self.refused += 1  # the answer to an earlier datagram, which also prevented this one
+        except OSError as error:  # buffers full, cable out, interface down: the next one may succeed
             if error.errno == errno.EMSGSIZE:
                 raise DatagramTooLongError(
                     self.address, f"{len(data)} bytes do not fit a datagram", f"send at most {LARGEST}"
@@ -108,7 +109,7 @@ class UdpTransport(Transport):
             left_s = timeout_s
             while not chunks and left_s > 0.0:
                 wait_readable((self._socket.fileno(),), left_s)
-                chunks = self._drain(1)  # somebody waits for it: to look for another would cost more than the next call
+                chunks = self._drain(1)  # the caller waits: checking for another would cost more than its next call
                 left_s = until_s - monotonic()
         return chunks
 
@@ -128,10 +129,10 @@ class UdpTransport(Transport):
             except ConnectionRefusedError:
                 self.refused += 1
                 continue
-            except OSError:  # an interface that went down reports it here once
+            except OSError:  # an interface that went down is reported here once
                 break
             if bound and source != self._peer:
-                if size:  # an empty one has nothing to refuse
+                if size:  # an empty one has no content to refuse
                     self.strangers += 1
                     self.stranger = address_url("udp", source)
                 continue

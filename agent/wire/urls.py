@@ -1,4 +1,4 @@
-"""What the parts of a transport's URL say: host and port, the interface to listen at, the keys of the query."""
+"""Parts of a transport's URL: host and port, the interface to listen at, the keys of the query."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Value = Union[int, float, bool, str]
 
 
 def url_text(url: SplitResult) -> str:
-    """The URL as it was written; geturl() drops the slashes of schemes it does not know."""
+    """Return the URL as it was written. geturl() drops the slashes of unknown schemes."""
     query_text = f"?{url.query}" if url.query else ""
     return f"{url.scheme}://{url.netloc}{url.path}{query_text}" + (f"#{url.fragment}" if url.fragment else "")
 
 
 def parse_query(url: SplitResult, example: str) -> dict[str, Value]:
-    """The keys and values of a URL's query. Raises BadUrlError for a key that is there twice or has no value."""
+    """Return the keys and values of a URL's query. Raises BadUrlError for a repeated key or a missing value."""
     found: dict[str, Value] = {}
     try:
         pairs = parse_qsl(url.query, keep_blank_values=True, strict_parsing=bool(url.query), max_num_fields=64)
@@ -43,7 +43,7 @@ def parse_query(url: SplitResult, example: str) -> dict[str, Value]:
 
 
 def parse_value(text: str) -> Value:
-    """true and false, whole numbers (0x too) and other numbers as such, the rest as text."""
+    """Convert true, false, integers (also 0x) and other numbers. Return any other text unchanged."""
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     try:
@@ -57,7 +57,7 @@ def parse_value(text: str) -> Value:
 
 
 def whole_number(url: SplitResult, key: str, value: Value | None, lowest: int, highest: int, example: str) -> int:
-    """A whole number of the query. Raises BadUrlError when it is missing, none, or out of range."""
+    """Return an integer of the query. Raises BadUrlError when it is missing, not an integer, or out of range."""
     if value is None:
         raise BadUrlError(url_text(url), f"{key} is missing", example)
     if isinstance(value, bool) or not isinstance(value, int):
@@ -68,7 +68,7 @@ def whole_number(url: SplitResult, key: str, value: Value | None, lowest: int, h
 
 
 def true_or_false(url: SplitResult, key: str, value: Value) -> bool:
-    """A true or false of the query. Raises BadUrlError when it is neither."""
+    """Return a boolean of the query. Raises BadUrlError for any other value."""
     if not isinstance(value, bool):
         raise BadUrlError(url_text(url), f"{key} = {value} is neither true nor false", f"write {key}=true")
     return value
@@ -80,14 +80,14 @@ _IF_INET6 = Path("/proc/net/if_inet6")
 
 
 def interface_named_by(url: SplitResult) -> str | None:
-    """The interface that stands in place of the host, None when the host is none of this machine's interfaces."""
+    """Return the interface named in place of the host, None when the host is not an interface of this machine."""
     host = url.hostname
     names = [name for _, name in socket.if_nameindex()] if host else []
-    return next((name for name in names if name.lower() == host), None)  # a split URL's host is lower case
+    return next((name for name in names if name.lower() == host), None)  # urlsplit converts the host to lower case
 
 
 def interface_address(interface: str, where: str) -> str:
-    """An address of an interface, IPv4 if it has one. Raises AddressUnavailableError when it has none."""
+    """Return an address of an interface, IPv4 if it has one. Raises AddressUnavailableError when it has none."""
     address = _ipv4(interface) or _ipv6(interface)
     if address is None:
         raise AddressUnavailableError(
@@ -99,7 +99,7 @@ def interface_address(interface: str, where: str) -> str:
 
 
 def bind_to_interface(sock: socket.socket, interface: str) -> None:
-    """Take nothing that comes in elsewhere, where the system permits to ask for that."""
+    """Receive only through this interface, if the system permits it."""
     with suppress(OSError):
         sock.setsockopt(socket.SOL_SOCKET, _SO_BINDTODEVICE, interface.encode() + b"\0")
 
@@ -128,14 +128,14 @@ def _ipv6(interface: str) -> str | None:
     return None
 
 
-Address = tuple[Any, ...]  # what the socket module gives for IPv4 and IPv6
+Address = tuple[Any, ...]  # address of the socket module for IPv4 and IPv6
 
 
 def resolve(url: SplitResult, listen: bool, kind: socket.SocketKind) -> tuple[Any, ...]:
-    """The first entry of getaddrinfo for a URL.
+    """Return the first entry of getaddrinfo for a URL.
 
-    To listen, the host may be the name of an interface. Raises BadUrlError, UnknownHostError and, when that interface
-    has no address, AddressUnavailableError.
+    To listen, the host may be the name of an interface. Raises BadUrlError and UnknownHostError. Raises
+    AddressUnavailableError when that interface has no address.
     """
     host, port = host_port(url, listen)
     interface = interface_named_by(url) if listen else None
@@ -150,7 +150,7 @@ def resolve(url: SplitResult, listen: bool, kind: socket.SocketKind) -> tuple[An
 
 
 def host_port(url: SplitResult, listen: bool) -> tuple[str, int]:
-    """Host and port; a URL has nothing else. Raises BadUrlError."""
+    """Return host and port of a URL with no other parts. Raises BadUrlError."""
     where = url.geturl()
     example = f"write it like {url.scheme}://192.168.7.2:{5760 if url.scheme == 'tcp' else 14660}"
     try:
@@ -175,7 +175,7 @@ def host_port(url: SplitResult, listen: bool) -> tuple[str, int]:
 
 
 def transport_error(error: OSError, url: SplitResult, listen: bool) -> TransportError:
-    """The error of an open or bind as one of the TransportErrors."""
+    """Return the TransportError of a failed open or bind."""
     where = url.geturl()
     if error.errno == errno.EADDRINUSE:
         return AddressInUseError(where, "the port is in use by another program", "stop it or choose another port")
@@ -197,6 +197,6 @@ def transport_error(error: OSError, url: SplitResult, listen: bool) -> Transport
 
 
 def address_url(scheme: str, address: Address) -> str:
-    """A socket's address as a URL."""
+    """Return a socket's address as a URL."""
     host, port = address[0], address[1]
     return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"

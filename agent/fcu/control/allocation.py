@@ -1,9 +1,12 @@
-"""Allocation (LA): demands of thrust, steering and lateral force to the commands of whatever the vessel has.
+"""Allocation (LA): converts demands of thrust, steering and lateral force to commands of the vessel's actuators.
 
-SERVOn_FUNCTION says what it has, as with ArduRover: throttle left and right (73, 74) are steered by their difference;
-throttle with ground steering (70, 26) is a rudder, or thrust that turns (MOT_VEC_ANGLEMAX); motors 1 to 8 (33 to 40)
-stand where MOTn_ says, with rudders where RUDn_ says, and share by least squares. Commands are all throttles, then all
-steering.
+SERVOn_FUNCTION defines the actuators, as in ArduRover:
+
+- Throttle left and right (73, 74) steer by their difference.
+- Throttle with ground steering (70, 26) is a rudder, or vectored thrust (MOT_VEC_ANGLEMAX).
+- Motors 1 to 8 (33 to 40) have positions MOTn_, with rudders at RUDn_, and share the demand by least squares.
+
+Commands are all throttles, then all steering.
 """
 
 from __future__ import annotations
@@ -21,41 +24,45 @@ STEERING, THROTTLE, THROTTLE_LEFT, THROTTLE_RIGHT, FIRST_MOTOR = 26, 70, 73, 74,
 _ROUNDING = 1e-9
 _WORTH_THRUST, _HARD = 0.05, 0.25  # of full steering
 _WAY_ON_MPS = 0.1
-_MET = 1e-3  # of a full demand: what is met so far is met
+_MET = 1e-3  # of a full demand: a smaller residual counts as zero
 
 
 def pulse_width_us(command: float) -> int:
-    """A motor command in [-1, 1] as a servo's pulse width: 1500 is neutral, 1100 full astern, 1900 full ahead."""
+    """Return a motor command in [-1, 1] as a pulse width in us: 1500 is neutral, 1100 full astern, 1900 full ahead."""
     return 1500 + round(400.0 * command)
 
 
 class AllocationGains(NamedTuple):
-    """`astern` is full thrust astern as part of full thrust ahead; `slew_per_s` 0 means no limit."""
+    """Gains of the allocation."""
 
     astern: float
+    """Full thrust astern as a part of full thrust ahead."""
     expo: float
     slew_per_s: float
+    """0 means no limit."""
 
     @classmethod
     def from_parameters(cls, p: Parameters) -> AllocationGains:
-        """From the table."""
+        """Read the gains from the parameters."""
         return cls(astern=1.0 / p["MOT_THST_ASYM"], expo=p["MOT_THST_EXPO"], slew_per_s=p["MOT_SLEWRATE"] / 100.0)
 
 
 class GearGains(NamedTuple):
-    """vector_rad: how far full steering turns the thrust; 0 for a rudder, which turns less above base_mps."""
+    """Gains of a steering gear."""
 
     vector_rad: float
+    """Angle of the thrust at full steering, 0 for a rudder."""
     base_mps: float
+    """Speed above which a rudder deflects less."""
 
     @classmethod
     def from_parameters(cls, p: Parameters) -> GearGains:
-        """From the table."""
+        """Read the gains from the parameters."""
         return cls(math.radians(p["MOT_VEC_ANGLEMAX"]), p["MOT_SPD_SCA_BASE"])
 
 
 class Allocation(NamedTuple):
-    """Commands in [-1, 1], and whether each demand had to be cut."""
+    """Commands in [-1, 1], and whether each demand was limited."""
 
     command: tuple[float, ...] = NEUTRAL
     thrust_limited: bool = False
@@ -65,11 +72,11 @@ class Allocation(NamedTuple):
 def allocate(
     gains: AllocationGains, last: Allocation, thrust: float, steering: float, dt_s: float, steering_first: float = 1.0
 ) -> Allocation:
-    """Share the demands out to port and starboard.
+    """Allocate the demands to port and starboard.
 
-    `thrust` 1 is both propellers full ahead; `steering` 1 is port ahead and starboard astern by full thrust each, which
-    the weaker thrust astern may cut. When both do not fit, steering_first 1 gives steering all it asks for, 0.5 cuts
-    both alike, and less cuts steering.
+    `thrust` 1 is both propellers full ahead. `steering` 1 is port full ahead and starboard full astern. The weaker
+    thrust astern may limit it. steering_first applies when both do not fit: 1 gives steering its full demand, 0.5
+    limits both equally, and less limits steering further.
     """
     widest = 0.5 * (1.0 + gains.astern)
     turn = min(max(steering, -widest), widest)
@@ -81,7 +88,7 @@ def allocate(
 
 
 def _mixed(gains: AllocationGains, thrust: float, turn: float, mix: float) -> float:
-    """Steering that is left when thrust has its share: ArduRover's MOT_STR_THR_MIX."""
+    """Return the steering that remains after thrust has its share: ArduRover's MOT_STR_THR_MIX."""
     surge = min(max(thrust, -gains.astern), 1.0)
     excess = max(surge + abs(turn), (abs(turn) - surge) / gains.astern)
     if excess <= 1.0:
@@ -96,12 +103,14 @@ def _mixed(gains: AllocationGains, thrust: float, turn: float, mix: float) -> fl
 def vectored(
     gains: AllocationGains, vector_rad: float, thrust: float, steering: float, speed_mps: float = 0.0
 ) -> tuple[float, float, float]:
-    """Thrust that turns: part of full thrust, share of the full angle, and what of `steering` is met, for a thrust in
-    [-astern, 1].
+    """Vectored thrust: return the part of full thrust, the share of the full angle, and the achieved part of
+    `steering`.
 
-    Steering is a part of full thrust, to the side, and goes first: where `thrust` lends less than is asked for at the
-    full angle it is raised, ahead, which ArduRover leaves to the pilot. Steering of a twentieth is not worth it, and
-    with way on ahead it is not turned round for a brake that lets the vessel fall off.
+    thrust: in [-astern, 1].
+
+    Steering is a lateral part of full thrust and has priority. If `thrust` is too small for the steering at full angle,
+    it is raised, ahead. ArduRover leaves this to the pilot. Steering below a twentieth does not raise thrust. With way
+    ahead and hard steering, thrust is not reversed to brake, because the vessel would fall off.
     """
     slope, widest, size = math.tan(vector_rad), math.sin(vector_rad), abs(steering)
     sign, most, ahead = (1.0, 1.0, thrust) if thrust >= 0.0 else (-1.0, gains.astern, -thrust)
@@ -116,15 +125,15 @@ def vectored(
 
 
 def turns_hard(steering: float, speed_mps: float) -> bool:
-    """Whether thrust astern would take away what turns the vessel."""
+    """Whether thrust astern would remove the turning moment."""
     return abs(steering) > _HARD and speed_mps > _WAY_ON_MPS
 
 
 def rudder_angle(base_mps: float, thrust: float, steering: float, speed_mps: float) -> tuple[float, bool]:
-    """Share of a rudder's full angle, and whether the demand is limited.
+    """Return the share of a rudder's full angle, and whether the demand is limited.
 
-    It falls with the speed above the base speed. Up to that speed more angle does not help, which counts as limited.
-    Astern it is turned round: where the vessel makes sternway and does not push ahead.
+    The angle decreases with the speed above the base speed. Up to that speed, more angle does not help, which counts as
+    limited. The angle is reversed astern, when the vessel makes sternway and does not push ahead.
     """
     angle, slow = steering, False
     if base_mps > 0.0:
@@ -136,18 +145,18 @@ def rudder_angle(base_mps: float, thrust: float, steering: float, speed_mps: flo
 
 
 def _command(gains: AllocationGains, thrust: float) -> float:
-    """Invert the thrust curve: thrust = (1 - expo) c + expo c², as ArduPilot's MOT_THST_EXPO has it."""
+    """Invert the thrust curve of ArduPilot's MOT_THST_EXPO: thrust = (1 - expo) c + expo c²."""
     part = min(thrust if thrust >= 0.0 else -thrust / gains.astern, 1.0)
     if part <= 0.0:
         return 0.0
     linear = 1.0 - gains.expo
-    # The root in the form that also holds for an exponent near zero.
+    # This form of the root also holds for an exponent near zero.
     part = 2.0 * part / (linear + math.sqrt(max(0.0, linear * linear + 4.0 * gains.expo * part)))
     return min(part, 1.0) if thrust >= 0.0 else -min(part, 1.0)
 
 
 def _slewed(gains: AllocationGains, last: Sequence[float], wanted: Sequence[float], dt_s: float) -> tuple[float, ...]:
-    """Throttles that change no faster than they may."""
+    """Limit the rate of change of the throttles."""
     if gains.slew_per_s <= 0.0:
         return tuple(wanted)
     step = gains.slew_per_s * dt_s
@@ -155,21 +164,21 @@ def _slewed(gains: AllocationGains, last: Sequence[float], wanted: Sequence[floa
 
 
 class Mixer(Protocol):
-    """One way to make commands of demands. outputs: the servo output of each command, 0 for none; `throttles` first.
-
-    pivots: whether the vessel can turn on the spot.
-    """
+    """Mixer of demands to commands."""
 
     outputs: tuple[int, ...]
+    """Servo output of each command, 0 for none; throttles first."""
     throttles: int
+    """Number of throttles."""
     pivots: bool
+    """Whether the vessel can turn on the spot."""
 
     def mix(self, last: Allocation, demand: Demand, speed_mps: float, by_hand: bool, dt_s: float) -> Allocation:
-        """Commands for `demand`. by_hand: steering is an angle where it is one, as in MANUAL."""
+        """Return the commands for `demand`. by_hand: steering is an angle if the gear has one, as in MANUAL."""
 
 
 class SkidMixer:
-    """Port and starboard, and rudders that turn with them."""
+    """Port and starboard throttles, and rudders that turn with them."""
 
     pivots = True
     throttles = 2
@@ -189,7 +198,7 @@ class SkidMixer:
 
 
 class SteeringMixer:
-    """Throttles that all get the same, and rudders or gears that all get the same."""
+    """Equal throttles, and equal rudders or gears."""
 
     pivots = False
 
@@ -218,10 +227,10 @@ class SteeringMixer:
 
 
 class MotorsMixer:
-    """Motors and rudders at their places, each with a command of its own."""
+    """Motors and rudders at their positions, each with a separate command."""
 
     def __init__(self, p: Parameters, motors: dict[int, int], steering: Sequence[int]) -> None:
-        """motors: the output of each by its number."""
+        """motors: output of each motor by its number."""
         self._slew = gains = AllocationGains.from_parameters(p)
         self._base_mps = p["MOT_SPD_SCA_BASE"]
         numbers = [number for number in sorted(motors) if p[f"MOT{number}_THRUST"] > 0.0]
@@ -260,7 +269,10 @@ class MotorsMixer:
 
 
 def _directed(thruster: Thruster, share: Share) -> tuple[float, float]:
-    """Thrust and the share of its gear's angle, which turns thrust to port; what it cannot turn to is had astern."""
+    """Return the thrust and the share of its gear's angle, which turns thrust to port.
+
+    Thrust beyond the angle is astern.
+    """
     part, to_starboard_rad = math.hypot(share.along, share.across), math.atan2(share.across, share.along)
     if abs(to_starboard_rad) > thruster.most_rad + 1e-9:
         part = -min(part, thruster.astern)
@@ -292,7 +304,7 @@ def _rudder(p: Parameters, number: int, motors: list[int]) -> RudderBlade:
 
 
 def make_mixer(p: Parameters) -> Mixer:
-    """As the functions of the outputs say; without any of these, nothing is driven."""
+    """Return the mixer that the functions of the outputs define. Without any of these functions, nothing is driven."""
     function = {output: int(p[f"SERVO{output}_FUNCTION"]) for output in range(1, OUTPUTS + 1)}
     steering, throttles, left, right = (
         [output for output, what in function.items() if what == wanted]
@@ -307,7 +319,7 @@ def make_mixer(p: Parameters) -> Mixer:
 
 
 class ThrustAllocator:
-    """Allocation of demands with what it remembers. `efforts` counts them."""
+    """Allocates demands and stores the last allocation. `efforts` counts the allocations."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -316,24 +328,24 @@ class ThrustAllocator:
         self.restart()
 
     def configure(self) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         self.mixer = make_mixer(self._parameters)
         self.neutral = (0.0,) * len(self.mixer.outputs)
         if len(self.neutral) != len(getattr(self, "last", Allocation()).command):
             self.restart()
 
     def restart(self) -> None:
-        """The last command was neutral."""
+        """Reset the last command to neutral."""
         self.last = Allocation(self.neutral)
 
     def pass_through(self, motors: Motors) -> tuple[float, ...]:
-        """Commands that were made elsewhere."""
+        """Return commands from another source unchanged."""
         self.efforts += 1
         self.last = Allocation(tuple(motors))
         return self.last.command
 
     def allocate(self, demand: Demand, dt_s: float, speed_mps: float = 0.0, by_hand: bool = False) -> tuple[float, ...]:
-        """Commands in [-1, 1]. speed_mps: over ground, negative astern. by_hand: see Mixer."""
+        """Return commands in [-1, 1]. speed_mps: over ground, negative astern. by_hand: see Mixer."""
         self.efforts += 1
         self.last = self.mixer.mix(self.last, demand, speed_mps, by_hand, dt_s)
         return self.last.command

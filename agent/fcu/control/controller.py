@@ -1,7 +1,7 @@
-"""The controller: thrust and steering toward the heading and speed that the modes ask for. It can be replaced.
+"""Controller: converts the heading and speed that the modes command to thrust and steering. It can be replaced.
 
-A controller is a class built with the Parameters; see `Controller` for its methods and docs/controller.md for how to
-write one. The autopilot's own is `agent.fcu.control.heading_speed.HeadingSpeedController`.
+A controller is a class that takes the Parameters. `Controller` lists its methods and docs/controller.md explains how to
+write one. The built-in one is `agent.fcu.control.heading_speed.HeadingSpeedController`.
 """
 
 from __future__ import annotations
@@ -24,33 +24,34 @@ METHODS = ("configure", "restart", "control")
 
 
 class Order(NamedTuple):
-    """What is asked for. A heading, or a turn rate when `heading_rad` is None; speed over ground, negative astern.
-
-    `ground_speed_mps` is the measured speed over ground, negative astern, as the built-in controller uses it.
-    `thrust_limited` and `steering_limited` say that the last Demand did not fit the propellers: do not integrate on.
-    """
+    """Set-point of the controller."""
 
     heading_rad: float | None
+    """Commanded heading, None to command a turn rate."""
     turn_rate_radps: float
+    """Commanded turn rate, used without a heading."""
     speed_mps: float
+    """Commanded speed over ground, negative astern."""
     ground_speed_mps: float = 0.0
+    """Measured speed over ground, negative astern, as the built-in controller uses it."""
     thrust_limited: bool = False
+    """Whether the thrust of the last Demand exceeded the propellers. Do not integrate further in that case."""
     steering_limited: bool = False
+    """The same for steering."""
 
 
 class Demand(NamedTuple):
-    """Parts of full thrust and full steering in [-1, 1], steering positive to starboard; allocated by the autopilot.
-
-    lateral: part of the full force to starboard, for a vessel that can push sideways; None where it does not matter.
-    """
+    """Parts of full thrust and full steering in [-1, 1]. The autopilot allocates them."""
 
     thrust: float
     steering: float
+    """Positive to starboard."""
     lateral: float | None = None
+    """Part of the full force to starboard, for a vessel that can push sideways. None for any force."""
 
 
 class Motors(tuple[float, ...]):
-    """Commands in [-1, 1] that go out as they are: Motors(port, starboard), or as many as the vessel takes."""
+    """Commands in [-1, 1] that bypass the allocation: Motors(port, starboard), or one for each actuator."""
 
     def __new__(cls, *commands: float) -> Motors:
         return super().__new__(cls, commands)
@@ -61,27 +62,27 @@ STILL = Demand(0.0, 0.0)
 
 
 class Controller(Protocol):
-    """Called from one thread. `control` runs at 50 Hz while armed in a mode that asks for a heading or turn rate."""
+    """Called from one thread. `control` runs at 50 Hz while armed in a mode that commands a heading or turn rate."""
 
     def configure(self) -> None:
-        """Parameters have changed."""
+        """Handle changed parameters."""
 
     def restart(self) -> None:
-        """It steered, and does not now: forget integrals."""
+        """Reset the integrals. Called when the controller stops steering."""
 
     def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> ControllerOutput:
-        """One step. Raising or a number that is not finite makes the outputs neutral for this step."""
+        """Run one step. An exception or a non-finite number makes the outputs neutral for this step."""
 
 
 MakeController = Callable[[Parameters], Controller]
 
 
 class ControllerError(ValueError):
-    """A controller cannot be used; the message says which, why and what to write instead."""
+    """Raised when a controller cannot be used. The message names the controller, the cause and the remedy."""
 
 
 def load_controller(spec: str) -> MakeController:
-    """The class that `module:Class` or `path/to/file.py:Class` names; raises ControllerError."""
+    """Load the class that `module:Class` or `path/to/file.py:Class` names. Raises ControllerError."""
     where, colon, name = spec.rpartition(":")
     if not (colon and where and name.isidentifier()):
         raise ControllerError(f"controller {spec!r} is not one; write module:Class or path/to/file.py:Class")
@@ -120,7 +121,7 @@ def _module(where: str, spec: str) -> ModuleType:
         if file is None or file.loader is None:
             raise ControllerError(f"controller {spec!r}: {where} is not Python; name a .py file")
         module = importlib.util.module_from_spec(file)
-        sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
+        sys.modules.setdefault(path.stem, module)  # dataclasses look up their module
         file.loader.exec_module(module)
         return module
     except ControllerError:
@@ -138,10 +139,10 @@ def _is_controller(value: object) -> bool:
 
 
 class ControllerGuard:
-    """Stands between the autopilot and a controller: what it does wrong costs neutral outputs, nothing else.
+    """Protects the autopilot from a controller: an error makes the outputs neutral and has no other effect.
 
-    `failures` counts; the first of a spell is an event, and its end. `latest` says why the last of them happened,
-    `problem` why there is no controller at all.
+    `failures` counts the errors. The first error of a series is an event, as is the end of the series. `latest` is the
+    cause of the last error. `problem` is the reason why there is no controller.
     """
 
     def __init__(self, make: MakeController, parameters: Parameters, events: EventQueue) -> None:
@@ -159,19 +160,19 @@ class ControllerGuard:
             self._fail(self.problem)
 
     def configure(self) -> None:
-        """Pass changed parameters on."""
+        """Forward changed parameters."""
         self._call("configure")
 
     def restart(self) -> None:
-        """Pass a new start on, once."""
+        """Forward a restart, once."""
         if self._used:
             self._used = False
             self._call("restart")
 
     def control(self, order: Order, estimate: StateEstimate, dt_s: float, commands: int = 2) -> ControllerOutput:
-        """The controller's answer, limited to [-1, 1]; neutral when it has none that can be used.
+        """Return the controller's output, limited to [-1, 1]. Neutral when the output is invalid.
 
-        commands: how many the vessel takes.
+        commands: number of commands that the vessel takes.
         """
         if self._controller is None:
             return STILL

@@ -1,7 +1,7 @@
 """Guidance (LC): from a leg and an estimate to a desired heading and speed over ground.
 
-Integral line of sight (Børhaug, Pavlov and Pettersen 2008; Fossen 2021, eq 12.108): the integral finds the crab angle
-that holds the leg in a cross current or wind without being told of either.
+Integral line of sight (Børhaug, Pavlov and Pettersen 2008; Fossen 2021, eq 12.108). The integral finds the crab angle
+that holds the leg in an unknown cross current or wind.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
 
 _GRAVITY_MPS2 = 9.80665
-_CRAB_LIMIT = math.tan(math.radians(50.0))  # no more than this from the integral
-_LEAST_SPEED_MPS = 0.3  # slower, and the integral would learn from standing still
-_BRAKING_LAG_S = 0.6  # from the wish to slow down to slowing down: propellers and speed loop
-# Speed against how far the bow is off: the leg's up to 20 degrees, WP_SPEED_MIN from 60 to 90, none from 120; a vessel
-# that cannot turn on the spot keeps WP_SPEED_MIN on and goes round.
+_CRAB_LIMIT = math.tan(math.radians(50.0))  # limit of the integral's part
+_LEAST_SPEED_MPS = 0.3  # at lower speed, the integral would wind up at standstill
+_BRAKING_LAG_S = 0.6  # delay between command and deceleration: propellers and speed loop
+# Speed against the heading error: the leg's speed up to 20 degrees, WP_SPEED_MIN from 60 to 90, zero from 120. A vessel
+# that cannot turn on the spot keeps WP_SPEED_MIN and turns in an arc.
 _FULL_RAD, _SLOW_RAD = math.radians(20.0), math.radians(60.0)
 _TURNING_RAD, _PIVOT_RAD = math.radians(90.0), math.radians(120.0)
 BOW_OR_STERN, BOW, STERN = 0, 1, 2  # LOIT_TYPE
@@ -41,7 +41,7 @@ class GuidanceGains(NamedTuple):
 
     @classmethod
     def from_parameters(cls, p: Parameters, pivots: bool = True) -> GuidanceGains:
-        """From the table."""
+        """Read the gains from the parameters."""
         return cls(
             lookahead_m=p["LOS_LOOKAHEAD"],
             kappa_mps=p["LOS_KAPPA"],
@@ -59,27 +59,26 @@ class GuidanceGains(NamedTuple):
 
 
 class GuidanceInput(NamedTuple):
-    """What is steered by. `speed_mps` is over ground; `wanted_mps` what is asked for, or may be used at most."""
+    """Input of the guidance."""
 
     gains: GuidanceGains
     frame: LocalProjection
     pos_ne_m: tuple[float, float]
     yaw_rad: float
     speed_mps: float
+    """Measured, over ground."""
     wanted_mps: float
+    """Desired speed, or the highest permitted speed."""
     dt_s: float
 
     @property
     def here(self) -> tuple[float, float]:
-        """Latitude and longitude."""
+        """Latitude and longitude in degrees."""
         return self.frame.to_geodetic(*self.pos_ne_m)
 
 
 class GuidanceLeg(NamedTuple):
-    """A straight line from start to end, metres north and east of the origin; precomputed by `leg`.
-
-    `turn_rad` is the change of course at the end, in [-pi, pi], None when there is nothing after it.
-    """
+    """A straight line from start to end, in metres north and east of the origin. `make_leg` computes it."""
 
     start_north_m: float
     start_east_m: float
@@ -88,27 +87,35 @@ class GuidanceLeg(NamedTuple):
     course_rad: float
     length_m: float
     turn_rad: float | None
+    """Change of course at the end, in [-pi, pi]. None when no leg follows."""
 
 
 class GuidanceState(NamedTuple):
-    """The integral of the cross-track error as Fossen defines it, s."""
+    """Integral s of the cross-track error, as Fossen defines it."""
 
     integral_s: float = 0.0
 
 
 class GuidanceOutput(NamedTuple):
-    """Cross-track is positive to the right of the leg; `reached` asks for the next leg."""
+    """Output of the guidance."""
 
     heading_rad: float
     speed_mps: float
     cross_track_m: float
+    """Positive to the right of the leg."""
     distance_m: float
     bearing_rad: float
     reached: bool
+    """Whether to continue with the next leg."""
 
 
 def make_leg(start: tuple[float, float], end: tuple[float, float], after: tuple[float, float] | None) -> GuidanceLeg:
-    """The leg between two (north, east) points; `after` is where the next leg goes. A leg of no length heads north."""
+    """Return the leg between two (north, east) points in m.
+
+    after: end of the next leg.
+
+    A leg of zero length heads north.
+    """
     north_m, east_m = end[0] - start[0], end[1] - start[1]
     course_rad = math.atan2(east_m, north_m)
     turn_rad: float | None = None
@@ -129,7 +136,7 @@ def follow_leg(
     desired_speed_mps: float,
     dt_s: float,
 ) -> tuple[GuidanceState, GuidanceOutput]:
-    """One step: `speed_mps` is the measured speed over ground, `desired_speed_mps` that of the leg."""
+    """Run one step. speed_mps: measured speed over ground. desired_speed_mps: speed of the leg."""
     cos_course, sin_course = math.cos(line.course_rad), math.sin(line.course_rad)
     north_m, east_m = pos_ne_m[0] - line.start_north_m, pos_ne_m[1] - line.start_east_m
     along_m = north_m * cos_course + east_m * sin_course
@@ -155,25 +162,25 @@ def follow_leg(
 
 
 def turned_about(output: GuidanceOutput) -> GuidanceOutput:
-    """The same way, stern first."""
+    """Return the same motion, stern first."""
     return output._replace(heading_rad=wrap_angle(output.heading_rad + math.pi), speed_mps=-output.speed_mps)
 
 
 def carry_integral(state: GuidanceState, turn_rad: float) -> GuidanceState:
-    """The integral for the next leg: the same crosswise push, seen from a course `turn_rad` further on."""
+    """Return the integral for the next leg: the same cross force, seen from a course changed by `turn_rad`."""
     return GuidanceState(state.integral_s * math.cos(turn_rad))
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """The same angle in [-pi, pi]."""
+    """Wrap an angle to [-pi, pi]."""
     return math.remainder(angle_rad, 2.0 * math.pi)
 
 
 def _approach_speed_mps(gains: GuidanceGains, turn_rad: float | None, to_go_m: float, desired_mps: float) -> float:
-    """Speed that leaves room to slow down for what comes at the end of the leg.
+    """Return a speed that leaves room to slow down before the end of the leg.
 
-    A corner is a circular arc that touches both legs WP_RADIUS from it: radius WP_RADIUS / tan(turn/2), taken within
-    the turn rate and the lateral acceleration allowed. The last waypoint is approached at WP_SPEED_MIN.
+    A corner is a circular arc that touches both legs WP_RADIUS from it. Its radius is WP_RADIUS / tan(turn/2). The turn
+    rate and the lateral acceleration limit the speed on it. The last waypoint is approached at WP_SPEED_MIN.
     """
     corner_mps = gains.speed_min_mps
     if turn_rad is not None:
@@ -188,7 +195,7 @@ def _approach_speed_mps(gains: GuidanceGains, turn_rad: float | None, to_go_m: f
 
 
 def _turning_speed_mps(gains: GuidanceGains, off_rad: float, allowed_mps: float) -> float:
-    """Speed with the bow `off_rad` from the desired heading."""
+    """Return the speed with the bow `off_rad` from the desired heading."""
     slow_mps = min(gains.speed_min_mps, allowed_mps)
     if off_rad <= _FULL_RAD:
         return allowed_mps
@@ -200,10 +207,11 @@ def _turning_speed_mps(gains: GuidanceGains, off_rad: float, allowed_mps: float)
 
 
 class StationKeeping:
-    """Keeps within LOIT_RADIUS of a place, as ArduRover's boats do: drift near it, beyond that drive back.
+    """Keeps within LOIT_RADIUS of a position, as ArduRover's boats do: drift near it, and drive back farther away.
 
-    ArduRover starts back at the radius and so stays a little outside of it in a current; here it is at half the radius.
-    A vessel that cannot turn on the spot drifts as it lies, and goes round with way on.
+    ArduRover starts to drive back at the radius, so it stays a little outside in a current. Here the vessel starts at
+    half the radius. A vessel that cannot turn on the spot drifts at its present heading, and turns in an arc with way
+    on.
     """
 
     def __init__(self, lat_deg: float, lon_deg: float) -> None:
@@ -212,7 +220,7 @@ class StationKeeping:
         self._heading_rad: float | None = None
 
     def steer(self, now: GuidanceInput) -> GuidanceOutput:
-        """Heading and speed, negative astern, no faster than wanted."""
+        """Return heading and speed, negative astern, no faster than desired."""
         gains, frame, pos_ne_m, yaw_rad, _, most_mps, _ = now
         north_m, east_m = frame.to_local(self.lat_deg, self.lon_deg)
         north_m, east_m = north_m - pos_ne_m[0], east_m - pos_ne_m[1]
@@ -237,7 +245,10 @@ class StationKeeping:
 
 
 class PointTransit:
-    """A straight way to a place from wherever the vessel is, then station keeping there. `arrived` says which."""
+    """A straight path to a position from the present one, then station keeping there.
+
+    `arrived` is True at the station.
+    """
 
     def __init__(self, lat_deg: float, lon_deg: float) -> None:
         self.station = StationKeeping(lat_deg, lon_deg)
@@ -248,11 +259,11 @@ class PointTransit:
 
     @property
     def under_way(self) -> bool:
-        """Whether it was steered along and is not there yet."""
+        """Whether the transit has begun and not arrived yet."""
         return self._leg is not None and not self.arrived
 
     def steer(self, now: GuidanceInput) -> GuidanceOutput:
-        """Heading and speed."""
+        """Return heading and speed."""
         if self.arrived:
             return self.station.steer(now)
         gains, frame, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s = now
@@ -267,10 +278,11 @@ class PointTransit:
 
 
 class CircleTransit:
-    """Onto a circle around a place and around it, clockwise or not.
+    """Path onto a circle around a position and along it, clockwise or counterclockwise.
 
-    radius_m: no less than TURN_RADIUS. speed_mps: what the lateral acceleration and the turn rate allow there.
-    turned_rad: how far around since it was reached.
+    radius_m: at least TURN_RADIUS.
+    speed_mps: limit from the lateral acceleration and the turn rate.
+    turned_rad: angle travelled since the circle was reached.
     """
 
     def __init__(self, gains: GuidanceGains, lat_deg: float, lon_deg: float, radius_m: float, clockwise: bool) -> None:
@@ -283,10 +295,13 @@ class CircleTransit:
         self.turned_rad = 0.0
         self._sense = 1.0 if clockwise else -1.0
         self._integral_s = 0.0
-        self._angle_rad: float | None = None  # of the vessel seen from the centre, once it is on the circle
+        self._angle_rad: float | None = None  # of the vessel seen from the centre, on the circle
 
     def steer(self, now: GuidanceInput) -> GuidanceOutput:
-        """Heading and speed: the tangent, turned toward the circle by line of sight as `follow_leg` does to a line."""
+        """Return heading and speed.
+
+        Line of sight turns the tangent toward the circle, as `follow_leg` does for a line.
+        """
         gains, frame, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s = now
         north_m, east_m = frame.to_local(self.lat_deg, self.lon_deg)
         north_m, east_m = pos_ne_m[0] - north_m, pos_ne_m[1] - east_m
@@ -315,8 +330,8 @@ class CircleTransit:
 class CourseOverGround:
     """Finds the heading that makes good a course: line of sight along a line that moves with the target.
 
-    The distance off the line is summed up from the velocity, so that a target repeated many times a second does not
-    start it again; a new direction keeps what still counts.
+    The distance off the line is integrated from the velocity. So a target that is repeated many times a second does not
+    restart it. A new direction keeps the components that still apply.
     """
 
     def __init__(self) -> None:
@@ -327,7 +342,7 @@ class CourseOverGround:
     def heading_rad(
         self, gains: GuidanceGains, course_rad: float, vel_ne_mps: tuple[float, float], dt_s: float
     ) -> float:
-        """The heading for a course, rad."""
+        """Return the heading for a course, in rad."""
         if self._course_rad is not None and course_rad != self._course_rad:
             kept = math.cos(course_rad - self._course_rad)
             self._cross_m *= kept
@@ -335,7 +350,7 @@ class CourseOverGround:
         self._course_rad = course_rad
         side_mps = vel_ne_mps[1] * math.cos(course_rad) - vel_ne_mps[0] * math.sin(course_rad)
         ahead_m, kappa_mps = gains.lookahead_m, gains.kappa_mps
-        # What lies more than a look-ahead off is not made good any more.
+        # A distance beyond the look-ahead is not made good.
         self._cross_m = min(max(self._cross_m + side_mps * dt_s, -ahead_m), ahead_m)
         aim_m = self._cross_m + kappa_mps * self._integral_s
         if kappa_mps > 0.0:

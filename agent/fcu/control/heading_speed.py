@@ -1,7 +1,8 @@
 """Control (LC): heading through turn rate to a steering demand, speed over ground to a thrust demand.
 
-Structure and parameter names are ArduRover's: a proportional heading loop over a turn rate PID with feed-forward, and a
-speed PI over a feed-forward from CRUISE_SPEED and CRUISE_THROTTLE. Demands are parts of full steering and full thrust.
+Structure and parameter names are those of ArduRover. A proportional heading loop commands a turn rate PID with
+feed-forward. A speed PI has a feed-forward from CRUISE_SPEED and CRUISE_THROTTLE. Demands are parts of full steering
+and full thrust.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class SteeringGains(NamedTuple):
 
     @classmethod
     def from_parameters(cls, p: Parameters) -> SteeringGains:
-        """From the table."""
+        """Read the gains from the parameters."""
         return cls(
             angle_p=p["ATC_STR_ANG_P"],
             rate_max_radps=math.radians(p["ATC_STR_RAT_MAX"]),
@@ -57,7 +58,7 @@ class SpeedGains(NamedTuple):
 
     @classmethod
     def from_parameters(cls, p: Parameters) -> SpeedGains:
-        """From the table."""
+        """Read the gains from the parameters."""
         return cls(
             p=p["ATC_SPEED_P"],
             i=p["ATC_SPEED_I"],
@@ -70,7 +71,7 @@ class SpeedGains(NamedTuple):
 
 
 class SteeringState(NamedTuple):
-    """What the turn rate loop remembers."""
+    """State of the turn rate loop."""
 
     desired_rate_radps: float = 0.0
     integral: float = 0.0
@@ -79,23 +80,23 @@ class SteeringState(NamedTuple):
 
 
 class SpeedState(NamedTuple):
-    """What the speed loop remembers; the desired speed starts from the measured one."""
+    """State of the speed loop. The desired speed starts at the measured one."""
 
     desired_mps: float
     integral: float = 0.0
 
 
 def heading_rate_radps(gains: SteeringGains, heading_rad: float, yaw_rad: float) -> float:
-    """The turn rate wanted for a heading error, before the limits that `turn` sets."""
+    """Return the turn rate for a heading error, before the limits of `turn_rate_control`."""
     return gains.angle_p * wrap_angle(heading_rad - yaw_rad)
 
 
 def turn_rate_control(
     gains: SteeringGains, state: SteeringState, wanted_radps: float, rate_radps: float, limited: bool, dt_s: float
 ) -> tuple[SteeringState, float]:
-    """Steering demand in [-1, 1], positive to starboard, toward a turn rate.
+    """Return the steering demand in [-1, 1], positive to starboard, for a turn rate.
 
-    `limited` says that the last demand could not be met: the integral then only falls.
+    limited: whether the last demand could not be achieved. The integral then only decreases.
     """
     desired = _clamped(wanted_radps, gains.rate_max_radps)
     if gains.acceleration_max_radps2 > 0.0:
@@ -113,16 +114,18 @@ def turn_rate_control(
 def speed_control(
     gains: SpeedGains, state: SpeedState, target_mps: float, speed_mps: float, limited: bool, dt_s: float
 ) -> tuple[SpeedState, float]:
-    """Thrust demand in [-1, 1] toward `target_mps` over ground; `limited` as for `turn`.
+    """Return the thrust demand in [-1, 1] for `target_mps` over ground.
 
-    The feed-forward grows with the square of the speed, as a hull's drag does (ArduRover's is linear); both agree at
+    limited: as for `turn_rate_control`.
+
+    The feed-forward grows with the square of the speed, like a hull's drag. ArduRover's is linear. Both are equal at
     CRUISE_SPEED.
     """
     desired = min(target_mps, state.desired_mps + gains.acceleration_max_mps2 * dt_s)
     desired = max(desired, state.desired_mps - gains.deceleration_max_mps2 * dt_s)
     ratio = desired / gains.cruise_speed_mps
     error = desired - speed_mps
-    ramping = desired != target_mps  # what is missing then is the vessel's inertia, which is not to be learnt
+    ramping = desired != target_mps  # the error then is due to the vessel's inertia, which must not be integrated
     integral = state.integral
     if not ramping:
         integral = _integrated(integral, gains.i * error * dt_s, gains.integral_max, limited)
@@ -133,8 +136,8 @@ def speed_control(
 def ground_speed_mps(yaw_rad: float, vel_north_mps: float, vel_east_mps: float) -> float:
     """Speed over ground, negative astern.
 
-    With way on it is the length of the velocity, so that a crabbing vessel makes good what was commanded; near
-    standstill it goes over into the forward speed, since drift to the side is nothing to push against.
+    With way on it is the length of the velocity, so that a crabbing vessel makes good the commanded speed. Near
+    standstill it blends into the forward speed, because thrust cannot oppose a drift to the side.
     """
     forward = vel_north_mps * math.cos(yaw_rad) + vel_east_mps * math.sin(yaw_rad)
     length = math.hypot(vel_north_mps, vel_east_mps)
@@ -153,7 +156,7 @@ def _clamped(value: float, limit: float) -> float:
 
 
 class HeadingSpeedController:
-    """The built-in Controller: heading, turn rate and speed loops with what they remember."""
+    """Built-in Controller: heading, turn rate and speed loops with their state."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -161,17 +164,17 @@ class HeadingSpeedController:
         self.restart()
 
     def configure(self) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         self._steering_gains = SteeringGains.from_parameters(self._parameters)
         self._speed_gains = SpeedGains.from_parameters(self._parameters)
 
     def restart(self) -> None:
-        """Forget integrals."""
+        """Reset the integrals."""
         self._steering = SteeringState()
         self._speed: SpeedState | None = None
 
     def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> Demand:
-        """Demands that bring the vessel to what is asked for."""
+        """Return the demands for the order."""
         gains = self._steering_gains
         rate_radps = order.turn_rate_radps
         if order.heading_rad is not None:

@@ -1,4 +1,4 @@
-"""Sticks: RC channels as a ground station overrides them, and what they ask of steering and throttle."""
+"""Sticks: RC channels with a ground station's overrides, and their steering and throttle."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from agent.fcu.vehicle_state import ArmingProblem
 CHANNELS = 18
 NONE = (0,) * CHANNELS
 _IGNORE, _RELEASE_HIGH = 65535, 65534
-_FIRST_HIGH = 8  # from channel 9 on RC_CHANNELS_OVERRIDE releases by another number
+_FIRST_HIGH = 8  # from channel 9 on, RC_CHANNELS_OVERRIDE has another value for release
 _WIDTHS_US = (800, 2200)
 
 
@@ -34,7 +34,7 @@ class _Channel(NamedTuple):
     sign: float
 
     def deflection(self, width_us: float) -> float:
-        """Part of full deflection either side of the trim, none within the dead zone."""
+        """Return the part of full deflection on either side of the trim, zero within the dead zone."""
         width_us = min(max(width_us, self.least_us), self.most_us)
         above, below = self.trim_us + self.dead_us, self.trim_us - self.dead_us
         if width_us > above and self.most_us > above:
@@ -45,7 +45,7 @@ class _Channel(NamedTuple):
 
 
 class ManualControl:
-    """Overrides of RC channels, each in force for RC_OVERRIDE_TIME (0 never, -1 until released)."""
+    """Overrides of RC channels. Each is active for RC_OVERRIDE_TIME (0 never, -1 until released)."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -54,7 +54,7 @@ class ManualControl:
         self.configure()
 
     def configure(self) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         p = self._parameters
         self._lasts_s = p["RC_OVERRIDE_TIME"]
         self._steering, self._throttle = int(p["RCMAP_ROLL"]) - 1, int(p["RCMAP_THROTTLE"]) - 1
@@ -70,7 +70,12 @@ class ManualControl:
         )
 
     def override(self, widths_us: tuple[int, ...], now_ns: int) -> str:
-        """RC_CHANNELS_OVERRIDE: 65535 leaves alone; 0 releases. From channel 9 on 0 leaves alone, 65534 releases."""
+        """Apply RC_CHANNELS_OVERRIDE: 65535 keeps a channel, 0 releases it.
+
+        From channel 9 on, 0 keeps and 65534 releases.
+
+        Return the error, or an empty text.
+        """
         low, high = _WIDTHS_US
         for number, width_us in enumerate(widths_us, start=1):
             if not (low <= width_us <= high or width_us in (0, _RELEASE_HIGH, _IGNORE)):
@@ -86,7 +91,12 @@ class ManualControl:
         return ""
 
     def set_axes(self, y: int | None, z: int | None, now_ns: int) -> str:
-        """MANUAL_CONTROL: y steers, z is the throttle, each in [-1000, 1000]; None releases, as ArduPilot has it."""
+        """Apply MANUAL_CONTROL: y steers, z is the throttle, each in [-1000, 1000].
+
+        None releases the channel, as in ArduPilot.
+
+        Return the error, or an empty text.
+        """
         for name, value in (("y", y), ("z", z)):
             if value is not None and not abs(value) <= 1000:
                 return f"manual control {name} = {value}; use -1000 to 1000"
@@ -99,19 +109,19 @@ class ManualControl:
         return ""
 
     def release(self) -> None:
-        """Nobody holds the sticks any more."""
+        """Release all channels."""
         self._widths_us = [0] * CHANNELS
 
     def widths_us(self, now_ns: int) -> tuple[int, ...]:
-        """Pulse widths in force, 0 where there is none."""
+        """Pulse widths of the active overrides in us, 0 for none."""
         return tuple(self._width_us(index, now_ns) for index in range(CHANNELS))
 
     def sticks(self, now_ns: int) -> Sticks:
-        """Deflections; centred where nobody overrides."""
+        """Return the deflections, centred without overrides."""
         return Sticks(self._deflection(self._steering, now_ns), self._deflection(self._throttle, now_ns))
 
     def problems(self, now_ns: int) -> list[ArmingProblem]:
-        """Sticks that are not centred, by channel; steering is on the roll channel."""
+        """Return the channels with a stick that is not centred. Steering is on the roll channel."""
         return [
             ArmingProblem("RC", f"{name} (RC{index + 1}) is not neutral")
             for name, index in (("Roll", self._steering), ("Throttle", self._throttle))

@@ -1,15 +1,15 @@
-"""Allocation of a force and a moment to thrusters at any place and angle, to azimuthing ones, and to rudders.
+"""Allocation of a force and a moment to thrusters at any position and angle, azimuthing thrusters, and rudders.
 
-Each actuator gives a part u of what it has: one number for a fixed thruster or a rudder, two for one that turns (force
-ahead and to starboard, the extended form of Fossen 2021, section 11.2). With B the effect of all of them and d the
-demand, the parts are those that need least,
+Each actuator gives a part u of its full effect. This is one number for a fixed thruster or a rudder. An azimuthing one
+has two: force ahead and to starboard, the extended form of Fossen 2021, section 11.2. With B the effect of all
+actuators and d the demand, the parts minimise the effort,
 
-    minimise 1/2 |u|^2 + 1/2 (B u - d)^T S^-1 (B u - d),   each u within its limits,
+    minimise 1/2 |u|^2 + 1/2 (B u - d)^T S^-1 (B u - d),   each u within its limits.
 
-where the slack S is least for steering and most for the lateral force: a demand that fits is met, of one that does not
-the steering is met first, then the thrust (weighted least squares, Johansen and Fossen 2013, section 3.3). For given
-multipliers l of the rows, u is the nearest that an actuator can give to B^T l, so that d - S l - B u(l) = 0 is all
-that is to be solved: three monotone equations, by Newton's method.
+The slack S is least for steering and greatest for the lateral force. A feasible demand is achieved. Otherwise steering
+has priority, then thrust (weighted least squares, Johansen and Fossen 2013, section 3.3). For given multipliers l of
+the rows, u is the point within the limits nearest to B^T l. So only d - S l - B u(l) = 0 remains to be solved. These
+are three monotone equations, solved by Newton's method.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-Vector = tuple[float, float, float]  # of steering, thrust and lateral force, as parts of full ones
+Vector = tuple[float, float, float]  # steering, thrust and lateral force, as parts of the full values
 _SLACK = (1e-9, 1e-5, 1e-3)
-_FREE = 1e9  # slack of a row that nobody asks for
+_FREE = 1e9  # slack of a row without a demand
 _MOST_STEPS, _MOST_CORRECTIONS = 25, 4
 _NEARLY_MET, _WELL_MET = 3e-2, 1e-5
 _NEAR_ENOUGH = 1e-14
-_RUDDER_EFFORT = 0.05  # of full angle, against full thrust: a rudder under way costs little
+_RUDDER_EFFORT = 0.05  # of full angle, relative to full thrust: a rudder under way has a low cost
 
 
 class Thruster(NamedTuple):
-    """A propeller at a place of the body. most_rad: how far its gear turns it to either side; 0 for a fixed one."""
+    """A propeller at a position of the body."""
 
     x_m: float
     y_m: float
@@ -35,28 +35,32 @@ class Thruster(NamedTuple):
     thrust_n: float
     astern: float
     most_rad: float = 0.0
+    """Largest angle of its gear to either side, 0 for a fixed propeller."""
 
 
 class RudderBlade(NamedTuple):
-    """Side force at full angle at the base speed; race_mps: what flows over it at full thrust of its propeller."""
+    """A rudder."""
 
     x_m: float
     force_n: float
+    """Side force at full angle at the base speed."""
     propeller: int | None = None
     race_mps: float = 0.0
+    """Speed of the flow over it at full thrust of its propeller."""
 
 
 class Share(NamedTuple):
-    """What one actuator gives: force ahead along its own line and to the right of it, or a rudder's angle, as parts."""
+    """Output of one actuator as parts: force along its own axis and to the right of it, or a rudder's angle."""
 
     along: float = 0.0
     across: float = 0.0
 
 
 class ForceAllocation:
-    """Thrusters and rudders of one vessel, made ready: what full thrust, steering and lateral force are.
+    """Thrusters and rudders of one vessel, with its full thrust, steering and lateral force.
 
-    full_moment_nm: all thrusters as they turn most, and full rudder at `base_mps`. full_thrust_n: all that push ahead.
+    full_moment_nm: all thrusters at their greatest moment, and full rudder at `base_mps`.
+    full_thrust_n: all thrusters that push ahead.
     pivots: whether the vessel can turn without thrust and without way on.
     """
 
@@ -79,17 +83,18 @@ class ForceAllocation:
     def solve(
         self, thrust: float, steering: float, lateral: float | None, speed_mps: float, last: list[Share]
     ) -> tuple[list[Share], Vector]:
-        """The shares of all actuators, thrusters first, and what they make of steering, thrust and lateral force.
+        """Return the shares of all actuators, thrusters first, and the resulting steering, thrust and lateral force.
 
-        lateral: None leaves the side force to what steering brings with it. last: the shares before, whose thrust makes
-        the race over the rudders.
+        lateral: None accepts the side force that results from steering.
+        last: previous shares. Their thrust defines the race over the rudders.
         """
         demand = (steering, thrust, lateral or 0.0)
         slack = (_SLACK[0], _SLACK[1], _FREE if lateral is None else _SLACK[2])
         blades = [self._blade(rudder, speed_mps, last) for rudder in self.rudders]
         senses = [1.0] * len(self.thrusters)
         if any(0.0 < t.most_rad < 0.5 * math.pi for t in self.thrusters):
-            # Which way each pushes, as if its gear went all round; one that is free of both pushes as the vessel does.
+            # Direction in which each thruster would push with an unlimited gear. A neutral one pushes as the vessel
+            # does.
             shares = self._within(demand, slack, blades, None)
             least = -1e-6 if thrust >= 0.0 else 1e-6
             senses = [1.0 if share.along > least else -1.0 for share in shares]
@@ -97,7 +102,10 @@ class ForceAllocation:
         return shares, _sum_of(shares, self._columns, blades)
 
     def _within(self, demand: Vector, slack: Vector, blades: list[Vector], senses: list[float] | None) -> list[Share]:
-        """Solved again with what slack has left unmet put on top, for steering and for all that is nearly met."""
+        """Solve, and add the residual that the slack leaves to the demand.
+
+        Correct steering and rows with a small residual.
+        """
         most, least = self._most_steering(blades, senses)
         wanted: Vector = (min(max(demand[0], least), most), demand[1], demand[2])
         asked = wanted
@@ -112,7 +120,7 @@ class ForceAllocation:
         return shares
 
     def _most_steering(self, blades: list[Vector], senses: list[float] | None) -> tuple[float, float]:
-        """To starboard and to port, of all that there is."""
+        """Return the greatest steering to starboard and to port, of all actuators."""
         most = least = 0.0
         for number, (thruster, (along, across)) in enumerate(zip(self.thrusters, self._columns)):
             if not thruster.most_rad:
@@ -128,11 +136,11 @@ class ForceAllocation:
         return most + rudders, least - rudders
 
     def _sense(self, number: int, senses: list[float] | None) -> float | None:
-        """Whether a thruster pushes ahead or astern within its angle; None for one that does it anywhere."""
+        """Return whether a thruster pushes ahead or astern within its angle. None for a thruster without that limit."""
         return None if senses is None or self.thrusters[number].most_rad >= 0.5 * math.pi else senses[number]
 
     def _solved(self, demand: Vector, slack: Vector, blades: list[Vector], senses: list[float] | None) -> list[Share]:
-        """Newton's method with a search along each step, along which what is missing falls."""
+        """Newton's method with a line search along each step, along which the residual decreases."""
         at = self._multipliers
         rest, slope, shares = self._short(demand, slack, blades, senses, at)
         for _ in range(_MOST_STEPS):
@@ -141,7 +149,7 @@ class ForceAllocation:
             if before < _NEAR_ENOUGH:
                 break
             low, low_rest, high, high_rest, part, side = 0.0, before, 1.0, 0.0, 1.0, 0.0
-            for _ in range(_MOST_STEPS):  # where it is about none, by the Illinois rule
+            for _ in range(_MOST_STEPS):  # search the zero by the Illinois rule
                 reached: Vector = (at[0] + part * step[0], at[1] + part * step[1], at[2] + part * step[2])
                 rest, slope, shares = self._short(demand, slack, blades, senses, reached)
                 missing = _dot(rest, step)
@@ -162,7 +170,7 @@ class ForceAllocation:
     def _short(
         self, demand: Vector, slack: Vector, blades: list[Vector], senses: list[float] | None, at: Vector
     ) -> tuple[Vector, list[list[float]], list[Share]]:
-        """What is missing at these multipliers, how that falls with them, and the shares."""
+        """Return the residual at these multipliers, its negative slope, and the shares."""
         rest = [d - s * m for d, s, m in zip(demand, slack, at)]
         slope = [[slack[0], 0.0, 0.0], [0.0, slack[1], 0.0], [0.0, 0.0, slack[2]]]
         shares = []
@@ -191,7 +199,7 @@ class ForceAllocation:
         return (rest[0], rest[1], rest[2]), slope, shares
 
     def _effect(self, t: Thruster, angle_rad: float) -> Vector:
-        """Of its full thrust in a direction."""
+        """Effect of full thrust in a direction."""
         ahead, aside = math.cos(angle_rad), math.sin(angle_rad)
         return (
             t.thrust_n * (t.x_m * aside - t.y_m * ahead) / (self.full_moment_nm or 1.0),
@@ -200,7 +208,7 @@ class ForceAllocation:
         )
 
     def _blade(self, rudder: RudderBlade, speed_mps: float, last: list[Share]) -> Vector:
-        """Of its full angle: pressure goes with the square of the flow; astern it acts the other way."""
+        """Effect of full angle. Pressure grows with the square of the flow. Astern, the effect is reversed."""
         thrust = 0.0 if rudder.propeller is None else max(last[rudder.propeller].along, 0.0)
         flow2 = speed_mps * abs(speed_mps) + thrust * rudder.race_mps * rudder.race_mps
         force_n = rudder.force_n * flow2 / (self._base_mps * self._base_mps)
@@ -211,7 +219,7 @@ class ForceAllocation:
         )
 
     def _pivots(self) -> bool:
-        """A twentieth of full steering at rest, and no thrust with it."""
+        """Whether a twentieth of full steering is possible at rest, without thrust."""
         still = [Share()] * (len(self.thrusters) + len(self.rudders))
         _, (steering, thrust, _) = self.solve(0.0, 0.05, None, 0.0, still)
         self._multipliers = (0.0, 0.0, 0.0)
@@ -219,21 +227,21 @@ class ForceAllocation:
 
 
 def _most(t: Thruster, ahead: float) -> float:
-    """That a fixed one does in a direction, running either way."""
+    """Greatest effect of a fixed thruster in a direction, running either way."""
     return max(ahead, -t.astern * ahead)
 
 
 def _greatest_lever_m(t: Thruster) -> float:
-    """Of its moment: of a fixed one as it points, else the best that it could point."""
+    """Lever of its moment: a fixed thruster as it points, an azimuthing one at the best angle."""
     if t.most_rad:
         return math.hypot(t.x_m, t.y_m)
     return abs(t.x_m * math.sin(t.angle_rad) - t.y_m * math.cos(t.angle_rad))
 
 
 def _turned(t: Thruster, sense: float | None, along: float, across: float) -> tuple[Share, tuple[float, float, float]]:
-    """The nearest that it can give to a wish, and how that changes with the wish (along-along, mixed, across-across).
+    """Return the possible output nearest to a request, and its derivatives (along-along, mixed, across-across).
 
-    sense: 1 ahead, -1 astern, within its angle; None: any direction.
+    sense: 1 ahead, -1 astern, within its angle. None: any direction.
     """
     most, aa, ab, bb = 1.0, 1.0, 0.0, 1.0
     if sense is not None:
@@ -279,7 +287,7 @@ def _dot(a: Vector, b: Vector) -> float:
 
 
 def _newton_step(matrix: list[list[float]], right: Vector) -> Vector:
-    """Cholesky's way: the matrix is symmetric and positive definite, as the slack sees to."""
+    """Solve by Cholesky decomposition. The slack makes the matrix symmetric and positive definite."""
     (a, b, c), (_, d, e), (_, _, f) = matrix
     l10, l20 = b / a, c / a
     d1 = d - l10 * b

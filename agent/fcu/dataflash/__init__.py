@@ -1,1 +1,1 @@
-"""DataFlash logs (.bin) as ArduPilot writes them: the records, and a writer that never holds up who produces them."""
+"""DataFlash logs (.bin) in ArduPilot's format: the records, and a writer that never blocks its producer."""

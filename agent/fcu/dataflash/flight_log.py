@@ -1,7 +1,7 @@
-"""What the autopilot logs, and when: ArduRover's messages, from measurements as they come and from each control cycle.
+"""Content of the autopilot's log: ArduRover's messages, from each measurement and from each control cycle.
 
-Every measurement is logged; attitude and motor outputs at the loop's rate, the rest in turns at a fifth of it. TimeUS
-is the agent's clock. What a cycle finds changed (mode, arming, parameters, mission, home, failsafes) is logged then.
+Every measurement is logged. Attitude and motor outputs are logged at the loop's rate, the rest in turn at a fifth of
+it. TimeUS is the agent's clock. A cycle also logs changes of mode, arming, parameters, mission, home and failsafes.
 """
 
 from __future__ import annotations
@@ -39,24 +39,26 @@ EKF_CHECK, EKF_BAD = 16, 2  # ERR subsystem and its code
 FAILSAFES = {"GCS": 8, "Fence": 9, "EKF": 17, "IMU": 26}  # ERR subsystems
 RESOLVED, OCCURRED = 0, 1  # ERR codes
 WINDOW_NS = 10_000_000_000
-_CALL_NS = 1_000_000_000  # between calls of `LoopWindow.finish`; the window ends with the nearest one
-_ITEMS_A_CYCLE = 8  # a mission of hundreds of items is not logged in one cycle
+_CALL_NS = 1_000_000_000  # between calls of `LoopWindow.finish`; the window ends at the nearest call
+_ITEMS_A_CYCLE = 8  # limits the log of a mission with hundreds of items per cycle
 _TEXT_BYTES = 64
 _DEFAULTS = {row.name: float(row.default) for row in TABLE}
 _CLOSE_S, _CLOSE_IN_LOCKSTEP_S = 2.0, 60.0
 
 
 class LoopTimes(NamedTuple):
-    """`longest_us` from the start of one loop to that of the next; `load` is the tasks' share of the time, in 0.1 %."""
+    """Timing of the loop."""
 
     long_loops: int
     loops: int
     longest_us: int
+    """Longest interval between the starts of two loops."""
     load: int
+    """The tasks' share of the time, in 0.1 %."""
 
 
 class LoopWindow:
-    """How regularly the loop came and what the tasks took, over ten seconds, as ArduPilot's PM reports it.
+    """Regularity of the loop and load of the tasks over ten seconds, as ArduPilot's PM reports them.
 
     A loop is long at 1.2 times its period.
     """
@@ -74,7 +76,7 @@ class LoopWindow:
         self._longest_ns = 0
 
     def add_loop(self, now_ns: int) -> None:
-        """A loop starts."""
+        """Note the start of a loop."""
         if self._last_ns is not None:
             interval_ns = now_ns - self._last_ns
             self._loops += 1
@@ -84,7 +86,7 @@ class LoopWindow:
         self._last_ns = now_ns
 
     def finish(self, now_ns: int, stats: Sequence[TaskStats]) -> LoopTimes | None:
-        """The window, once it is full; a new one then starts. Call it about once a second.
+        """Return the window when it is complete, and start a new one. Call it about once a second.
 
         `stats` count since the executor's start.
         """
@@ -99,7 +101,7 @@ class LoopWindow:
 
 
 class _Snapshot(NamedTuple):
-    """What a cycle compares with the cycle before."""
+    """State of a cycle, for comparison with the next one."""
 
     mode: int = -1
     armed: bool = False
@@ -113,7 +115,7 @@ class _Snapshot(NamedTuple):
 
 
 class ChangeLog:
-    """Logs by `put` what changes now and then: mode, arming, parameters, mission, home, failsafes.
+    """Logs occasional changes by `put`: mode, arming, parameters, mission, home, failsafes.
 
     offset_mgauss: COMPASS_OFS of the parameters last logged.
     """
@@ -131,7 +133,7 @@ class ChangeLog:
         self._items_total = 0
 
     def update(self, now_ns: int, autopilot: Autopilot) -> None:
-        """Compare with the cycle before, and log what is new."""
+        """Compare with the last cycle, and log the changes."""
         state, navigator = autopilot.state, autopilot.navigator
         old = self._snapshot
         new = self._snapshot = _Snapshot(
@@ -180,7 +182,7 @@ class ChangeLog:
             self._put(records.mission_item("MISE", now_us, new.current, len(items), items[new.current]))
 
     def log_mission_items(self, now_us: int) -> None:
-        """Some items of a new mission each cycle, until all are logged."""
+        """Log some items of a new mission each cycle, until all are logged."""
         for _ in range(_ITEMS_A_CYCLE if self._items_total else 0):
             following = next(self._items, None)
             if following is None:
@@ -197,7 +199,7 @@ class ChangeLog:
             self._put(FORMATS["EV"].pack(now_us, ARMED if armed else DISARMED))
 
     def _log_parameters(self, now_us: int, parameters: Parameters) -> None:
-        """What changed since the last call; at first, all."""
+        """Log the parameters that changed since the last call; all of them in the first call."""
         pack, values = FORMATS["PARM"].pack, self._values
         for name in parameters:
             value = parameters[name]
@@ -210,7 +212,7 @@ class ChangeLog:
     def _log_failsafes(self, now_us: int, p: Parameters, old: tuple[str, ...], new: tuple[str, ...]) -> None:
         for name, subsystem in FAILSAFES.items():
             if (name in old) != (name in new):
-                # A fence's code is the bits of FENCE_TYPE that were breached; which of two it was is not told apart.
+                # The code of a fence is the breached bits of FENCE_TYPE. Two breached areas are not distinguished.
                 occurred = int(p["FENCE_TYPE"]) & 0xFF if name == "Fence" else OCCURRED
                 self._log_error(now_us, subsystem, occurred if name in new else RESOLVED)
 
@@ -219,9 +221,11 @@ class ChangeLog:
 
 
 class FlightLog:
-    """Logs to where `opener` opens a file, each run to a new log; `now_ns` is the agent's clock, for measurements.
+    """Logs to the file that `opener` opens, each run to a new log.
 
-    Nothing here waits for the disk, except in lockstep, where time stands still meanwhile and the log is to be the same
+    now_ns: the agent's clock, for measurements.
+
+    Nothing here waits for the disk, except in lockstep. There the clock stops meanwhile, and the log must be the same
     every time.
     """
 
@@ -250,17 +254,17 @@ class FlightLog:
         self._reported_drops = False
         self._window = LoopWindow(now_ns, LOOP_HZ)
 
-    # -- the log itself
+    # -- the log file
 
     @property
     def path(self) -> Path | None:
-        """Of the newest log, None before its file is open."""
+        """Path of the newest log, None before its file is open."""
         writer = self._writer or self._closed
         return None if writer is None else writer.path
 
     @property
     def problem(self) -> str:
-        """Why the newest log is not whole, empty when it is."""
+        """Reason why the newest log is incomplete, empty when it is complete."""
         writer = self._writer or self._closed
         if writer is None:
             return ""
@@ -274,24 +278,24 @@ class FlightLog:
 
     @property
     def dropped(self) -> int:
-        """Records of the newest log that it could not keep."""
+        """Number of records of the newest log that were dropped."""
         writer = self._writer or self._closed
         return 0 if writer is None else writer.dropped
 
     def start(self, now_ns: int, lockstep: bool = False) -> None:
-        """A new log starts here; one still open is closed."""
+        """Start a new log. Close an open one."""
         self.close()
         self._reset(now_ns, lockstep)
         self._writer = LogWriter(self._opener, lossless=lockstep)
         self._put = self._writer.put
         self._writer.put(header(self._formats, now_ns // 1000), True)
-        # Readers tell by the name what vehicle's mode numbers these are.
+        # Readers derive the vehicle type of the mode numbers from the name.
         self.log_event(now_ns, INFO, f"xitl {agent.__version__}, messages and modes as ArduRover V4")
         if lockstep:
             self.log_event(now_ns, INFO, "Lockstep: loop times are the clock's own; no CPU load")
 
     def close(self) -> None:
-        """The log ends here. Waits for the disk, but not long."""
+        """End the log. Waits for the disk for a limited time."""
         writer, self._writer = self._writer, None
         if writer is not None:
             self._closed = writer
@@ -301,7 +305,7 @@ class FlightLog:
     # -- measurements
 
     def log_imu(self, sample: ImuMeasurement) -> None:
-        """A measurement that was accepted now, as with the other three."""
+        """Log a measurement that was just accepted, as do the next three methods."""
         if self._writer is not None:
             self._put(records.imu(self._now_ns() // 1000, sample))
 
@@ -322,7 +326,7 @@ class FlightLog:
     # -- the loop
 
     def log_cycle(self, now_ns: int, autopilot: Autopilot, actuators: Actuators) -> None:
-        """After each `Autopilot.control`."""
+        """Log a control cycle. Call it after each `Autopilot.control`."""
         if self._writer is None:
             return
         self._window.add_loop(now_ns)
@@ -370,7 +374,7 @@ class FlightLog:
         self._put(records.control(now_us, sticks, speed_mps, desired_mps, state.estimate.gyro_frd_radps[2]))
 
     def _check_writer(self, now_us: int, autopilot: Autopilot, writer: LogWriter) -> None:
-        """Once a second: what was dropped into the log, and trouble to the ground station."""
+        """Log the number of dropped records, and report trouble to the ground station. Called once a second."""
         self._put_important(_drops(now_us, writer))
         problem = writer.problem
         if problem != self._reported_problem:
@@ -381,24 +385,24 @@ class FlightLog:
             self._reported_drops = True
 
     def _put_important(self, record: bytes) -> None:
-        """Log what may not be dropped for want of room."""
+        """Log a record that must not be dropped for lack of room."""
         if self._writer is not None:
             self._writer.put(record, True)
 
     # -- events and deadlines
 
     def log_event(self, now_ns: int, severity: int, text: str) -> None:
-        """A sentence for the person at the ground station."""
+        """Log a sentence for the user of the ground station."""
         data = text.encode("ascii", "replace")
         for at in range(0, len(data), _TEXT_BYTES):
             self._put_important(FORMATS["MSG"].pack(now_ns // 1000, data[at : at + _TEXT_BYTES]))
 
     def log_disarmed(self, now_ns: int) -> None:
-        """Disarmed at this instant, without a cycle after it."""
+        """Log disarming at this instant, without a cycle after it."""
         self._changes.set_armed(now_ns // 1000, False)
 
     def log_task_stats(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
-        """How the executor's tasks did since its start; call it about once a second."""
+        """Log the statistics of the executor's tasks since its start. Call it about once a second."""
         times = None if self._writer is None else self._window.finish(now_ns, stats)
         if times is None:
             return
@@ -411,7 +415,7 @@ class FlightLog:
             self._put(records.task(now_us, index, task))
 
     def log_missed_deadlines(self, now_ns: int, misses: Sequence[TaskMiss]) -> None:
-        """Deadlines that the executor's tasks missed, each once."""
+        """Log each deadline that the executor's tasks missed."""
         for miss in () if self._lockstep else misses:
             self._put_important(records.missed_deadline(now_ns // 1000, miss))
 

@@ -1,5 +1,7 @@
-"""Records of a DataFlash log: A3 95, a type number, a packed little-endian payload. The log describes itself: FMT gives
-each type's letters and columns, FMTU its units and multipliers, UNIT and MULT what their characters mean.
+"""Records of a DataFlash log: A3 95, a type number, a packed little-endian payload.
+
+The log describes itself. FMT gives each type's letters and columns, FMTU its units and multipliers. UNIT and MULT
+define their characters.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ FMT_TYPE = 128
 FMT_ROW = ("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", "-b---", "-----")
 _HEAD = b"\xa3\x95"
 
-# Letter: struct code, and what a reader divides by.
+# Letter: struct code, and the divisor of a reader.
 _LETTERS: Mapping[str, tuple[str, float]] = {
     "b": ("b", 1),
     "B": ("B", 1),
@@ -41,7 +43,7 @@ _INTEGERS = {
 }
 _LARGEST_FLOAT = 3.4028234e38
 
-# The characters are ArduPilot's. `#` marks the column that tells instances of a message apart.
+# The characters are ArduPilot's. `#` marks the column that distinguishes the instances of a message.
 UNITS: Mapping[str, str] = {
     "-": "",
     "?": "UNKNOWN",
@@ -93,7 +95,7 @@ _ROWS = (
         "s-------DUm-",
         "F-------GG0-",
     ),
-    (  # the item taken up
+    (  # the item that becomes active
         "MISE",
         "QHHHffffLLfB",
         "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame",
@@ -151,14 +153,14 @@ _TASK = (
     "s#-z---YYYY",
     "F--0---0000",
 )
-_QUANTILES = (  # J50: half of the starts came no later, as far as the histogram tells; JAtUS: when the worst one was
+_QUANTILES = (  # J50: median of the start delay, from the histogram; JAtUS: time of the worst start
     "TSKQ",
     "QBIIQIIQ",
     "TimeUS,I,J50,J99,JAtUS,R50,R99,RAtUS",
     "s#YYsYYs",
     "F-00F00F",
 )
-_MISS = (  # Late counts from DueUS to the start, Run from there
+_MISS = (  # Late: from DueUS to the start; Run: from the start to the end
     "MISS",
     "QNIQIII",
     "TimeUS,Name,Cycle,DueUS,Late,Run,Skip",
@@ -169,11 +171,11 @@ _PM_IN_LOCKSTEP = ("PM", "QHHHI", "TimeUS,LR,NLon,NL,MaxT", "sz---", "F----")
 
 
 class RecordFormat:
-    """One type of record. `units` and `multipliers` have a character a column, as FMTU holds them.
+    """One type of record. `units` and `multipliers` have one character per column, as in FMTU.
 
-    `pack` takes the values as a reader shows them: degrees for a letter L, whole milligauss for a letter h whose
-    multiplier says milli. A number that does not fit becomes the nearest one that does, NaN in a whole number 0,
-    and text is cut: a log has no use for an exception. A wrong count of values raises struct.error.
+    `pack` takes the values as a reader shows them: degrees for a letter L, whole milligauss for a letter h with a milli
+    multiplier. It never raises for a value. A number out of range becomes the nearest possible one, NaN becomes 0 in an
+    integer, and text is truncated. A wrong number of values raises struct.error.
     """
 
     def __init__(self, type_id: int, name: str, letters: str, columns: str, units: str, multipliers: str) -> None:
@@ -219,7 +221,7 @@ class RecordFormat:
 
 
 def formats(rows: Iterable[tuple[str, str, str, str, str]]) -> dict[str, RecordFormat]:
-    """The formats of a log by name, FMT first, each with its type number: the place in the rows."""
+    """Return the formats of a log by name, FMT first. The type number of each is its position in the rows."""
     found = {"FMT": RecordFormat(FMT_TYPE, *FMT_ROW)}
     for place, row in enumerate(rows, start=1):
         if row[0] in found:
@@ -229,9 +231,9 @@ def formats(rows: Iterable[tuple[str, str, str, str, str]]) -> dict[str, RecordF
 
 
 def header(known: Mapping[str, RecordFormat], now_us: int) -> bytes:
-    """What a log starts with; `known` has FMT, FMTU, UNIT and MULT among it."""
+    """Return the start of a log. `known` includes FMT, FMTU, UNIT and MULT."""
     if now_us <= 255:
-        now_us = 0  # pymavlink takes FMTU's first bytes for a type number, and 0 is none of ours
+        now_us = 0  # pymavlink reads the first bytes of FMTU as a type number, and 0 is not used
     fmt, fmtu, unit, mult = (known[name].pack for name in ("FMT", "FMTU", "UNIT", "MULT"))
     records = [fmt(f.type_id, f.length, f.name, f.letters, f.columns) for f in known.values()]
     records += [unit(now_us, ord(character), label) for character, label in UNITS.items()]
@@ -245,7 +247,7 @@ def _with(characters: str, table: Mapping[str, Any]) -> list[tuple[str, bool]]:
 
 
 def _fitting(letter: str, value: Any) -> Any:
-    """The nearest value that can be packed."""
+    """Return the nearest value that can be packed."""
     code, factor = _LETTERS[letter]
     if code.endswith("s"):
         return value.encode("ascii", "replace") if isinstance(value, str) else value

@@ -1,4 +1,4 @@
-"""Records of a flight log, each from what it is about. Times in whole microseconds of the agent's clock."""
+"""Records of a flight log, each from the values that it reports. Times are whole microseconds of the agent's clock."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _XKV1 = FORMATS["XKV1"].pack
 _RCIN, _RCOU, _NTUN, _ORGN = (FORMATS[name].pack for name in ("RCIN", "RCOU", "NTUN", "ORGN"))
 _STER, _THR, _TASK, _TSKQ, _MISS = (FORMATS[name].pack for name in ("STER", "THR", "TASK", "TSKQ", "MISS"))
 
-# XKF4.SS, as ArduPilot's filter status: attitude; velocity and position; what is left without a position.
+# XKF4.SS, as ArduPilot's filter status: attitude; velocity and position; constant position mode.
 _ATTITUDE, _POSITION, _CONSTANT_POSITION = 0x01, 0x3E, 0x80
 ORIGIN, HOME = 0, 1  # ORGN.Type
 
@@ -42,7 +42,7 @@ def imu(now_us: int, sample: ImuMeasurement) -> bytes:
 
 
 def gnss(now_us: int, sample: GnssMeasurement, last_us: int, gps_time: GpsTime | None) -> bytes:
-    """GPS and GPA; `last_us` is when the fix before came. Week and time are 0 without a date, as in ArduPilot."""
+    """GPS and GPA. last_us: time of the last fix. Week and time are 0 without a date, as in ArduPilot."""
     vn, ve, vd = sample.vel_ned_mps
     week, of_week_ms = (0, 0) if gps_time is None else gps_time.week_and_ms(sample.stamp_ns)
     fix = _GPS(
@@ -74,7 +74,7 @@ def gnss(now_us: int, sample: GnssMeasurement, last_us: int, gps_time: GpsTime |
 
 
 def magnetometer(now_us: int, sample: MagnetometerMeasurement, offset_mgauss: Vector3) -> bytes:
-    """MAG: as ArduPilot has it, the field with the offsets added, in whole milligauss."""
+    """MAG: the field with the offsets added, in whole milligauss, as in ArduPilot."""
     (mx, my, mz), (ox, oy, oz) = sample.field_frd_gauss, offset_mgauss
     field = (_whole(1e3 * mx + ox), _whole(1e3 * my + oy), _whole(1e3 * mz + oz))
     return _MAG(now_us, 0, *field, _whole(ox), _whole(oy), _whole(oz), sample.stamp_ns // 1000)
@@ -86,14 +86,14 @@ def barometer(now_us: int, sample: BarometerMeasurement) -> bytes:
 
 
 def attitude(now_us: int, estimate: StateEstimate, desired_yaw_rad: float) -> bytes:
-    """ATT; roll and pitch are wanted level."""
+    """ATT. The desired roll and pitch are zero."""
     roll_deg, pitch_deg = math.degrees(estimate.roll_rad), math.degrees(estimate.pitch_rad)
     yaw_deg = math.degrees(estimate.yaw_rad) % 360.0
     return _ATT(now_us, 0.0, roll_deg, 0.0, pitch_deg, math.degrees(desired_yaw_rad) % 360.0, yaw_deg)
 
 
 def outputs(now_us: int, actuators: Actuators, channels: Sequence[int]) -> bytes:
-    """RCOU: the first 14 channels, 0 where nothing is."""
+    """RCOU: the first 14 channels, 0 for unused ones."""
     pulses = dict(zip(channels, map(pulse_width_us, actuators.command)))
     return _RCOU(now_us, *(pulses.get(channel, 0) for channel in range(1, 15)))
 
@@ -104,7 +104,7 @@ def inputs(now_us: int, channels_us: tuple[int, ...]) -> bytes:
 
 
 def position(now_us: int, estimate: StateEstimate, frame: LocalProjection, home: Home | None) -> bytes:
-    """POS; without a home the origin stands in for it."""
+    """POS. Without a home, it uses the origin."""
     north_m, east_m, down_m = estimate.pos_ned_m
     lat_deg, lon_deg = frame.to_geodetic(north_m, east_m)
     alt_m = frame.alt_m - down_m
@@ -129,7 +129,7 @@ def solution(
 
 
 def health(now_us: int, estimate: StateEstimate, ratios: InnovationRatios) -> bytes:
-    """XKQ and XKF4: the roots of the ratios, under 1 accepted."""
+    """XKQ and XKF4: square roots of the ratios, accepted below 1."""
     status = _ATTITUDE if estimate.attitude_valid else 0
     status |= _POSITION if estimate.position_valid else _CONSTANT_POSITION
     roots = (math.sqrt(ratio) for ratio in (ratios.velocity, ratios.position, ratios.height, ratios.heading))
@@ -137,7 +137,7 @@ def health(now_us: int, estimate: StateEstimate, ratios: InnovationRatios) -> by
 
 
 def variances(now_us: int, of: EstimateVariances) -> bytes:
-    """XKV1; attitude and gyro bias have none."""
+    """XKV1. Attitude and gyro bias have no variances."""
     level, down = (of.speed_m2ps2, of.speed_m2ps2, of.climb_m2ps2), (of.horizontal_m2, of.horizontal_m2, of.vertical_m2)
     return _XKV1(now_us, 0, *(math.nan,) * 4, *level, *down, math.nan, math.nan)
 
@@ -150,7 +150,7 @@ def navigation(now_us: int, output: GuidanceOutput, yaw_rad: float) -> bytes:
 
 
 def control(now_us: int, sticks: Sticks, speed_mps: float, desired_mps: float, turn_rate_radps: float) -> bytes:
-    """STER and THR; `desired_mps` is NaN when no speed is asked for."""
+    """STER and THR. desired_mps: NaN without a speed demand."""
     turn_rate_degps = math.degrees(turn_rate_radps)
     steer = _STER(now_us, _whole(4500.0 * sticks.steering), speed_mps * turn_rate_radps, turn_rate_degps)
     return steer + _THR(now_us, _whole(100.0 * sticks.throttle), desired_mps, speed_mps)
@@ -168,7 +168,7 @@ def mission_item(name: str, now_us: int, seq: int, total: int, item: MissionItem
 
 
 def task(now_us: int, index: int, stats: TaskStats) -> bytes:
-    """TASK and TSKQ: all counted since the start."""
+    """TASK and TSKQ: counts since the start."""
     starts, runs = stats.start_jitter_histogram, stats.run_histogram
     longest_start_us, longest_run_us = stats.start_jitter_max_ns // 1000, stats.run_max_ns // 1000
     counts = _TASK(
@@ -207,5 +207,5 @@ def _compass_deg(angle_rad: float) -> float:
 
 
 def _whole(value: float) -> int | float:
-    """Rounded, where that means something; the format deals with the rest."""
+    """Round a value in range. The format handles other values."""
     return round(value) if abs(value) < 1e9 else value

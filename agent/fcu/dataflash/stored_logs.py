@@ -1,4 +1,4 @@
-"""The logs on the disk, for stations that read them: listed and read by a thread, so that nobody waits for a disk."""
+"""Stored logs for stations that read them. A thread lists and reads them, so that nothing else waits for the disk."""
 
 from __future__ import annotations
 
@@ -15,25 +15,27 @@ from typing import Callable, NamedTuple
 from agent.fcu.dataflash.writer import LOG_NAME
 
 WINDOW_BYTES = 1 << 16
-WINDOWS = 4  # kept of each open log
-FRESH_S = 1.0  # a list is asked for again after so long
+WINDOWS = 4  # kept per open log
+FRESH_S = 1.0  # validity of a list
 
 
 class StoredLog(NamedTuple):
-    """A log as it was when it was listed. name: as stations see it. identity: device and inode of the file."""
+    """A log at the time of the listing."""
 
     name: str
+    """Name for stations."""
     path: Path
     size: int
     modified_s: int
     identity: tuple[int, int]
+    """Device and inode of the file."""
 
 
 class StoredLogs:
     """The numbered logs of a directory, or one file, oldest first. See `agent.mavlink.logs.Logs`.
 
-    What is being written to is there as far as it has been written. Only regular files are listed and read. A symbolic
-    link could lead to any file of this machine, and a pipe would hold up the thread.
+    A log that is being written is included up to its present end. Only regular files are listed and read. A symbolic
+    link could lead to any file of this machine, and a pipe would block the thread.
     """
 
     def __init__(self, directory: Path | None = None, file: Path | None = None) -> None:
@@ -86,7 +88,7 @@ class StoredLogs:
 
 
 def _open_listed(log: StoredLog, flags: int) -> int:
-    """Open the file that was listed. Raises OSError for another, also where a directory above is a link by now."""
+    """Open the listed file. Raises OSError for a different file, for example if a directory above has become a link."""
     descriptor = os.open(log.path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
     status = os.fstat(descriptor)
     if (status.st_dev, status.st_ino) != log.identity:
@@ -96,7 +98,7 @@ def _open_listed(log: StoredLog, flags: int) -> int:
 
 
 class LogFile:
-    """A log of the size that it was listed with. See `agent.mavlink.ftp_server.ServedFile`."""
+    """A log with the size of its listing. See `agent.mavlink.ftp_server.ServedFile`."""
 
     def __init__(self, log: StoredLog, disk: _Disk) -> None:
         self._log = log
@@ -118,7 +120,7 @@ class LogFile:
             raise error
         first, last = offset // WINDOW_BYTES, (offset + count - 1) // WINDOW_BYTES
         windows = [self._windows.get(number) for number in range(first, last + 1)]
-        for number in range(first, last + 2):  # the next one too: it is asked for soon
+        for number in range(first, last + 2):  # read the next one too, because it will be requested soon
             if number not in self._windows and number not in self._wanted and number * WINDOW_BYTES < self.size:
                 self._wanted.add(number)
                 self._disk.submit(lambda number=number: self._load(number))  # type: ignore[misc]
@@ -128,7 +130,7 @@ class LogFile:
         return b"".join(window for window in windows if window is not None)[start : start + count]
 
     def _load(self, number: int) -> None:
-        """By the thread."""
+        """Read a window. Runs in the thread."""
         try:
             with open(self._log.path, "rb", opener=lambda path, flags: _open_listed(self._log, flags)) as file:
                 file.seek(number * WINDOW_BYTES)
@@ -145,7 +147,7 @@ class LogFile:
 
 
 class _Disk:
-    """Does one thing after the other in a thread that begins with the first; it keeps no process alive."""
+    """Runs work items in order in a daemon thread, which starts with the first item."""
 
     def __init__(self) -> None:
         self._work: deque[Callable[[], None]] = deque()
@@ -153,7 +155,7 @@ class _Disk:
         self._thread: threading.Thread | None = None
 
     def submit(self, work: Callable[[], None]) -> None:
-        """Have it done."""
+        """Queue a work item."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="log reader", daemon=True)
             self._thread.start()
@@ -163,10 +165,10 @@ class _Disk:
     def _run(self) -> None:
         if hasattr(os, "sched_setscheduler") and hasattr(os, "SCHED_OTHER"):
             with contextlib.suppress(OSError):
-                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # this thread: it hurries nobody
+                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # only this thread: it is not urgent
         while True:
             self._there.acquire()
             try:
                 self._work.popleft()()
             except OSError:
-                continue  # what waits for it asks again
+                continue  # the waiting caller asks again

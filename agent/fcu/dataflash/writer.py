@@ -1,4 +1,4 @@
-"""Writes a log without ever holding up who produces it: a bounded queue, and a thread that empties it into the file."""
+"""Writes a log without ever blocking its producer: a bounded queue, and a thread that writes it to the file."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ from typing import Callable
 CAPACITY_BYTES = 1 << 20  # half a minute of a boat's log
 PERIOD_S = 1.0
 _CHUNK_BYTES = 1 << 16
-_RESERVE = 8  # one part in so many is kept for what comes rarely and matters
+_RESERVE = 8  # this part of the queue is reserved for rare and important records
 _PATIENCE_S = 5.0
 
-# Named here so that a test can put a slow or a full disk in their place.
+# Defined here so that a test can substitute a slow or full disk.
 _write = os.write
 _sync = os.fsync
 Opener = Callable[[], tuple[Path, int]]
 LAST = "LASTLOG.TXT"
-MOST_LOGS = 100  # ArduPilot keeps up to 500, on a card of its own
+MOST_LOGS = 100  # ArduPilot keeps up to 500, on a separate card
 MOST_LOG_BYTES = 4 << 30
 LOG_NAME = re.compile(r"(\d{8,})\.BIN", re.IGNORECASE)
 _FLAGS = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
 class LogWriter:
-    """One log file. The disk is touched by its own thread alone, from the opening on.
+    """One log file. Only its own thread accesses the disk, including the opening.
 
-    Once a second what has been queued is written and synced, so that a killed process or a cut supply costs the last
-    second. When the disk does not keep up, records are dropped and counted. After a write error nothing queued is
-    lost: it is tried again every second, from the byte it stopped at, so that the file stays a sequence of records.
+    Once a second the queue is written and synced, so that a killed process or a power failure costs the last second.
+    When the disk is too slow, records are dropped and counted. After a write error no queued record is lost. The write
+    is retried every second from the byte at which it stopped, so that the file remains a sequence of records.
 
-    With `lossless`, for a clock that stands still meanwhile, `put` waits for room instead; a disk in trouble is waited
-    for once.
+    lossless: `put` waits for room, for a clock that stops meanwhile. It waits only once for a faulty disk.
 
-    dropped, dropped_bytes: refused by `put`, or still unwritten when `close` gave up. errors: failed attempts to open
-    or write. problem: what the last attempt failed of, empty when it did not. path: of the file, None until it is open.
+    dropped, dropped_bytes: refused by `put`, or unwritten when `close` gave up.
+    errors: failed attempts to open or write.
+    problem: error of the last attempt, empty after a success.
+    path: of the file, None until it is open.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class LogWriter:
         self._capacity = capacity_bytes
         self._ordinary = capacity_bytes - capacity_bytes // _RESERVE
         self._period_s = period_s
-        # Each counter has one thread that changes it, and deque's ends are atomic: no lock is ever waited for.
+        # Only one thread changes each counter, and the ends of a deque are atomic. So no lock is needed.
         self._queue: deque[bytes] = deque()
         self._accepted = 0
         self._written = 0
@@ -73,7 +74,7 @@ class LogWriter:
         self._thread.start()
 
     def put(self, record: bytes, important: bool = False) -> bool:
-        """Queue one record, an important one into the reserve too; False when it was dropped."""
+        """Queue a record. An important one may use the reserve. Return False when it was dropped."""
         size = len(record)
         limit = self._capacity if important else self._ordinary
         if self._accepted - self._written + size > limit and not self._wait_for_room(size, limit):
@@ -86,18 +87,18 @@ class LogWriter:
 
     @property
     def accepted_bytes(self) -> int:
-        """What the file holds once all is written."""
+        """Size of the file once all records are written."""
         return self._accepted
 
     @property
     def unwritten_bytes(self) -> int:
-        """Accepted, but not in the file yet."""
+        """Accepted bytes that are not in the file yet."""
         return self._accepted - self._written
 
     def close(self, last: bytes = b"", timeout_s: float = 2.0) -> bool:
-        """Write what is queued, and `last`, and close; False when that did not succeed in the time given.
+        """Write the queue and `last`, and close the file. Return False when this did not finish in time.
 
-        A thread that hangs in the disk is left behind; it keeps no process alive.
+        A thread that is blocked by the disk is abandoned. It does not keep the process alive.
         """
         if self._closing:
             return self._ended(timeout_s)
@@ -117,7 +118,7 @@ class LogWriter:
         return not self._thread.is_alive() and self.unwritten_bytes == 0
 
     def _wait_for_room(self, size: int, limit: int) -> bool:
-        """Only where waiting is allowed."""
+        """Wait for room, only if lossless."""
         while self._lossless and not self.problem and size <= limit:
             self._room.clear()
             if self._accepted - self._written + size <= limit:
@@ -126,14 +127,14 @@ class LogWriter:
             self._lossless = self._room.wait(_PATIENCE_S)
         return self._accepted - self._written + size <= limit
 
-    # The thread
+    # -- the writer thread
 
     def _run(self) -> None:
         closing = False
         while not closing:
             self._wake.wait(self._period_s)
             self._wake.clear()
-            closing = self._closing  # before emptying: what was queued before closing is then seen
+            closing = self._closing  # read before emptying, so that everything queued before closing is written
             try:
                 self._empty()
                 self.problem = ""
@@ -169,13 +170,13 @@ class LogWriter:
         return bytes(batch)
 
 
-"""Opens the file of a new log; returns its path and descriptor. Raises OSError."""
+"""Openers. Each opens the file of a new log and returns its path and descriptor. Raises OSError."""
 
 
 def numbered_log_opener(directory: Path) -> Opener:
-    """`00000001.BIN` and so on; a number is never used twice as long as LASTLOG.TXT or the newest log is kept.
+    """Open `00000001.BIN` and so on. No number is reused while LASTLOG.TXT or the newest log exists.
 
-    The oldest logs go when there are `MOST_LOGS` with the new one, or they have more than `MOST_LOG_BYTES`.
+    The oldest logs are removed when there are `MOST_LOGS` including the new one, or more than `MOST_LOG_BYTES`.
     """
 
     def open_next() -> tuple[Path, int]:
@@ -201,7 +202,7 @@ def numbered_log_opener(directory: Path) -> Opener:
 
 
 def fixed_log_opener(path: Path) -> Opener:
-    """This file; what it held is replaced, by every log anew."""
+    """Open this file. Each new log replaces its content."""
 
     def open_it() -> tuple[Path, int]:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
-"""Attitude: the first one by levelling, then corrections of the integrated one toward gravity and the compass.
+"""Attitude: initial levelling, then corrections of the integrated attitude toward gravity and the compass.
 
-Mahony, Hamel and Pflimlin 2008, eq 32: the correcting rate is proportional to the error, the bias is its integral.
+Mahony, Hamel and Pflimlin 2008, eq 32: the correcting rate is proportional to the error, and the bias is its integral.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ _BIAS_LIMIT_RADPS = math.radians(3.0)
 _ERROR_LIMIT_RAD = 0.3
 _BOOST = 4.0
 _BOOST_DECAY_S = 6.0
-_BIAS_DAMPING = 0.9  # damping ratio of attitude and bias error together
-_BIAS_WAIT_S = 2.0  # the error of levelling is not to be learnt as a bias
+_BIAS_DAMPING = 0.9  # joint damping ratio of attitude and bias error
+_BIAS_WAIT_S = 2.0  # the error of levelling must not be estimated as a bias
 _DURATION_NS = 2_000_000_000
 _LEAST_SAMPLES = 20
 _GRAVITY_RANGE_MPS2 = (7.0, 12.5)
@@ -25,19 +25,22 @@ _INTERVAL_S = (0.02, 2.0)
 
 
 class AttitudeCorrection:
-    """Correcting rates in body FRD. Gains start high, so that the turn-on bias is learnt in seconds, and settle."""
+    """Correcting rates in body FRD.
+
+    Gains start high and then settle, so that the turn-on bias is estimated in seconds.
+    """
 
     def __init__(self, tilt_gain_per_s: float, yaw_gain_per_s: float) -> None:
         self.configure(tilt_gain_per_s, yaw_gain_per_s)
         self.bias_frd_radps = _ZERO
-        self.rate_offset_frd_radps = _ZERO  # to be added to the measured rate
+        self.rate_offset_frd_radps = _ZERO  # added to the measured rate
         self._tilt_rate = _ZERO
         self._yaw_rate = _ZERO
         self._boost = 1.0 + _BOOST
         self._learns = False
 
     def configure(self, tilt_gain_per_s: float, yaw_gain_per_s: float) -> None:
-        """Take new gains over."""
+        """Apply new gains."""
         self._tilt_gain = tilt_gain_per_s
         self._yaw_gain = yaw_gain_per_s
 
@@ -47,25 +50,31 @@ class AttitudeCorrection:
         self._learns = since_levelled_s >= _BIAS_WAIT_S
 
     def tilt(self, state: InertialState, north_rad: float, east_rad: float, dt_s: float, trust: float = 1.0) -> None:
-        """The estimate is tilted too far by a rotation about north and east; found over the last `dt_s`."""
+        """Correct a tilt error: the estimate is rotated too far about north and east.
+
+        dt_s: interval of the measurement.
+        """
         north_rad, east_rad = _limited(north_rad), _limited(east_rad)
         gain = min(self._tilt_gain * self._boost, 0.5 / dt_s) * trust
         self._tilt_rate = ned_to_frd(state, (-gain * north_rad, -gain * east_rad, 0.0))
         self._learn(gain, self._tilt_rate, dt_s)
 
     def heading(self, state: InertialState, error_rad: float, dt_s: float) -> None:
-        """The true heading exceeds the estimated one by `error_rad`; found over the last `dt_s`."""
+        """Correct a heading error: the true heading exceeds the estimate by `error_rad`.
+
+        dt_s: interval of the measurement.
+        """
         gain = min(self._yaw_gain * self._boost, 0.5 / dt_s)
         self._yaw_rate = ned_to_frd(state, (0.0, 0.0, gain * _limited(error_rad)))
         self._learn(gain, self._yaw_rate, dt_s)
 
     def drop_heading(self) -> None:
-        """No compass: stop turning toward it."""
+        """Stop correcting toward the compass, because it has no data."""
         self._yaw_rate = _ZERO
         self._sum_up()
 
     def _learn(self, gain: float, rate: Vector3, dt_s: float) -> None:
-        """Integral gain P²/4/damping²; `rate` already holds one P."""
+        """Update the bias. The integral gain is P²/4/damping². `rate` already contains one factor P."""
         if not self._learns:
             self._sum_up()
             return
@@ -92,10 +101,10 @@ def _clamped(value: float, limit: float) -> float:
 
 
 class InitialAlignment:
-    """Averages specific force until a first attitude can be given.
+    """Averages specific force until an initial attitude is available.
 
-    The average over bobbing is level to a few degrees, which is where the attitude filter starts from; turning while
-    levelling does no harm, since heading comes from the newest compass sample.
+    The average over heave motion is level to a few degrees, which is enough for the attitude filter to start. Turning
+    while levelling does no harm, because the heading is from the newest compass sample.
     """
 
     def __init__(self) -> None:
@@ -106,7 +115,7 @@ class InitialAlignment:
         self.field_frd_gauss: Vector3 | None = None
 
     def add(self, sample: ImuMeasurement, declination_rad: float) -> InertialState | None:
-        """The first state once there is one. Samples that go back in time start the average again."""
+        """Return the initial state when it is available. Samples that go back in time restart the average."""
         if self._count == 0 or not 0 < sample.stamp_ns - self._last_ns <= _DURATION_NS:
             self._start_ns = sample.stamp_ns
             self._count = 0
@@ -130,13 +139,13 @@ class InitialAlignment:
 
 
 def heading_error_rad(state: InertialState, field_frd_gauss: Vector3, declination_rad: float) -> float:
-    """By how much the true heading exceeds that of `state`, as the horizontal field shows it, in [-pi, pi]."""
+    """Heading error in [-pi, pi], positive when the true heading exceeds that of `state`, from the horizontal field."""
     field_north, field_east, _ = frd_to_ned(state, field_frd_gauss)
     return math.remainder(declination_rad - math.atan2(field_east, field_north), 2.0 * math.pi)
 
 
 def turn_heading(state: InertialState, angle_rad: float) -> InertialState:
-    """The state with its heading changed by `angle_rad`."""
+    """Return the state with its heading changed by `angle_rad`."""
     c, s = math.cos(0.5 * angle_rad), math.sin(0.5 * angle_rad)
     _, w, x, y, z = state[:5]
     return state._replace(w=c * w - s * z, x=c * x - s * y, y=c * y + s * x, z=c * z + s * w)
@@ -150,7 +159,7 @@ def _resting(sample: ImuMeasurement, roll_rad: float, pitch_rad: float, yaw_rad:
 
 
 class TiltReference(NamedTuple):
-    """A fix's velocity beside what the accelerometer had summed up to then."""
+    """Velocity of a fix, with the integrated acceleration up to its instant."""
 
     stamp_ns: int
     vel_north_mps: float
@@ -160,7 +169,7 @@ class TiltReference(NamedTuple):
 
     @classmethod
     def from_fix(cls, then: InertialState, stamp_ns: int, vel_ned_mps: Vector3) -> TiltReference:
-        """`then` is the last state not newer than the fix."""
+        """Return the reference of a fix. then: last state not newer than the fix."""
         late_s = (stamp_ns - then.stamp_ns) * 1e-9
         return cls(
             stamp_ns,
@@ -171,14 +180,17 @@ class TiltReference(NamedTuple):
         )
 
     def accelerated(self, last: TiltReference | None) -> tuple[float, float]:
-        """(north, east) acceleration as measured, the mean since `last`; zero when that is too far away."""
+        """Mean measured acceleration (north, east) since `last`. Zero when `last` is too long ago."""
         dt_s = 0.0 if last is None else (self.stamp_ns - last.stamp_ns) * 1e-9
         if last is None or not _INTERVAL_S[0] < dt_s < _INTERVAL_S[1]:
             return 0.0, 0.0
         return (self.sum_north_mps - last.sum_north_mps) / dt_s, (self.sum_east_mps - last.sum_east_mps) / dt_s
 
     def unexplained(self, last: TiltReference) -> tuple[float, float, float] | None:
-        """(north, east) acceleration that was summed but did not happen, and its duration; None when too far apart."""
+        """Acceleration (north, east) that was integrated but did not occur, and its duration.
+
+        None when too far apart.
+        """
         dt_s = (self.stamp_ns - last.stamp_ns) * 1e-9
         if not _INTERVAL_S[0] < dt_s < _INTERVAL_S[1]:
             return None

@@ -1,13 +1,12 @@
-"""The estimator (LS): attitude, gyro bias, position and velocity from IMU, GNSS, magnetometer and barometer.
+"""Estimator (LS): attitude, gyro bias, position and velocity from IMU, GNSS, magnetometer and barometer.
 
-Attitude is an explicit complementary filter on SO(3) with gyro bias (Mahony, Hamel and Pflimlin 2008, eq 32): the
-gyro is integrated and slowly turned toward two references. The vertical reference is not the accelerometer alone,
-which a boat in waves and turns swings about, but the velocity change that accelerometer and attitude predict between
-two GNSS fixes, held against the one the receiver measured. The heading reference is the horizontal magnetic field and
-COMPASS_DEC.
+Attitude is an explicit complementary filter on SO(3) with gyro bias (Mahony, Hamel and Pflimlin 2008, eq 32). The gyro
+is integrated and slowly corrected toward two references. Waves and turns disturb the accelerometer, so it is not the
+only vertical reference. Accelerometer and attitude predict the velocity change between two GNSS fixes, which is
+compared with the measured one. The heading reference is the horizontal magnetic field and COMPASS_DEC.
 
-Position and velocity are integrated at the IMU's rate and corrected by a Kalman filter per axis at the instant of the
-fix: the innovation is taken against the remembered state at the sample's stamp, and the correction carried forward.
+Position and velocity are integrated at the IMU's rate. A Kalman filter per axis corrects them at the instant of the
+fix. The innovation is computed with the stored state at the sample's stamp, and the correction is propagated forward.
 
 The estimator holds state, unlike guidance and control, because a history at 200 Hz is not copied per sample.
 """
@@ -57,9 +56,9 @@ _ACCEL_LIMIT2 = 160.0**2  # 16 g
 _FIELD_LIMITS2_GAUSS2 = (0.1**2, 1.2**2)  # the Earth's field is 0.22 to 0.67 gauss
 _LEAST_HORIZONTAL_GAUSS2 = 0.05**2
 _ACCURACY_LIMIT_M = 10.0
-_GAP_NS = _SECOND_NS // 4  # longer without IMU, and the attitude is no longer integrated across
+_GAP_NS = _SECOND_NS // 4  # the attitude is not integrated across a longer gap without IMU samples
 _JUMP_NS = 60 * _SECOND_NS
-_RESTART_AFTER = 200  # samples refused in a row for their stamps: the clock was set
+_RESTART_AFTER = 200  # consecutive samples refused for their stamps: the clock was set
 _HOUSEKEEPING_NS = _SECOND_NS // 5
 _FIX_TIMEOUT_NS = 6 * _SECOND_NS // 10
 _COMPASS_TIMEOUT_NS = _SECOND_NS // 2
@@ -75,8 +74,9 @@ _SPEED_LIMIT2 = 100.0**2
 class Estimator:
     """Fuses measurements into `estimate()`. `frame` is None before the first fixes.
 
-    refused: measurements that cannot be true, by sensor; each `on_...` returns False for one. restarts: how often the
-    estimator started over. imu_accepted: samples of the IMU that were not refused.
+    refused: number of implausible measurements, by sensor; `on_...` returns False for each.
+    restarts: number of restarts of the estimator.
+    imu_accepted: number of accepted IMU samples.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -87,7 +87,7 @@ class Estimator:
         self._start_over()
 
     def configure(self) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         p = self._parameters
         self._declination_rad = p["COMPASS_DEC"]
         self._compass_offset_gauss = tuple(1e-3 * p[f"COMPASS_OFS_{axis}"] for axis in "XYZ")
@@ -118,7 +118,7 @@ class Estimator:
         self._levelled_ns = 0
         self._housekeeping_ns = 0
         self._fix: TiltReference | None = None
-        self._fix_arrived_ns = 0  # by the newest IMU stamp then, since a fix may be late by any time
+        self._fix_arrived_ns = 0  # newest IMU stamp at that instant, because a fix may have any delay
         self._fix_used_ns: int | None = None
         self._fix_seen_ns: int | None = None
         self._fix_problem = "GPS 1: Bad fix"
@@ -130,10 +130,10 @@ class Estimator:
     # -- IMU
 
     def on_imu(self, sample: ImuMeasurement) -> bool:
-        """One step of the integration."""
+        """Integrate an IMU sample."""
         gx, gy, gz = sample.gyro_frd_radps
         fx, fy, fz = sample.accel_frd_mps2
-        # Written so that NaN and infinity fail.
+        # The form of the comparison fails for NaN and infinity.
         if not (gx * gx + gy * gy + gz * gz < _GYRO_LIMIT2 and fx * fx + fy * fy + fz * fz < _ACCEL_LIMIT2):
             self.refused["imu"] += 1
             return False
@@ -166,7 +166,10 @@ class Estimator:
         return True
 
     def _bridge(self, state: InertialState, sample: ImuMeasurement, step_ns: int) -> bool:
-        """After a gap, go on from the last attitude; refuse another time, until 200 samples in a row insist on it."""
+        """Continue from the last attitude after a gap.
+
+        Refuse any other stamp, and restart after 200 consecutive refusals.
+        """
         if not 0 < step_ns <= _JUMP_NS:
             self.refused["imu"] += 1
             self._stamps_refused += 1
@@ -182,12 +185,12 @@ class Estimator:
         self._history.restart(self._state)
         self._fix = None
         self._filter.loosen(gap_s)
-        self._levelled_ns = sample.stamp_ns  # high gains again
+        self._levelled_ns = sample.stamp_ns  # use high gains again
         self.imu_accepted += 1
         return True
 
     def _keep_house(self, state: InertialState) -> None:
-        """Five times a second: settle the gains, and do without GNSS or compass when they are gone."""
+        """Settle the gains, and continue without GNSS or compass when they have no data. Called five times a second."""
         stamp_ns = state.stamp_ns
         self._housekeeping_ns = stamp_ns + _HOUSEKEEPING_NS
         self._attitude.settle((stamp_ns - self._levelled_ns) * 1e-9)
@@ -195,7 +198,7 @@ class Estimator:
             self._attitude.drop_heading()
         if self._fix is not None and stamp_ns - self._fix_arrived_ns <= _FIX_TIMEOUT_NS:
             return
-        # Without a measured velocity change the best guess is that there is none.
+        # Without a measured velocity change, assume that there is none.
         before = self._history.recent()
         dt_s = (stamp_ns - before.stamp_ns) * 1e-9
         if dt_s > 0.05:
@@ -204,13 +207,16 @@ class Estimator:
             self._tilt(state, north_mps2, east_mps2, _HOUSEKEEPING_NS * 1e-9, _TRUST_WITHOUT_FIX)
 
     def _tilt(self, state: InertialState, north_mps2: float, east_mps2: float, dt_s: float, trust: float) -> None:
-        """Acceleration that the attitude explains but that did not happen is gravity seen at a tilt."""
+        """Correct the tilt.
+
+        Acceleration that the attitude predicts but that did not occur is gravity under a tilt error.
+        """
         self._attitude.tilt(state, east_mps2 / self._gravity_mps2, -north_mps2 / self._gravity_mps2, dt_s, trust)
 
     # -- GNSS
 
     def on_gnss(self, sample: GnssMeasurement) -> bool:
-        """One fix, fused at the instant it was taken."""
+        """Fuse a fix at its own instant."""
         state = self._state
         in_order = self._fix_seen_ns is None or sample.stamp_ns > self._fix_seen_ns
         if not (in_order and _is_plausible(sample)) or _is_ahead(sample.stamp_ns, state):
@@ -246,7 +252,7 @@ class Estimator:
                 return
             first_lon = self._origin_fixes[0][1]
             lat, lon, alt = (sum(column) / _ORIGIN_FIXES for column in zip(*self._origin_fixes))
-            # A mean across the date line would lie on the other side of the Earth.
+            # A mean across the date line would be on the other side of the Earth.
             self._count_from(lat, lon if abs(lon - first_lon) < 1.0 else first_lon, alt)
         frame = self.frame
         assert frame is not None
@@ -285,7 +291,7 @@ class Estimator:
             self._barometer.calibrate(sample.alt_m, stamp_ns)
 
     def _tilt_from(self, fix: TiltReference) -> None:
-        """Hold the velocity change since the last fix against the one the attitude explains."""
+        """Compare the velocity change since the last fix with the prediction of the attitude."""
         last, self._fix = self._fix, fix
         self._fix_arrived_ns = self.stamp_ns
         unexplained = None if last is None else fix.unexplained(last)
@@ -293,7 +299,7 @@ class Estimator:
             self._tilt(self._state, *unexplained, 1.0)
 
     def _apply(self, correction: StateCorrection, stamp_ns: int) -> None:
-        """Correct the state, the remembered ones and the acceleration bias."""
+        """Correct the state, the stored states and the acceleration bias."""
         self._state = self._history.correct(correction, stamp_ns)
         bias, change = self._acceleration_bias_ned, correction.bias_ned_mps2
         self._acceleration_bias_ned = (bias[0] + change[0], bias[1] + change[1], bias[2] + change[2])
@@ -301,7 +307,7 @@ class Estimator:
     # -- magnetometer
 
     def on_magnetometer(self, sample: MagnetometerMeasurement) -> bool:
-        """One field vector: heading error against the remembered attitude."""
+        """Fuse a field vector: heading error against the stored attitude."""
         offset_x, offset_y, offset_z = self._compass_offset_gauss
         mx, my, mz = sample.field_frd_gauss
         field = (mx + offset_x, my + offset_y, mz + offset_z)
@@ -340,7 +346,7 @@ class Estimator:
         return True
 
     def _turn(self, angle_rad: float) -> None:
-        """Set the heading: the remembered accelerations and sums no longer belong to it."""
+        """Set the heading. The stored accelerations and sums are no longer valid."""
         if self._state is not None:
             self._state = turn_heading(self._state, angle_rad)
             self._history.restart(self._state)
@@ -349,7 +355,7 @@ class Estimator:
     # -- barometer
 
     def on_barometer(self, sample: BarometerMeasurement) -> bool:
-        """Pressure, as a height beside that of the GNSS."""
+        """Fuse a pressure, as a second height in addition to the GNSS height."""
         state = self._state
         last_ns = self._barometer.stamp_ns
         if (
@@ -367,7 +373,7 @@ class Estimator:
             self._apply(correction, state.stamp_ns)
         return True
 
-    # -- reading
+    # -- outputs
 
     @property
     def ratios(self) -> InnovationRatios:
@@ -375,7 +381,7 @@ class Estimator:
         return self._filter.ratios
 
     def variances(self) -> EstimateVariances | None:
-        """Of `estimate()`, None before the first fix in use. They grow while there are no fixes."""
+        """Variances of `estimate()`, None before the first fix in use. They grow without fixes."""
         state = self._state
         return None if state is None or self._fix_used_ns is None else self._filter.variances(state.stamp_ns)
 
@@ -390,7 +396,7 @@ class Estimator:
         return 0 if self._state is None else self._state.stamp_ns
 
     def position_valid(self) -> bool:
-        """Whether a fix was used in the last five seconds: dead reckoning is believed that long."""
+        """Whether a fix was used in the last five seconds, which is the limit of dead reckoning."""
         return (
             self._state is not None
             and self._fix_used_ns is not None
@@ -398,7 +404,7 @@ class Estimator:
         )
 
     def estimate(self) -> StateEstimate:
-        """The body origin at the newest IMU sample; all zero and not valid before the first attitude."""
+        """State of the body origin at the newest IMU sample. All zero and not valid before the initial attitude."""
         state = self._state
         if state is None:
             return StateEstimate(0, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, _ZERO, _ZERO, _ZERO, False, False)
@@ -424,7 +430,7 @@ class Estimator:
         )
 
     def problems(self) -> tuple[ArmingProblem, ...]:
-        """Why the estimate is not to be armed on; empty when it is ready."""
+        """Reasons against arming with this estimate. Empty when it is ready."""
         state = self._state
         if state is None:
             return (ArmingProblem("AHRS", "AHRS: EKF3 not started"),)
@@ -449,7 +455,7 @@ class Estimator:
         return tuple(found)
 
     def set_origin(self, lat_deg: float, lon_deg: float, alt_m: float) -> bool:
-        """The place that positions are counted from, before the first fixes choose it; False when there is one."""
+        """Set the origin of local positions before the first fixes define it. Return False when it exists already."""
         if self.frame is not None:
             return False
         self._count_from(lat_deg, lon_deg, alt_m)
@@ -465,12 +471,12 @@ class Estimator:
 
 
 def _is_ahead(stamp_ns: int, state: InertialState | None) -> bool:
-    """Whether a stamp lies further ahead of the IMU than any order of arrival explains."""
+    """Whether a stamp is farther ahead of the IMU than message reordering can explain."""
     return state is not None and stamp_ns > state.stamp_ns + _GAP_NS
 
 
 def _is_plausible(sample: GnssMeasurement) -> bool:
-    """Whether the numbers can be those of a boat; written so that NaN and infinity fail."""
+    """Whether the values are plausible for a boat. The comparisons fail for NaN and infinity."""
     vn, ve, vd = sample.vel_ned_mps
     return (
         abs(sample.lat_deg) <= 90.0

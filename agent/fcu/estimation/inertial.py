@@ -1,4 +1,7 @@
-"""Inertial integration: one IMU sample turns one state into the next. Pure functions on plain floats; the hot path."""
+"""Inertial integration: one IMU sample propagates the state to the next.
+
+Pure functions on plain floats, on the hot path.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,10 @@ _RECENT = 41  # 0.2 s at 200 Hz
 
 
 class InertialState(NamedTuple):
-    """Attitude, velocity and position of the IMU at `stamp_ns`, and what the next step needs of this one.
+    """Attitude, velocity and position of the IMU at `stamp_ns`, and the values that the next step needs.
 
-    The quaternion turns body FRD into NED. `sum_north`/`sum_east` integrate the measured acceleration without any
-    correction: their change over an interval is the velocity change that the attitude explains.
+    The quaternion rotates body FRD into NED. `sum_north` and `sum_east` integrate the measured acceleration without any
+    correction. Their change over an interval is the velocity change that the attitude predicts.
     """
 
     stamp_ns: int
@@ -47,10 +50,10 @@ def propagate(
     bias_ned_mps2: Vector3,
     gravity_mps2: float,
 ) -> InertialState:
-    """The state at the stamp of `sample`, by the trapezoidal rule.
+    """Return the state at the stamp of `sample`, by the trapezoidal rule.
 
-    `rate_offset_frd_radps` (minus the gyro bias, plus attitude corrections) is added to the measured rate;
-    `bias_ned_mps2` is taken off the measured acceleration.
+    rate_offset_frd_radps: added to the measured rate (minus the gyro bias, plus attitude corrections).
+    bias_ned_mps2: subtracted from the measured acceleration.
     """
     stamp0_ns, w0, x0, y0, z0, vn0, ve0, vd0, pn0, pe0, pd0, an0, ae0, ad0, gx0, gy0, gz0, sn0, se0 = state
     stamp_ns, (gx, gy, gz), (fx, fy, fz), _ = sample
@@ -115,15 +118,15 @@ def propagate(
 
 
 def shift_state(state: InertialState, vel_ned_mps: Vector3, pos_ned_m: Vector3) -> InertialState:
-    """The state with a velocity and a position correction added."""
-    stamp_ns, w, x, y, z, vn, ve, vd, pn, pe, pd, *rest = state  # spelled out: a late fix shifts dozens at a time
+    """Return the state with a velocity and a position correction added."""
+    stamp_ns, w, x, y, z, vn, ve, vd, pn, pe, pd, *rest = state  # written out for speed: a late fix shifts many
     dvn, dve, dvd = vel_ned_mps
     dpn, dpe, dpd = pos_ned_m
     return InertialState(stamp_ns, w, x, y, z, vn + dvn, ve + dve, vd + dvd, pn + dpn, pe + dpe, pd + dpd, *rest)
 
 
 def frd_to_ned(state: InertialState, v_frd: Vector3) -> Vector3:
-    """A body vector in NED."""
+    """Rotate a body vector to NED."""
     _, w, x, y, z = state[:5]
     vx, vy, vz = v_frd
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
@@ -131,7 +134,7 @@ def frd_to_ned(state: InertialState, v_frd: Vector3) -> Vector3:
 
 
 def ned_to_frd(state: InertialState, v_ned: Vector3) -> Vector3:
-    """A NED vector in body axes."""
+    """Rotate a NED vector to body axes."""
     _, w, x, y, z = state[:5]
     vx, vy, vz = v_ned
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
@@ -139,12 +142,12 @@ def ned_to_frd(state: InertialState, v_ned: Vector3) -> Vector3:
 
 
 def cross(a: Vector3, b: Vector3) -> Vector3:
-    """The vector product."""
+    """Vector product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def euler(w: float, x: float, y: float, z: float) -> Vector3:
-    """(roll, pitch, yaw) of a unit quaternion, z-y-x order, rad."""
+    """Euler angles (roll, pitch, yaw) of a unit quaternion, z-y-x order, in rad."""
     roll_rad = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch_rad = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z))))
     yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -152,7 +155,7 @@ def euler(w: float, x: float, y: float, z: float) -> Vector3:
 
 
 def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """The unit quaternion of (roll, pitch, yaw)."""
+    """Unit quaternion of (roll, pitch, yaw)."""
     cr, sr = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
     cp, sp = math.cos(0.5 * pitch_rad), math.sin(0.5 * pitch_rad)
     cy, sy = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
@@ -165,7 +168,7 @@ def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
 
 
 class StateCorrection(NamedTuple):
-    """What to add to position, velocity and acceleration bias at the instant of the measurement, NED."""
+    """Correction of position, velocity and acceleration bias at the instant of the measurement, NED."""
 
     pos_ned_m: Vector3
     vel_ned_mps: Vector3
@@ -173,30 +176,30 @@ class StateCorrection(NamedTuple):
 
 
 class InertialHistory:
-    """Newest last; never asked before the first `restart`."""
+    """Stored states, newest last. Never read before the first `restart`."""
 
     def __init__(self) -> None:
         self._states: deque[InertialState] = deque(maxlen=_LENGTH)
         self.append = self._states.append
 
     def restart(self, state: InertialState) -> None:
-        """Forget all but this state."""
+        """Drop all states except this one."""
         self._states.clear()
         self._states.append(state)
 
     def state_at(self, stamp_ns: int) -> InertialState | None:
-        """The last state not newer than `stamp_ns`, or None when it has been forgotten."""
+        """Return the last state not newer than `stamp_ns`, None when it was dropped."""
         for state in reversed(self._states):
             if state.stamp_ns <= stamp_ns:
                 return state
         return None
 
     def recent(self) -> InertialState:
-        """A state a few tenths of a second old, or the oldest there is."""
+        """Return a state a few tenths of a second old, or the oldest one."""
         return self._states[max(0, len(self._states) - _RECENT)]
 
     def correct(self, correction: StateCorrection, stamp_ns: int) -> InertialState:
-        """Carry a correction at `stamp_ns` to every state since, as the filter's model does; returns the newest."""
+        """Propagate a correction at `stamp_ns` to every later state by the filter's model. Return the newest state."""
         (pn, pe, pd), (vn, ve, vd), (bn, be, bd) = correction
         states = self._states
         newest = len(states) - 1

@@ -1,10 +1,11 @@
-"""Kalman filter of position, velocity, acceleration bias and GNSS drift by GNSS and barometer, with innovation gates.
+"""Kalman filter of position, velocity, acceleration bias and GNSS drift from GNSS and barometer, with innovation gates.
 
-One filter an axis, driven by a measured acceleration: `p' = v, v' = a - b, b' = 0, d' = -d / T`, discretised exactly
-over a step. A receiver's position errors last for minutes, so a fix is `p + d` and white noise: taken for white alone,
-the mean of a hundred fixes would look ten times as good as it is. Only covariance and drift live here; position and
-velocity are integrated at the rate of the IMU by the estimator. North and east have the same noise, so one covariance
-serves both.
+There is one filter per axis, driven by a measured acceleration: `p' = v, v' = a - b, b' = 0, d' = -d / T`, discretised
+exactly over a step. A receiver's position errors last for minutes, so a fix is `p + d` plus white noise. With white
+noise alone, the mean of a hundred fixes would seem ten times as accurate as it is.
+
+This module holds only covariance and drift. The estimator integrates position and velocity at the rate of the IMU.
+North and east have the same noise, so they share one covariance.
 """
 
 from __future__ import annotations
@@ -18,25 +19,25 @@ from agent.fcu.vehicle_state import BarometerMeasurement, Vector3
 
 _STEP_LIMIT_S = 5.0
 _STEP_HZ = 100.0  # ArduPilot's process noises are per step of its filter
-_VERTICAL_SHARE = 1.5  # vertical over horizontal GNSS position noise, as ArduPilot's EKF3 has it
+_VERTICAL_SHARE = 1.5  # vertical over horizontal GNSS position noise, as in ArduPilot's EKF3
 Column = tuple[float, float, float, float]
 PRESSURE_RANGE_PA = (30_000.0, 120_000.0)
 _AVERAGE_NS = 100_000_000
 _OFFSET_S = 60.0
-_START_BIAS_MPS2 = 0.3  # levelled to a couple of degrees
-# An acceleration that lasts, in a turn, is measured in a direction that errs by some 0.02 rad for some 4 s: as white
-# noise that is 2 σ² T of its square.
+_START_BIAS_MPS2 = 0.3  # for a levelling error of a few degrees
+# In a turn, a lasting acceleration is measured with a direction error of about 0.02 rad for about 4 s. As white noise,
+# this is 2 σ² T times its square.
 _MANOEUVRE_S = 2.0 * 0.02**2 * 4.0
 _MANOEUVRE_TAKES_S = 2.0  # longer than a wave
-# Without fixes nothing tells a tilt from an acceleration: a quarter of a degree, and integrated from then on.
+# Without fixes, a tilt cannot be distinguished from an acceleration: a quarter of a degree, integrated from then on.
 _COASTING_S = 1.5
 _COASTING_MPS2 = 0.04
-_NO_FIX = (2.0, 2.0, 1.0)  # accuracies before there is one
+_NO_FIX = (2.0, 2.0, 1.0)  # accuracies before the first fix
 _NOTHING: Column = (0.0, 0.0, 0.0, 0.0)
 
 
 class Seen(NamedTuple):
-    """What a scalar measurement sees: the variance of what it measures, and its covariance with each state."""
+    """Statistics of a scalar measurement: its variance, and its covariance with each state."""
 
     variance: float
     column: Column
@@ -58,34 +59,36 @@ class AxisCovariance(NamedTuple):
 
     @property
     def of_fix(self) -> Seen:
-        """What a measurement of position and drift together sees, as GNSS gives them."""
+        """Statistics of a measurement of position plus drift, as GNSS provides it."""
         column = (self.pp + self.pd, self.pv + self.vd, self.pb + self.bd, self.pd + self.dd)
         return Seen(column[0] + column[3], column)
 
     @property
     def of_velocity(self) -> Seen:
-        """What a measurement of the velocity sees."""
+        """Statistics of a measurement of the velocity."""
         return Seen(self.vv, (self.pv, self.vv, self.vb, self.vd))
 
 
 class AxisNoise(NamedTuple):
-    """Spectral densities of white noise on acceleration (m²/s³) and on the bias's rate (m²/s⁵); the drift's time."""
+    """Spectral densities of white noise on acceleration (m²/s³) and on the bias's rate (m²/s⁵), and time constant of
+    the drift.
+    """
 
     acceleration_psd: float
     bias_psd: float
     drift_s: float
 
     def kept(self, dt_s: float) -> float:
-        """What is left of a drift after `dt_s`."""
+        """Remaining part of a drift after `dt_s`."""
         return math.exp(-dt_s / self.drift_s)
 
 
 def predict_covariance(c: AxisCovariance, dt_s: float, noise: AxisNoise, drift_variance_m2: float) -> AxisCovariance:
-    """The covariance `dt_s` later; the drift is a Gauss-Markov process of that stationary variance."""
+    """Return the covariance `dt_s` later. The drift is a Gauss-Markov process with this stationary variance."""
     pp, pv, pb, pd, vv, vb, vd, bb, bd, dd = c
     half = 0.5 * dt_s * dt_s
     keep = noise.kept(dt_s)
-    # Rows of F P, with F = [1 dt -dt²/2; 0 1 -dt; 0 0 1] beside the drift's `keep`.
+    # Rows of F P, with F = [1 dt -dt²/2; 0 1 -dt; 0 0 1], and the drift's `keep`.
     fpp = pp + dt_s * pv - half * pb
     fpv = pv + dt_s * vv - half * vb
     fpb = pb + dt_s * vb - half * bb
@@ -106,7 +109,7 @@ def predict_covariance(c: AxisCovariance, dt_s: float, noise: AxisNoise, drift_v
 
 
 def update_covariance(c: AxisCovariance, seen: Column, innovation_variance: float) -> tuple[AxisCovariance, Column]:
-    """Covariance and gain of a scalar measurement that sees `seen` of the states."""
+    """Return covariance and gain for a scalar measurement. seen: its covariance with each state."""
     pp, pv, pb, pd, vv, vb, vd, bb, bd, dd = c
     sp, sv, sb, sd = seen
     kp, kv, kb, kd = (part / innovation_variance for part in seen)
@@ -120,29 +123,34 @@ def update_covariance(c: AxisCovariance, seen: Column, innovation_variance: floa
 
 
 class FixVariances(NamedTuple):
-    """Of a fix, an axis: white position noise, slow position drift (m²), velocity noise (m²/s²)."""
+    """Variances of a fix per axis."""
 
     white_m2: float
+    """White position noise."""
     drift_m2: float
+    """Slow position drift."""
     velocity_m2ps2: float
+    """Velocity noise."""
 
 
 def _covariance_from_fix(fix: FixVariances) -> AxisCovariance:
-    """Position and velocity have just been set to those of a fix: the position errs by minus the drift."""
+    """Covariance after position and velocity were set to a fix: the position error is minus the drift."""
     pp, dd = fix.white_m2 + fix.drift_m2, fix.drift_m2
     return AxisCovariance(pp, 0.0, 0.0, -dd, fix.velocity_m2ps2, 0.0, 0.0, _START_BIAS_MPS2**2, 0.0, dd)
 
 
 class Fusion(NamedTuple):
-    """ratio: squared innovation over squared gate, above one refused. moves: what to add to the states, each axis."""
+    """Result of a fusion."""
 
     ratio: float
+    """Squared innovation over squared gate, refused above one."""
     covariance: AxisCovariance
     moves: tuple[Column, ...]
+    """Corrections of the states, per axis."""
 
 
 def fuse(c: AxisCovariance, seen: Seen, variance: float, innovations: tuple[float, ...], gate2: float) -> Fusion:
-    """A measurement of `seen` in each of the axes that share a covariance, with white noise of `variance`."""
+    """Fuse a measurement in each of the axes that share a covariance. variance: of its white noise."""
     innovation_variance = seen.variance + variance
     ratio = sum(part * part for part in innovations) / (gate2 * innovation_variance)
     if not ratio <= 1.0:
@@ -152,8 +160,10 @@ def fuse(c: AxisCovariance, seen: Seen, variance: float, innovations: tuple[floa
 
 
 def fuse_position(c: AxisCovariance, fix: FixVariances, innovations: tuple[float, ...], gate2: float) -> Fusion:
-    """The position of a fix. What lies outside the gate may be a jump of the drift, as when a satellite sets or a
-    reflection begins: then the drift is one that nothing is known of yet, and takes the jump. Farther off is no fix.
+    """Fuse the position of a fix.
+
+    A position outside the gate may be a jump of the drift, for example when a satellite sets or a reflection begins.
+    Then the drift becomes unknown and absorbs the jump. A position still farther off is refused.
     """
     found = fuse(c, c.of_fix, fix.white_m2, innovations, gate2)
     if found.ratio <= 1.0:
@@ -164,7 +174,7 @@ def fuse_position(c: AxisCovariance, fix: FixVariances, innovations: tuple[float
 
 
 class InnovationRatios(NamedTuple):
-    """Squared innovations over squared gates; above one the measurement was refused."""
+    """Squared innovations over squared gates. Above one, the measurement was refused."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -173,7 +183,7 @@ class InnovationRatios(NamedTuple):
 
 
 class EstimateVariances(NamedTuple):
-    """Of the estimate: position and velocity, of each horizontal axis and down (m², m²/s²)."""
+    """Variances of the estimated position and velocity, per horizontal axis and down (m², m²/s²)."""
 
     horizontal_m2: float
     vertical_m2: float
@@ -182,10 +192,10 @@ class EstimateVariances(NamedTuple):
 
 
 class PositionFilter:
-    """Two covariances: one for north and east, whose noises are equal, one for down.
+    """Two covariances: one for north and east, which have equal noises, and one for down.
 
-    What a receiver reports of a fix is two-dimensional for the position and three-dimensional for the velocity, as in a
-    u-blox receiver's hAcc and sAcc: an axis has its share of the variance.
+    A receiver reports a two-dimensional position accuracy and a three-dimensional velocity accuracy, as hAcc and sAcc
+    of a u-blox receiver. An axis gets its share of the variance.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -197,7 +207,7 @@ class PositionFilter:
         self.restart(_NO_FIX)
 
     def configure(self, parameters: Parameters) -> None:
-        """Take noises and gates over."""
+        """Apply noises and gates."""
         self._noise = AxisNoise(
             parameters["EK3_ACC_P_NSE"] ** 2 / _STEP_HZ,
             parameters["EK3_ABIAS_P_NSE"] ** 2 / _STEP_HZ,
@@ -212,20 +222,22 @@ class PositionFilter:
         self._height_gate2 = (parameters["EK3_HGT_I_GATE"] / 100.0) ** 2
 
     def restart(self, accuracy: Vector3) -> None:
-        """Position and velocity have just been set to a fix of that accuracy (horizontal, vertical, speed)."""
+        """Restart after position and velocity were set to a fix of this accuracy (horizontal, vertical, speed)."""
         level, down = self._fix_variances(accuracy)
         self._horizontal, self._vertical = _covariance_from_fix(level), _covariance_from_fix(down)
         self._drift_ned_m: Vector3 = (0.0, 0.0, 0.0)
 
     def loosen(self, dt_s: float) -> None:
-        """Nothing was measured for `dt_s`: velocity may have changed by up to 1 m/s, position by the same all along."""
+        """Increase the covariances after `dt_s` without measurements: velocity by up to 1 m/s, position by as much all
+        along.
+        """
         self._horizontal, self._vertical = (
             AxisCovariance(c.pp + dt_s * dt_s, 0.0, 0.0, c.pd, c.vv + 1.0, 0.0, 0.0, _START_BIAS_MPS2**2, 0.0, c.dd)
             for c in (self._horizontal, self._vertical)
         )
 
     def variances(self, stamp_ns: int) -> EstimateVariances:
-        """Of the estimate at `stamp_ns`, which is no older than the last measurement that was fused."""
+        """Variances of the estimate at `stamp_ns`, which is no older than the last fused measurement."""
         level_s, down_s = (
             0.0 if last_ns is None else max((stamp_ns - last_ns) * 1e-9, 0.0)
             for last_ns in (self._horizontal_ns, self._vertical_ns)
@@ -242,8 +254,9 @@ class PositionFilter:
         accuracy: Vector3,
         acceleration_ne_mps2: tuple[float, float] = (0.0, 0.0),
     ) -> StateCorrection:
-        """Innovations are measured minus remembered; `accuracy` is the receiver's own (horizontal, vertical, speed).
+        """Fuse a fix. Innovations are measured minus stored values.
 
+        accuracy: the receiver's own (horizontal, vertical, speed).
         acceleration_ne_mps2: mean since the last fix.
         """
         level, down = self._fix_variances(accuracy)
@@ -261,7 +274,7 @@ class PositionFilter:
         (pn2, vn2, bn2, dn2), (pe2, ve2, be2, de2) = velocity.moves
         if velocity.ratio <= 1.0:
             c = velocity.covariance
-        else:  # the attitude may be as far off as at the start
+        else:  # the attitude error may be as large as at the start
             c = c._replace(bb=max(c.bb, _START_BIAS_MPS2 * _START_BIAS_MPS2))
         self._horizontal = c
 
@@ -280,7 +293,7 @@ class PositionFilter:
         )
 
     def fuse_height(self, stamp_ns: int, innovation_down_m: float) -> StateCorrection:
-        """A barometer's innovation, down. Its offset follows the GNSS, so that it errs with the same drift."""
+        """Fuse a barometer's innovation, down. Its offset follows the GNSS, so its error contains the same drift."""
         self._predict_vertical(stamp_ns, self._vertical_drift_m2)
         drift_n, drift_e, drift_d = self._drift_ned_m
         c = self._vertical
@@ -291,7 +304,7 @@ class PositionFilter:
         return StateCorrection((0.0, 0.0, pd), (0.0, 0.0, vd), (0.0, 0.0, bd))
 
     def _fix_variances(self, accuracy: Vector3) -> tuple[FixVariances, FixVariances]:
-        """Of a horizontal axis, and of the vertical one."""
+        """Variances of a horizontal axis, and of the vertical one."""
         horizontal_m, vertical_m, speed_mps = accuracy
         white_m2 = self._pos_noise_m**2
         down_m2 = _VERTICAL_SHARE**2 * white_m2
@@ -316,7 +329,10 @@ class PositionFilter:
         self._drift_ned_m = (keep * north_m, keep * east_m, down_m)
 
     def _predict_vertical(self, stamp_ns: int, drift_m2: float) -> None:
-        """A fix is older than the barometer samples fused before it: no step back is taken."""
+        """Predict the vertical axis.
+
+        A fix is older than the barometer samples fused before it, so the time never steps back.
+        """
         dt_s = _step_s(self._vertical_ns, stamp_ns)
         self._vertical = predict_covariance(self._vertical, dt_s, self._noise, drift_m2)
         self._vertical_ns = stamp_ns if self._vertical_ns is None else max(stamp_ns, self._vertical_ns)
@@ -325,7 +341,7 @@ class PositionFilter:
 
 
 def _coasting(c: AxisCovariance, dt_s: float) -> AxisCovariance:
-    """The covariance at the last fix, as it has to be for the `dt_s` after it."""
+    """Covariance at the last fix, adapted for the prediction over the next `dt_s`."""
     return c._replace(bb=c.bb + _COASTING_MPS2 * _COASTING_MPS2) if dt_s > _COASTING_S else c
 
 
@@ -334,7 +350,7 @@ def _step_s(last_ns: int | None, stamp_ns: int) -> float:
 
 
 class BarometerHeight:
-    """Weather and the standard atmosphere's error go into the offset, which follows the GNSS over a minute."""
+    """Height from a barometer. Its offset absorbs weather and atmosphere errors, and follows the GNSS over a minute."""
 
     def __init__(self) -> None:
         self.stamp_ns: int | None = None
@@ -346,7 +362,7 @@ class BarometerHeight:
         self._offset_ns = 0
 
     def add(self, sample: BarometerMeasurement) -> float | None:
-        """Altitude above mean sea level ten times a second, once there is an offset; None in between."""
+        """Return the altitude above mean sea level ten times a second once the offset is known. None in between."""
         if self.stamp_ns is None:
             self._average_ns = sample.stamp_ns
         self.stamp_ns = sample.stamp_ns
@@ -359,7 +375,7 @@ class BarometerHeight:
         return None if self._offset_m is None else self._height_m + self._offset_m
 
     def calibrate(self, alt_m: float, stamp_ns: int) -> None:
-        """The GNSS says that the altitude is `alt_m`."""
+        """Update the offset by the GNSS altitude `alt_m`."""
         if self._height_m is None:
             return
         offset_m = alt_m - self._height_m
@@ -372,5 +388,5 @@ class BarometerHeight:
 
 
 def standard_height_m(pressure_pa: float) -> float:
-    """Height in the ICAO standard atmosphere below 11 km."""
+    """Height in m in the ICAO standard atmosphere below 11 km."""
     return float(44_330.769 * (1.0 - (pressure_pa / 101_325.0) ** 0.190263))

@@ -1,1 +1,3 @@
-"""MAVLink of the embedded autopilot: a hub that all stations share, a channel for each, streams, commands, plans."""
+"""MAVLink of the embedded autopilot: a hub that all stations share, a channel for each station, streams, commands,
+plans.
+"""

@@ -1,4 +1,7 @@
-"""MAVLink with one station: what comes is handled, what is due is sent. The host is such a station too."""
+"""MAVLink channel to one station: handles its messages and sends the messages that are due.
+
+The host is also a station.
+"""
 
 from __future__ import annotations
 
@@ -23,19 +26,19 @@ from agent.mavlink.parameters import ParameterServer
 from agent.wire import dialect as mav
 
 _TYPES = {row.name: row.type for row in TABLE}
-BULK_UNDER_WAY = 5  # messages of lists and files a cycle
+BULK_UNDER_WAY = 5  # messages of lists and files per cycle
 _FIXED = frozenset(row.name for row in TABLE if row.fixed) | {SYSTEM_ID}
 
 
 class MavlinkChannel:
-    """Serves one station: `handle` what arrives, and send what that and, once a cycle, `poll` return.
+    """Serves one station: call `handle` for each message, and `poll` once a cycle. Send the messages that they return.
 
-    Several stations are served by as many channels on one `hub`. The host is the one that brings the sensors' samples
-    and what is heard by AIS; a ground station (`ground=True`) brings none, is told of changes that it did not make, and
-    what it sets outlives a restart.
+    Several stations have as many channels on one `hub`. The host sends the sensor samples and the received AIS. A
+    ground station (`ground=True`) sends none, receives changes that others make, and its settings persist over a
+    restart.
 
-    Field values never raise: a sample that cannot be true is counted in `refused`, a request that cannot be met is
-    answered by its protocol and a STATUSTEXT. Messages for another system or component are ignored.
+    Field values never raise. An implausible sample is counted in `refused`. An impossible request is answered by its
+    protocol and a STATUSTEXT. Messages for another system or component are ignored.
     """
 
     def __init__(
@@ -115,7 +118,7 @@ class MavlinkChannel:
         return sum(self.autopilot.estimator.refused.values()) + self.hub.traffic.refused
 
     def handle(self, message: Any, now_ns: int) -> Messages:
-        """Handle one message; returns the replies, most often none."""
+        """Handle one message. Return the replies, usually none."""
         message_id = message.get_msgId()
         on_sample = self._samples.get(message_id)
         if on_sample is not None:
@@ -133,9 +136,10 @@ class MavlinkChannel:
         return [] if on_message is None else on_message(message, now_ns)
 
     def poll(self, now_ns: int, most: int | None = None) -> Messages:
-        """All that is due: telemetry, events, repeated mission requests, values of parameters, files and logs.
+        """Return all messages that are due: telemetry, events, repeated mission requests, values of parameters, files
+        and logs.
 
-        most: how many messages of the latter three there may be, where the line bears no more. Under way they are few.
+        most: limit for the last three, for a line with less capacity. Under way the limit is low.
         """
         messages = self.streams.poll(now_ns)
         messages.extend(self._missions.poll(now_ns))
@@ -157,13 +161,13 @@ class MavlinkChannel:
         return messages
 
     def close(self) -> None:
-        """The station has left."""
+        """Close the channel, because the station has left."""
         self.hub.close_outbox(self._outbox)
 
     # -- parameters and plans
 
     def _set_parameter(self, name: str, value: float) -> None:
-        """Raises ParameterError."""
+        """Set a parameter. Raises ParameterError."""
         kept = self.autopilot.parameters.set(name, value)
         self.hub.parameter_changed(name, self._outbox)
         if self._ground and self.hub.storage is not None:
@@ -174,14 +178,14 @@ class MavlinkChannel:
             self.hub.storage.keep_plan(self.autopilot)
 
     def _set_current(self, seq: int, now_ns: int) -> Messages:
-        """MISSION_CURRENT says where it goes on, and a sentence why it does not."""
+        """Set the current item. MISSION_CURRENT reports the result, and a sentence the reason of a refusal."""
         self.autopilot.commands.set_current(seq)
         message = self.streams.message(mav.MAVLINK_MSG_ID_MISSION_CURRENT, now_ns)
         return [] if message is None else [message]
 
     @property
     def unanswered(self) -> int:
-        """Requests for files and logs that came on top of as many as wait."""
+        """Number of dropped requests for files and logs, beyond the limit of waiting ones."""
         return self._ftp.dropped + self._logs.dropped
 
     # -- samples
@@ -211,10 +215,10 @@ class MavlinkChannel:
     def _on_barometer(self, m: Any) -> bool:
         return self.hub.on_barometer(BarometerMeasurement(m.time_usec * 1000, m.pressure, m.temperature))
 
-    # -- who is there
+    # -- presence
 
     def _on_vessel(self, m: Any, now_ns: int) -> Messages:
-        """AIS_VESSEL, passed on to the ground stations."""
+        """Forward AIS_VESSEL to the ground stations."""
         self.hub.traffic.add(m, now_ns)
         return []
 
@@ -224,7 +228,7 @@ class MavlinkChannel:
         return []
 
     def _on_ping(self, m: Any, now_ns: int) -> Messages:
-        """A request goes to everybody, an answer to one: that one is not answered again."""
+        """Answer a ping request, which has no target. A reply has a target and is not answered."""
         if m.target_system != 0 or m.target_component != 0:
             return []
         return [mav.MAVLink_ping_message(m.time_usec, m.seq, m.get_srcSystem(), m.get_srcComponent())]
@@ -233,6 +237,6 @@ class MavlinkChannel:
         return [mav.MAVLink_timesync_message(now_ns, m.ts1)] if m.tc1 == 0 else []
 
     def _on_setup_signing(self, m: Any, now_ns: int) -> Messages:
-        """A key that comes over the link it is to guard guards nothing."""
+        """Refuse a key over the link, because a link cannot securely carry its own key."""
         self.hub.warn("SETUP_SIGNING refused: the key is the agent's --signing-key FILE")
         return []

@@ -1,4 +1,4 @@
-"""What a station orders: the autopilot's commands, setpoints for GUIDED, and sticks for the manual modes."""
+"""Commands of a station: the autopilot's commands, setpoints for GUIDED, and sticks for the manual modes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _OFFSET_FRAMES = (mav.MAV_FRAME_LOCAL_OFFSET_NED, *_BODY_FRAMES)
 _LOCAL_FRAMES = (mav.MAV_FRAME_LOCAL_NED, *_OFFSET_FRAMES)
 _NO_AXIS = 32767
 
-# Commands to devices that are not on board, and what an ArduRover 4.7 without them was seen to answer.
+# Commands to absent devices, and the observed answers of an ArduRover 4.7 without them.
 _LACKING: Mapping[int, int] = {
     **dict.fromkeys((181, 182, 205, 211, 532, 1000, 2000, 2500, 2501), int(mav.MAV_RESULT_FAILED)),
     **dict.fromkeys((195, 197, 201, 202, 203, 206, 216, 2001), int(mav.MAV_RESULT_ACCEPTED)),
@@ -41,9 +41,9 @@ _LACKING: Mapping[int, int] = {
 
 
 class CommandHandlers:
-    """Carries commands out, for one station: a function of `table` for each, by its MAV_CMD.
+    """Executes the commands of one station: `table` has a function for each MAV_CMD.
 
-    stores: whether this station may change what outlives a restart.
+    stores: whether this station may change persistent values.
     """
 
     def __init__(self, hub: MavlinkHub, streams: TelemetryStreams, stores: bool) -> None:
@@ -80,7 +80,7 @@ class CommandHandlers:
         }
 
     def on_set_mode(self, m: Any, now_ns: int) -> Messages:
-        """The message SET_MODE, which ArduPilot answers as if it were a command of the same number."""
+        """Handle SET_MODE, which ArduPilot answers like a command of the same number."""
         result = mav.MAV_RESULT_DENIED
         if m.base_mode & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             refused = self._autopilot.set_mode(m.custom_mode)
@@ -130,7 +130,7 @@ class CommandHandlers:
         return _accepted(not self._autopilot.commands.jump_to_tag(tag), mav.MAV_RESULT_FAILED)
 
     def _change_speed(self, c: Command, now_ns: int) -> Answer:
-        """Airspeed counts as ground speed; a boat does not climb."""
+        """Change the speed. Airspeed counts as ground speed, and climb speeds are denied."""
         if _whole(c.p1) not in (0, 1):
             return _accepted(False)
         return _accepted(not self._autopilot.commands.change_speed(c.p2), mav.MAV_RESULT_FAILED)
@@ -139,7 +139,7 @@ class CommandHandlers:
         return _accepted(not self._autopilot.commands.set_reverse(c.p1 == 1.0))
 
     def _set_yaw_speed(self, c: Command, now_ns: int) -> Answer:
-        """In GUIDED: a heading, absolute or from the present one, and a speed."""
+        """Set the course in GUIDED: a heading, absolute or relative to the present one, and a speed."""
         heading_rad = math.radians(c.p1) + (self._autopilot.state.estimate.yaw_rad if c.p3 > 0.0 else 0.0)
         return _accepted(not self._autopilot.commands.set_course(heading_rad, c.p2), mav.MAV_RESULT_FAILED)
 
@@ -158,14 +158,14 @@ class CommandHandlers:
         return _accepted(not self._autopilot.commands.aux_function(_whole(c.p1), position), mav.MAV_RESULT_FAILED)
 
     def _lack(self, c: Command, now_ns: int) -> Answer:
-        """What a device would have to do that is not on board."""
+        """Answer a command to an absent device."""
         command = COMMANDS[c.number]
         self._hub.warn(f"{command.name} ignored: no {command.device}")
         return _LACKING[c.number], []
 
     def _enable_fence(self, c: Command, now_ns: int) -> Answer:
         wanted = _whole(c.p1)
-        if wanted == 2:  # the floor, which a boat's fence does not have
+        if wanted == 2:  # the floor, which a boat's fence lacks
             return _accepted(True)
         if wanted not in (0, 1):
             return _accepted(False, mav.MAV_RESULT_FAILED)
@@ -174,7 +174,7 @@ class CommandHandlers:
             self._hub.parameter_changed("FENCE_ENABLE")
         return _accepted(not refused, mav.MAV_RESULT_FAILED)
 
-    # -- places
+    # -- positions
 
     def _reposition(self, c: Command, now_ns: int) -> Answer:
         if c.frame is not None and c.frame not in _GLOBAL_FRAMES:
@@ -218,7 +218,7 @@ class CommandHandlers:
         return self._message(wanted, now_ns)
 
     def _available_modes(self, index: int) -> Answer:
-        """One mode, counted from 1, or with 0 all."""
+        """Return one mode, counted from 1, or all for 0."""
         if not 0 <= index <= len(modes.TABLE):
             return _accepted(False)
         wanted = range(len(modes.TABLE)) if index == 0 else [index - 1]
@@ -252,7 +252,7 @@ class CommandHandlers:
         interval_us = self._streams.interval_us(message_id)
         return int(mav.MAV_RESULT_ACCEPTED), [mav.MAVLink_message_interval_message(message_id, interval_us)]
 
-    # -- the machine
+    # -- reboot and storage
 
     def _reboot(self, c: Command, now_ns: int) -> Answer:
         if _whole(c.p1) != _REBOOT:
@@ -282,9 +282,9 @@ class CommandHandlers:
 
 
 class SetpointHandlers:
-    """Passes on setpoints and sticks that fit together; the autopilot judges the numbers.
+    """Forwards consistent setpoints and sticks. The autopilot checks the values.
 
-    None of these messages has an answer in the protocol, so a refusal is a sentence alone.
+    These messages have no answer in the protocol, so a refusal is only a sentence.
     """
 
     def __init__(self, hub: MavlinkHub, system_id: int) -> None:
@@ -301,7 +301,7 @@ class SetpointHandlers:
     # -- GUIDED
 
     def _on_local(self, m: Any, now_ns: int) -> Messages:
-        """SET_POSITION_TARGET_LOCAL_NED: in the frame of the origin, or from where the vessel is and heads."""
+        """SET_POSITION_TARGET_LOCAL_NED: in the frame of the origin, or relative to the vessel."""
         if not self._may_steer("Local target", m, _LOCAL_FRAMES, now_ns):
             return []
         estimate = self._autopilot.state.estimate
@@ -327,7 +327,7 @@ class SetpointHandlers:
         return self._steer("Global target", m, 0.0, now_ns)
 
     def _on_attitude(self, m: Any, now_ns: int) -> Messages:
-        """SET_ATTITUDE_TARGET: thrust is a part of WP_SPEED; a heading, or a turn rate where that counts."""
+        """SET_ATTITUDE_TARGET: thrust is a part of WP_SPEED. A heading, or a turn rate if it is not masked out."""
         if not self._is_guided("Attitude target"):
             return []
         if m.type_mask & mav.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE:
@@ -360,7 +360,7 @@ class SetpointHandlers:
         return self._autopilot.in_guided
 
     def _steer(self, name: str, m: Any, turned_rad: float, now_ns: int) -> Messages:
-        """By velocity, heading and turn rate, in the combinations that ArduRover takes."""
+        """Steer by velocity, heading and turn rate, in the combinations that ArduRover accepts."""
         mask = m.type_mask
         velocity = not mask & _VELOCITY_IGNORED
         yaw_rad = None if mask & _YAW_IGNORED else m.yaw + turned_rad
@@ -389,7 +389,7 @@ class SetpointHandlers:
         return []
 
     def on_origin(self, m: Any, now_ns: int) -> Messages:
-        """SET_GPS_GLOBAL_ORIGIN; whoever sends it is told what the origin is."""
+        """SET_GPS_GLOBAL_ORIGIN. The reply is the resulting origin."""
         self._autopilot.commands.set_origin(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3)
         message = origin(self._hub, now_ns)
         return [] if message is None else [message]
@@ -404,7 +404,7 @@ class SetpointHandlers:
         return []
 
     def on_manual(self, m: Any, now_ns: int) -> Messages:
-        """MANUAL_CONTROL: 32767 stands for an axis that is not there."""
+        """MANUAL_CONTROL. 32767 marks an absent axis."""
         if m.target not in (0, self._system_id):
             return []
         self._heard(m, now_ns)
@@ -413,7 +413,7 @@ class SetpointHandlers:
         return []
 
     def _heard(self, m: Any, now_ns: int) -> None:
-        """Who steers is there."""
+        """Note the sender for the failsafe, because it is steering."""
         self._autopilot.failsafes.heard_ground_station(m.get_srcSystem(), now_ns)
 
 
@@ -423,7 +423,7 @@ def _rotated(forward: float, right: float, yaw_rad: float) -> tuple[float, float
 
 
 def _whole(value: float) -> int:
-    """A command's parameter as the whole number it stands for, -1 when it is none."""
+    """Return a command's parameter as an integer, -1 when it is not a valid one."""
     return int(value) if 0.0 <= value <= 1e9 and value == int(value) else -1
 
 

@@ -1,4 +1,4 @@
-"""The files that MAVLink FTP shows, by ArduPilot's names: @PARAM/param.pck, @SYS/…, /APM/LOGS/…"""
+"""Files of MAVLink FTP, under ArduPilot's names: @PARAM/param.pck, @SYS/…, /APM/LOGS/…"""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_US, _MOST_OVERRUNS = 9999, 999
 
 
 class TextFile:
-    """A ServedFile that was made when it was opened."""
+    """A ServedFile with a content that is generated on opening."""
 
     def __init__(self, text: str) -> None:
         self._content = text.encode("ascii", "replace")
@@ -34,7 +34,7 @@ class TextFile:
 
 
 class ServedFiles:
-    """See `Files` and `Logs` of agent.mavlink; nothing of it can be written."""
+    """Read-only files. See `Files` and `Logs` of agent.mavlink."""
 
     def __init__(self, hub: MavlinkHub) -> None:
         self._hub = hub
@@ -44,7 +44,7 @@ class ServedFiles:
         }
 
     def entries(self, path: str) -> Sequence[str] | None:
-        """Those of a folder."""
+        """Return the entries of a folder."""
         folder = _parts(path)
         if folder == ():
             return ["D@PARAM", "D@SYS", f"D{_LOGS[0]}"]
@@ -60,7 +60,7 @@ class ServedFiles:
         raise _missing(path)
 
     def open(self, path: str) -> ServedFile | None:
-        """One of them."""
+        """Open a file."""
         plain, _, query = path.partition("?")
         parts = _parts(plain)
         if parts == _PARAMETERS:
@@ -77,11 +77,11 @@ class ServedFiles:
         raise _missing(path)
 
     def logs(self) -> Sequence[StoredLog] | None:
-        """The logs, oldest first, None while the disk is asked."""
+        """Return the logs, oldest first. None while the disk is being read."""
         return self._hub.logs.logs()
 
     def open_log(self, index: int) -> LogFile | None:
-        """One of them. Raises IndexError where there is none."""
+        """Open a log. Raises IndexError for an unknown index."""
         return self._hub.logs.open_log(index)
 
     def _parameters(self, query: str) -> PackedParameters:
@@ -93,9 +93,10 @@ class ServedFiles:
 
 
 def tasks_text(stats: Sequence[TaskStats]) -> str:
-    """As ArduPilot writes @SYS/tasks.txt, which `xitl logs tasks` reads; MIN is the lower edge of the shortest class.
+    """Text in the format of ArduPilot's @SYS/tasks.txt, which `xitl logs tasks` reads.
 
-    Since the start of the run, where ArduPilot's counts begin anew every ten seconds.
+    MIN is the lower edge of the shortest class. Counts are since the start of the run; ArduPilot resets them every ten
+    seconds.
     """
     whole_ns = sum(task.run_mean_ns * task.cycles for task in stats)
     lines = ["TasksV2\n"]

@@ -1,4 +1,4 @@
-"""What all MAVLink channels of one autopilot share: the newest samples, events for every station, what is stored."""
+"""Shared state of the MAVLink channels of an autopilot: newest samples, events for every station, stored settings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DATED_FIX = 3  # three-dimensional
 
 
 class SampleLog(Protocol):
-    """The part of the flight log that takes samples."""
+    """Part of the flight log that takes samples."""
 
     def log_imu(self, sample: ImuMeasurement) -> None: ...
 
@@ -42,30 +42,30 @@ class SampleLog(Protocol):
 
 
 class SettingsStorage(Protocol):
-    """Keeps over a restart what ground stations set."""
+    """Keeps the settings of ground stations over a restart."""
 
     def keep_parameter(self, name: str, value: float) -> None:
-        """One parameter that was set."""
+        """Store a changed parameter."""
 
     def keep_plan(self, autopilot: Autopilot) -> None:
-        """The mission and the fence as they are now."""
+        """Store the present mission and fence."""
 
     def keep_all_parameters(self, autopilot: Autopilot) -> None:
-        """Every parameter as it is now."""
+        """Store all present parameter values."""
 
     def forget_parameters(self, autopilot: Autopilot) -> None:
-        """Back to the defaults what was kept."""
+        """Reset the stored parameters to their defaults."""
 
 
 class TextLimit:
-    """TEXTS_AT_ONCE, and then TEXTS_HZ: a bucket of tokens that fills again."""
+    """Token bucket for texts: TEXTS_AT_ONCE at once, then TEXTS_HZ."""
 
     def __init__(self) -> None:
         self._tokens = float(TEXTS_AT_ONCE)
         self._filled_ns = 0
 
     def allows(self, now_ns: int) -> bool:
-        """Whether one more may go, which then counts."""
+        """Return whether one more text may be sent, and count it."""
         passed_ns, self._filled_ns = max(now_ns - self._filled_ns, 0), now_ns
         self._tokens = min(self._tokens + passed_ns * 1e-9 * TEXTS_HZ, float(TEXTS_AT_ONCE))
         if self._tokens < 1.0:
@@ -75,7 +75,7 @@ class TextLimit:
 
 
 class Outbox:
-    """Events that one station has not been sent yet; the oldest are lost when it does not ask."""
+    """Events that were not sent to one station yet. The oldest are lost when the station's channel is not polled."""
 
     def __init__(self) -> None:
         self.events: deque[Event] = deque(maxlen=_MOST_WAITING)
@@ -84,12 +84,14 @@ class Outbox:
 
 
 class MavlinkHub:
-    """One autopilot, its newest samples, and its events, each handed to the outbox of every station.
+    """One autopilot, its newest samples, and its events, which every station's outbox receives.
 
-    storage, log: where settings and samples are kept, if anywhere. logs: those that stations may read. task_stats: how
-    the agent's tasks did, as of the last second. unix_s: the date that fixes bring; None for the one of runs that have
-    to repeat themselves. traffic: other vessels, heard by AIS. reboot_asked: a station asked for a restart, see
-    `reboot`.
+    storage, log: stores of settings and samples, None without one.
+    logs: logs that stations may read.
+    task_stats: statistics of the agent's tasks, up to the last second.
+    unix_s: date for the first fix, None for the fixed date of repeatable runs.
+    traffic: other vessels, from AIS.
+    reboot_asked: a station requested a restart, see `reboot`.
     """
 
     def __init__(self, autopilot: Autopilot) -> None:
@@ -108,13 +110,13 @@ class MavlinkHub:
         self.reboot_asked = False
         self._outboxes: list[Outbox] = []
         self._warned_ns: dict[str, int] = {}
-        self._limits = TextLimit(), TextLimit()  # of the others, of errors and worse
+        self._limits = TextLimit(), TextLimit()  # for ordinary events, and for errors and worse
         self._left_out = self._left_out_said_ns = 0
 
     # -- samples
 
     def on_imu(self, sample: ImuMeasurement) -> bool:
-        """Pass a sample on; False when it was refused, as with the other three."""
+        """Forward a sample. Return False when it was refused, as do the next three methods."""
         accepted = self.autopilot.estimator.on_imu(sample)
         if accepted:
             self.imu = sample
@@ -153,7 +155,7 @@ class MavlinkHub:
         return accepted
 
     def reboot(self) -> None:
-        """Start over with the parameters and plans of now, as after switching off and on."""
+        """Restart with the present parameters and plans, as after a power cycle."""
         self.reboot_asked = False
         self.imu = self.gnss = self.magnetometer = self.barometer = None
         self.actuators = Actuators()
@@ -163,21 +165,23 @@ class MavlinkHub:
     # -- events
 
     def open_outbox(self) -> Outbox:
-        """An outbox for another station."""
+        """Open an outbox for another station."""
         outbox = Outbox()
         self._outboxes.append(outbox)
         return outbox
 
     def close_outbox(self, outbox: Outbox) -> None:
-        """Its station has left."""
+        """Close the outbox of a station that has left."""
         if outbox in self._outboxes:
             self._outboxes.remove(outbox)
 
     def distribute(self, now_ns: int) -> None:
-        """Hand the autopilot's events since the last call to every outbox; the same warning at most once a second.
+        """Add the autopilot's events since the last call to every outbox.
 
-        A station that sends something wrong sends it fifty times a second, and each time something else. So all are
-        limited in number too, urgent ones by themselves; those left out are counted as lost, and how many is told.
+        The same warning is sent at most once a second.
+
+        A faulty station may cause fifty different events a second. So the number of events is limited too, separately
+        for urgent ones. Dropped events are counted as lost, and a text reports their number.
         """
         reached, events = self.autopilot.navigator.drain_reached(), self.autopilot.events.drain()
         if not reached and not events and not self._left_out:
@@ -204,11 +208,11 @@ class MavlinkHub:
         return is_news
 
     def warn(self, text: str) -> None:
-        """An event: what was wrong with a message."""
+        """Add a warning about a faulty message."""
         self.autopilot.events.add(WARNING, text)
 
     def parameter_changed(self, name: str, by: Outbox | None = None) -> None:
-        """Tell the stations other than the one that has its answer already."""
+        """Report a change to all stations except `by`, which already has its reply."""
         for outbox in self._outboxes:
             if outbox is not by and name not in outbox.parameters:
                 outbox.parameters.append(name)

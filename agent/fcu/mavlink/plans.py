@@ -1,4 +1,4 @@
-"""The plans that stations transfer, mission and fence, between MAVLink's items and the autopilot's own."""
+"""Plans that stations transfer, mission and fence: conversion between MAVLink items and the autopilot's items."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from agent.mavlink.missions import PlanItem, RefusedItem
 from agent.wire import dialect as mav
 
 _FENCE_COMMANDS = (RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT)
-_FRAMES = {0: 0, 2: 0, 3: 3, 5: 0, 6: 3, 10: 10, 11: 10}  # the _INT frames mean the same
+_FRAMES = {0: 0, 2: 0, 3: 3, 5: 0, 6: 3, 10: 10, 11: 10}  # the _INT frames are equivalent
 _FENCE_FRAMES = (0, 3, 5, 6)
-_RESERVED = (0, 1)  # no commands
+_RESERVED = (0, 1)  # not commands
 
 
 class MissionPlan:
-    """Item 0 is home: whatever comes for it is taken, and the real home is given back.
+    """The mission. Item 0 is home: any uploaded item 0 is accepted, and the real home is returned.
 
     stored: called after a change.
     """
@@ -52,7 +52,10 @@ class MissionPlan:
         return PlanItem(seq, item.frame, item.command, item.parameters, item.lat_deg, item.lon_deg, item.alt_m)
 
     def guide(self, item: PlanItem) -> RefusedItem | None:
-        """Go to its place in GUIDED, or why not; what the autopilot refuses is an event already."""
+        """Go to the item's position in GUIDED.
+
+        Return the reason of a refusal; the autopilot's own refusals are already events.
+        """
         made = mission_item_from(item)
         if isinstance(made, RefusedItem):
             return made
@@ -62,7 +65,7 @@ class MissionPlan:
         return RefusedItem(int(mav.MAV_MISSION_ERROR), "") if refused else None
 
     def store(self, items: list[MissionItem], in_part: bool) -> RefusedItem | None:
-        """One that was changed in part goes on where the vessel is."""
+        """Store a mission. A partly changed one continues at the current item."""
         current = self.current()
         try:
             self._autopilot.commands.set_mission(make_mission(items))
@@ -75,7 +78,7 @@ class MissionPlan:
 
 
 def mission_item_from(item: PlanItem) -> MissionItem | RefusedItem:
-    """An item as the autopilot has it, or why ArduRover refuses it."""
+    """Return the autopilot's item, or the reason why ArduRover refuses it."""
     frame = _FRAMES.get(item.frame, item.frame)
     made = MissionItem(item.command, item.lat_deg, item.lon_deg, item.alt_m, item.parameters, frame)
     problem = item_problem(made)
@@ -92,7 +95,7 @@ def mission_item_from(item: PlanItem) -> MissionItem | RefusedItem:
 
 
 class FencePlan:
-    """Circles and polygons; there is no home among them. stored: called after a change."""
+    """Fence of circles and polygons, without a home item. stored: called after a change."""
 
     name = "Fence"
     most = MOST_FENCE_ITEMS

@@ -1,7 +1,7 @@
-"""The messages that tell a station how the vessel is: one function each, None when there is nothing to say yet.
+"""Messages that report the state of the vessel to a station: one function each, which returns None without data.
 
-All units and ranges are those of the public MAVLink definitions; what this autopilot cannot know has the value that
-stands for unknown there.
+All units and ranges are those of the public MAVLink definitions. Values that this autopilot cannot know are set to
+"unknown" as defined there.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _EKF_ATTITUDE, _EKF_VELOCITY_HORIZ, _EKF_VELOCITY_VERT = 1, 2, 4
 _EKF_POS_HORIZ_REL, _EKF_POS_HORIZ_ABS, _EKF_POS_VERT_ABS = 8, 16, 32
 _EKF_PRED_POS_HORIZ_REL, _EKF_PRED_POS_HORIZ_ABS, _EKF_UNINITIALIZED = 256, 512, 1024
 
-_MASK_POSITION = 0x0DF8  # only x, y and z count
-_MASK_VELOCITY = 0x0DC7  # only vx, vy and vz count
+_MASK_POSITION = 0x0DF8  # only x, y and z are used
+_MASK_VELOCITY = 0x0DC7  # only vx, vy and vz are used
 _MASK_COURSE = 0x09C7  # velocity and yaw
 _MASK_TURN = 0x05C7  # velocity and yaw rate
 
@@ -45,7 +45,7 @@ for _bits in _PROBLEM_BITS.values():
 
 _LANDED_ON_GROUND = 1
 
-# The release of ArduRover whose services these are; ground stations choose their parameter descriptions by it.
+# The ArduRover release with the same services. Ground stations choose their parameter descriptions by it.
 ARDUROVER_VERSION = (4, 5, 0)
 _OFFICIAL = 255
 _CAPABILITIES = (
@@ -69,12 +69,12 @@ def _boot_ms(now_ns: int) -> int:
 
 
 def _whole(value: float, limit: int) -> int:
-    """A value as an integer field of that limit has it."""
+    """Round a value and limit it to an integer field."""
     return round(min(max(value, -limit), limit))
 
 
 def _float32(value: float) -> float:
-    """A value that fits the wire."""
+    """Limit a value to the range of a 32-bit float."""
     return min(max(value, -3e38), 3e38)
 
 
@@ -156,7 +156,7 @@ def home_position(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 
 def vfr_hud(hub: MavlinkHub, now_ns: int) -> Any:
-    """No airspeed is measured; a boat's station shows the speed over ground there."""
+    """VFR_HUD. No airspeed is measured, so the field contains the speed over ground."""
     autopilot = hub.autopilot
     estimate, frame = autopilot.state.estimate, autopilot.estimator.frame
     vn, ve, vd = estimate.vel_ned_mps
@@ -169,7 +169,7 @@ def vfr_hud(hub: MavlinkHub, now_ns: int) -> Any:
 
 
 def gps_raw(hub: MavlinkHub, now_ns: int) -> Any:
-    """The newest fix; without one, a receiver that is not there."""
+    """GPS_RAW_INT of the newest fix. Without one, it reports a missing receiver."""
     fix, unknown = hub.gnss, 65535
     if fix is None:
         return mav.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, unknown, unknown, unknown, unknown, 255)
@@ -193,7 +193,7 @@ def gps_raw(hub: MavlinkHub, now_ns: int) -> Any:
 
 
 def raw_imu(hub: MavlinkHub, now_ns: int) -> Any | None:
-    """In milli-g, milliradians a second and milligauss, as ArduPilot fills it."""
+    """RAW_IMU in milli-g, milliradians per second and milligauss, as in ArduPilot."""
     imu, magnetometer = hub.imu, hub.magnetometer
     if imu is None:
         return None
@@ -215,7 +215,7 @@ def scaled_pressure(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 
 def servo_output(hub: MavlinkHub, now_ns: int) -> Any:
-    """What drives the vessel, and what DO_SET_SERVO has set."""
+    """SERVO_OUTPUT_RAW: the motor outputs, and the outputs that DO_SET_SERVO has set."""
     command = hub.actuators.command
     pulses = list(hub.autopilot.servos.widths_us)
     for output, part in zip(hub.autopilot.allocator.mixer.outputs, command):
@@ -233,12 +233,12 @@ def rc_channels(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 
 def ekf_status(hub: MavlinkHub, now_ns: int) -> Any:
-    """The innovations over their gates, which is what ArduPilot calls variances here."""
+    """EKF_STATUS_REPORT: innovations divided by their gates, which ArduPilot calls variances here."""
     return mav.MAVLink_ekf_status_report_message(_estimator_flags(hub), *_test_ratios(hub), 0.0, 0.0)
 
 
 def estimator_status(hub: MavlinkHub, now_ns: int) -> Any | None:
-    """The same ratios beside the accuracy, which is that of both horizontal axes, as a receiver's is."""
+    """ESTIMATOR_STATUS: the same ratios, and the accuracy of both horizontal axes together, as in a receiver."""
     variances = hub.autopilot.estimator.variances()
     if variances is None:
         return None
@@ -269,7 +269,7 @@ def _test_ratios(hub: MavlinkHub) -> tuple[float, ...]:
 
 
 def _target(hub: MavlinkHub) -> tuple[int, float, float, float, float, float, float] | None:
-    """Type mask, latitude, longitude, velocity north and east, yaw and yaw rate of what GUIDED steers for."""
+    """Type mask, latitude, longitude, velocity north and east, yaw and yaw rate of the GUIDED target."""
     target = hub.autopilot.guided_target
     if target is None:
         return None
@@ -323,7 +323,7 @@ def target_global(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 
 def heartbeat(hub: MavlinkHub, now_ns: int) -> Any:
-    """A surface boat under ArduPilot."""
+    """HEARTBEAT of a surface boat with ArduPilot."""
     autopilot = hub.autopilot
     base_mode = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     if autopilot.state.mode == modes.AUTO:
@@ -348,7 +348,7 @@ def heartbeat(hub: MavlinkHub, now_ns: int) -> Any:
 
 
 def sys_status(hub: MavlinkHub, now_ns: int) -> Any:
-    """Which sensors are there and well, and whether arming would be refused."""
+    """SYS_STATUS: present and healthy sensors, and the pre-arm check."""
     autopilot = hub.autopilot
     health = _PRESENT
     for problem in autopilot.estimator.problems():
@@ -364,7 +364,7 @@ def sys_status(hub: MavlinkHub, now_ns: int) -> Any:
 
 
 def system_time(hub: MavlinkHub, now_ns: int) -> Any:
-    """UTC once a receiver has a fix; 0 until then."""
+    """SYSTEM_TIME: UTC after the first fix, 0 before."""
     return mav.MAVLink_system_time_message(hub.autopilot.utc_us or 0, _boot_ms(now_ns))
 
 
@@ -402,12 +402,12 @@ def mission_current(hub: MavlinkHub, now_ns: int) -> Any:
 
 
 def battery_status(hub: MavlinkHub, now_ns: int) -> Any:
-    """Nothing measures the battery."""
+    """BATTERY_STATUS with unknown values, because nothing measures the battery."""
     return mav.MAVLink_battery_status_message(0, 0, 0, 32767, [65535] * 10, -1, -1, -1, -1, 0, 0, [0] * 4, 0, 0)
 
 
 def autopilot_version(hub: MavlinkHub, now_ns: int) -> Any:
-    """Services as of ARDUROVER_VERSION; the own version as that of the middleware."""
+    """AUTOPILOT_VERSION: services of ARDUROVER_VERSION, with the agent's version as the middleware version."""
     major, minor, patch = (int(part) if part.isdigit() else 0 for part in (agent.__version__ + ".0.0").split(".")[:3])
     nothing = [0] * 8
     return mav.MAVLink_autopilot_version_message(
@@ -431,7 +431,7 @@ def _version(major: int, minor: int, patch: int) -> int:
 
 
 def extended_sys_state(hub: MavlinkHub, now_ns: int) -> Any:
-    """A boat is never in the air."""
+    """EXTENDED_SYS_STATE: a boat is always on the ground."""
     return mav.MAVLink_extended_sys_state_message(0, _LANDED_ON_GROUND)
 
 

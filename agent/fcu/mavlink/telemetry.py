@@ -1,4 +1,4 @@
-"""Telemetry: what the autopilot sends unasked, each message at its rate."""
+"""Telemetry: messages that the autopilot sends unrequested, each at its rate."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RATES_HZ: Mapping[int, float] = {
     mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 1.0,
 }
 
-# What ArduRover's stream groups hold, as far as there is something to say.
+# Content of ArduRover's stream groups, as far as it is available.
 STREAMS: Mapping[int, tuple[int, ...]] = {
     mav.MAV_DATA_STREAM_RAW_SENSORS: (mav.MAVLINK_MSG_ID_RAW_IMU, mav.MAVLINK_MSG_ID_SCALED_PRESSURE),
     mav.MAV_DATA_STREAM_EXTENDED_STATUS: (
@@ -47,21 +47,21 @@ STREAMS: Mapping[int, tuple[int, ...]] = {
     ),
 }
 
-# As ArduRover's SR0 parameters are when nobody has set them: once a second, until a station asks for more.
+# Default rates of ArduRover's SR0 parameters: once a second, until a station requests more.
 STATION_RATES_HZ: Mapping[int, float] = {
     mav.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
     **{message_id: 1.0 for group in STREAMS.values() for message_id in group},
 }
 
 _FASTEST_NS = 20_000_000
-_EARLY_NS = 5_000_000  # a cycle that comes so much sooner than the last, late one still is the one that is due
+_EARLY_NS = 5_000_000  # a cycle that is earlier by this, after a late one, is still the due one
 _SLOWEST_NS = 60_000_000_000
 
 
 class TelemetryStreams:
-    """Builds the messages that are due. A message with nothing to say yet is left out.
+    """Builds the messages that are due. A message without data is omitted.
 
-    announces_changes: whether home and origin are sent once whenever they are set.
+    announces_changes: whether to send home and origin once after each change.
     """
 
     def __init__(
@@ -87,19 +87,19 @@ class TelemetryStreams:
 
     @property
     def periods_ns(self) -> dict[int, int]:
-        """The period of every message that is sent by itself."""
+        """Periods of all streamed messages."""
         return dict(self._periods_ns)
 
     def resume(self, periods_ns: Mapping[int, int]) -> None:
-        """Go on at the rates that a station asked an earlier one for."""
+        """Continue at the rates that a station set on an earlier channel."""
         self._periods_ns = dict(periods_ns)
 
     def offers(self, message_id: int) -> bool:
-        """Whether there is such a message to ask for."""
+        """Whether this message can be requested."""
         return message_id in REPORTS
 
     def set_interval(self, message_id: int, interval_us: int) -> None:
-        """Send a known message so often; 0 as at the start, -1 never. At most once a control cycle."""
+        """Set the interval of a known message: 0 restores the default, -1 stops it. At most once per control cycle."""
         if interval_us == 0:
             period_ns = self._default_ns.get(message_id)
         else:
@@ -111,7 +111,7 @@ class TelemetryStreams:
             self._periods_ns[message_id] = period_ns
 
     def interval_us(self, message_id: int) -> int:
-        """As MESSAGE_INTERVAL says it: 0 not known, -1 not sent."""
+        """Interval as in MESSAGE_INTERVAL: 0 unknown, -1 not sent."""
         if message_id not in REPORTS:
             return 0
         period_ns = self._periods_ns.get(message_id)
@@ -129,14 +129,14 @@ class TelemetryStreams:
         return []
 
     def poll(self, now_ns: int) -> Messages:
-        """What is due at `now_ns`, and every event since the last call."""
+        """Return the messages due at `now_ns`, and every event since the last call."""
         hub, outbox = self._hub, self._outbox
         messages: Messages = []
         for message_id, period_ns in self._periods_ns.items():
             due_ns = self._due_ns.get(message_id, now_ns)
             if due_ns - period_ns <= now_ns < due_ns - _EARLY_NS:
                 continue
-            # On the grid of its period, unless the clock was set or a whole period was slept through.
+            # Keep the grid of its period, unless the clock was set or a whole period was missed.
             on_grid = due_ns - _EARLY_NS <= now_ns < due_ns + period_ns
             self._due_ns[message_id] = (due_ns if on_grid else now_ns) + period_ns
             message = REPORTS[message_id](hub, now_ns)
@@ -153,7 +153,7 @@ class TelemetryStreams:
         return messages
 
     def message(self, message_id: int, now_ns: int) -> Any | None:
-        """One message now, None when it is not known or has nothing to say."""
+        """Return one message now, None when it is unknown or has no data."""
         report = REPORTS.get(message_id)
         return None if report is None else report(self._hub, now_ns)
 

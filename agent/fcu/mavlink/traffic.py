@@ -1,4 +1,4 @@
-"""Vessels heard by AIS: a table by MMSI, filled from AIS_VESSEL and passed on to every ground station."""
+"""AIS vessels: a table by MMSI, filled from AIS_VESSEL and forwarded to every ground station."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from agent.mavlink.exchange import Messages
 from agent.wire import dialect as mav
 
 MOST_VESSELS = 100
-TIMEOUT_NS = 600_000_000_000  # as ArduPilot's AIS_TIME_OUT: three reports of a vessel at anchor
-AGAIN_NS = 30_000_000_000  # a station that called late hears of those that say nothing new, as from ArduPilot
+TIMEOUT_NS = 600_000_000_000  # ArduPilot's AIS_TIME_OUT: three reports of a vessel at anchor
+AGAIN_NS = 30_000_000_000  # repeat interval, so that a late station receives unchanged vessels too, as from ArduPilot
 EVERY_NS = 50_000_000  # one vessel at a time
 _MOST_LAT, _MOST_LON = 900_000_000, 1_800_000_000
 
 
 class HeardVessel(NamedTuple):
-    """The last AIS_VESSEL of one, and when it came."""
+    """Last AIS_VESSEL of a vessel, and its time of arrival."""
 
     message: Any
     heard_ns: int
 
 
 class TrafficTable:
-    """The newest of each vessel; one that is not heard for TIMEOUT_NS is forgotten.
+    """Newest report of each vessel. A vessel that is silent for TIMEOUT_NS is dropped.
 
-    Beyond MOST_VESSELS the one that has been silent for longest makes room. refused: messages without an MMSI or a
-    place on Earth. dropped: vessels that made room.
+    Beyond MOST_VESSELS, the vessel that was silent for longest is dropped.
+    refused: messages without an MMSI or a valid position.
+    dropped: vessels dropped for lack of room.
     """
 
     def __init__(self) -> None:
@@ -38,11 +39,11 @@ class TrafficTable:
         return len(self._vessels)
 
     def __iter__(self) -> Iterator[HeardVessel]:
-        """In the order in which they were heard, the newest last."""
+        """Iterate in the order of arrival, the newest last."""
         return iter(self._vessels.values())
 
     def add(self, message: Any, now_ns: int) -> None:
-        """One AIS_VESSEL."""
+        """Add an AIS_VESSEL."""
         if not message.MMSI or abs(message.lat) > _MOST_LAT or abs(message.lon) > _MOST_LON:
             self.refused += 1
             return
@@ -53,7 +54,7 @@ class TrafficTable:
         self._vessels[message.MMSI] = HeardVessel(message, now_ns)
 
     def forget_silent(self, now_ns: int) -> None:
-        """Leave out those that have not been heard for long."""
+        """Drop the vessels that were silent for too long."""
         while self._vessels:
             oldest = next(iter(self._vessels))
             if 0 <= now_ns - self._vessels[oldest].heard_ns <= TIMEOUT_NS:
@@ -62,21 +63,21 @@ class TrafficTable:
 
 
 class HasTraffic(Protocol):
-    """What keeps the table, a new one after a restart."""
+    """Holder of the table, which is a new one after a restart."""
 
     traffic: TrafficTable
 
 
 class TrafficReports:
-    """AIS_VESSEL for one station: each vessel when there is something new of it, and again after AGAIN_NS."""
+    """AIS_VESSEL messages for one station: each vessel after an update, and again after AGAIN_NS."""
 
     def __init__(self, hub: HasTraffic) -> None:
         self._hub = hub
-        self._sent: dict[int, tuple[int, int]] = {}  # by MMSI: when it was heard, when that was sent
+        self._sent: dict[int, tuple[int, int]] = {}  # by MMSI: time of arrival and time of sending
         self._spoke_ns: int | None = None
 
     def poll(self, now_ns: int) -> Messages:
-        """The one that has waited for longest, with the time since it was heard, at most every EVERY_NS."""
+        """Return the vessel that has waited for longest, with the time since its report, at most every EVERY_NS."""
         table = self._hub.traffic
         if not len(table) or (self._spoke_ns is not None and 0 <= now_ns - self._spoke_ns < EVERY_NS):
             return []

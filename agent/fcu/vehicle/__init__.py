@@ -1,1 +1,1 @@
-"""The autopilot as a whole: modes, navigation, commands, failsafes, and the loop."""
+"""The complete autopilot: modes, navigation, commands, failsafes, and the loop."""

@@ -1,10 +1,10 @@
-"""The embedded autopilot: estimator (LS), modes and controller (LC) and allocation (LA) behind one interface.
+"""Embedded autopilot: estimator (LS), modes and controller (LC) and allocation (LA) with one interface.
 
-Sensors in, actuators out. Two clocks meet here and are never mixed: measurements carry the sensors' clock, `now_ns` is
-the agent's. Times on the agent's clock are only ever compared with each other.
+It reads sensors and commands actuators. It uses two clocks and never mixes them: measurements have stamps of the
+sensors' clock, and `now_ns` is the agent's clock. Times of the agent's clock are compared only with each other.
 
-What a mode asks of the controller is in `modes`, what the modes steer by in `navigation`, what operators may ask for in
-`commands`, and what is done about failures and the fence in `failsafes`.
+`modes` defines the orders of each mode, and `navigation` the state of the modes. `commands` contains the operators'
+commands, and `failsafes` the reaction to failures and the fence.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LOOP_HZ = 50
 _LOOP_S = 1.0 / LOOP_HZ
 _NO_ORIGIN = LocalProjection(0.0, 0.0, 0.0)
 
-# Pre-arm checks, and the bits of ARMING_CHECK that switch them on.
+# Pre-arm checks, and the bits of ARMING_CHECK that enable them.
 _ALL_CHECKS = 1
 _CHECK_BITS = {
     "Baro": 2,
@@ -56,16 +56,18 @@ _CHECK_BITS = {
 }
 _POSITION_CHECKS = ("GPS", "EKF")
 _PREARM_REPEATED_NS = 30_000_000_000
-_PREARM_AGAIN_NS = 4_000_000_000  # when a check that passed does not any more
-_PATH_EVERY = 10  # cycles
+_PREARM_AGAIN_NS = 4_000_000_000  # after a check that passed before fails
+_PATH_EVERY = 10  # cycles between two points of the return path
 
 
 class Autopilot:
-    """The parts of an autopilot and its control loop. Feed `estimator` and call `control` at LOOP_HZ.
+    """Parts of an autopilot and its control loop. Feed `estimator` and call `control` at LOOP_HZ.
 
-    make_controller: builds what replaces HeadingSpeedController. estimates_used: by control (LC), of the estimator's
-    (LS). gps_time: the date, None until a receiver has told it. What can be refused returns the reason, empty when
-    done.
+    make_controller: builds a replacement of HeadingSpeedController.
+    estimates_used: number of estimates (LS) that control (LC) has used.
+    gps_time: the date, None until a receiver provides it.
+
+    Methods that can refuse return the reason, which is empty on success.
     """
 
     def __init__(self, parameters: Parameters | None = None, make_controller: MakeController | None = None) -> None:
@@ -75,7 +77,7 @@ class Autopilot:
         self._start_over(MissionSequence())
 
     def reset(self) -> None:
-        """Fresh state for a new run: disarmed, not aligned, no events. Parameters, mission and fence are kept."""
+        """Reset the state for a new run: disarmed, not aligned, no events. Parameters, mission and fence remain."""
         self._start_over(self.navigator.mission)
 
     def _start_over(self, mission: MissionSequence) -> None:
@@ -130,7 +132,7 @@ class Autopilot:
         self._last_control_ns: int | None = None
 
     def _configure(self) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         self._parameters_version = self.parameters.version
         self.estimator.configure()
         self.manual.configure()
@@ -143,7 +145,7 @@ class Autopilot:
     # -- the loop
 
     def control(self, now_ns: int) -> Actuators:
-        """One cycle at LOOP_HZ on the agent's clock."""
+        """Run one cycle at LOOP_HZ on the agent's clock."""
         state = self.state
         dt_s = _LOOP_S
         if self._last_control_ns is not None:
@@ -169,7 +171,7 @@ class Autopilot:
         return Actuators(self._steer(now_ns, dt_s), True, False)
 
     def _steer(self, now_ns: int, dt_s: float) -> tuple[float, ...]:
-        """Commands for what the mode asks for."""
+        """Return the commands for the order of the mode."""
         self.estimates_used += 1
         state, estimate = self.state, self.state.estimate
         mode = modes.BY_NUMBER[state.mode]
@@ -231,7 +233,7 @@ class Autopilot:
     # -- arming
 
     def prearm_problems(self) -> tuple[str, ...]:
-        """Why arming is refused, in ArduPilot's words; empty when ready."""
+        """Return the reasons why arming is refused, in ArduPilot's words. Empty when ready."""
         checks = int(self.parameters["ARMING_CHECK"])
         if checks == 0:
             return ()
@@ -247,13 +249,13 @@ class Autopilot:
         return tuple(_enabled_checks(found, checks, modes.BY_NUMBER[self.state.mode].needs_position))
 
     def say_prearm_problems(self) -> None:
-        """Each as an event."""
+        """Add each pre-arm problem as an event."""
         for problem in self.prearm_problems():
             self.events.add(CRITICAL, f"PreArm: {problem}")
         self._prearm_said_ns = self.state.now_ns
 
     def _repeat_prearm_problems(self, now_ns: int) -> None:
-        """Every 30 s, and soon after a check has begun to fail, as ArduPilot does."""
+        """Repeat the pre-arm problems every 30 s, and soon after a check begins to fail, as ArduPilot does."""
         if self._prearm_said_ns is None or now_ns < self._prearm_said_ns:
             self._prearm_said_ns = now_ns
         passed = not self.prearm_problems()
@@ -265,7 +267,12 @@ class Autopilot:
             self._prearm_passed = False
 
     def arm(self, force: bool = False) -> tuple[str, ...]:
-        """Arm, or return why not; by force without the checks. Home moves to the vessel, unless it was set."""
+        """Arm, or return the reasons of a refusal.
+
+        force: skip the checks.
+
+        Home moves to the vessel, unless it was set.
+        """
         state = self.state
         if state.armed:
             return ()
@@ -276,7 +283,7 @@ class Autopilot:
             return problems
         state.armed = True
         self._restart_control()
-        if state.mode != modes.GUIDED:  # a target that was given already is kept
+        if state.mode != modes.GUIDED:  # an existing target is kept
             modes.BY_NUMBER[state.mode].enter(self.navigator)
         if state.estimate.position_valid and not self.navigator.home_is_set:
             self.navigator.set_home_here(self.estimator.frame, state.estimate)
@@ -291,7 +298,7 @@ class Autopilot:
         return ()
 
     def disarm(self) -> None:
-        """Outputs are neutral from now on."""
+        """Disarm. Outputs are neutral from now on."""
         if self.state.armed:
             self.state.armed = False
             self.navigator.output = None
@@ -310,7 +317,7 @@ class Autopilot:
         return ""
 
     def mode_problem(self, mode: int) -> str:
-        """Why a mode cannot be had now, or nothing."""
+        """Return the reason why a mode is unavailable now, or an empty text."""
         if mode not in modes.BY_NUMBER:
             known = ", ".join(f"{number} {name}" for number, name in modes.NAMES.items())
             return f"mode {ROVER_MODES.get(mode, mode)} is not supported; use {known}"
@@ -326,7 +333,7 @@ class Autopilot:
         return ""
 
     def switch_mode(self, mode: int) -> None:
-        """Change to a mode that can be had; a mode in force goes on as it is."""
+        """Change to an available mode. The present mode continues unchanged."""
         if mode != self.state.mode:
             self.state.mode = mode
             self.navigator.output = None
@@ -337,18 +344,18 @@ class Autopilot:
 
     @property
     def in_guided(self) -> bool:
-        """Whether targets are followed: in GUIDED, and where a mission leaves the vessel to them."""
+        """Whether targets are followed: in GUIDED, and when a mission hands control to them."""
         by_mission = self.state.mode == modes.AUTO and self.navigator.progress.hands_over
         return by_mission or self.state.mode == modes.GUIDED
 
     @property
     def guided_target(self) -> GuidedTarget | None:
-        """The target of GUIDED in force."""
+        """Present target of GUIDED, None outside GUIDED."""
         return self.navigator.guided.target if self.in_guided else None
 
     @property
     def utc_us(self) -> int | None:
-        """UTC in microseconds since 1970, as far as a receiver has told the date."""
+        """UTC in microseconds since 1970, None while no receiver has provided the date."""
         return None if self.gps_time is None else self.gps_time.unix_us(self.state.estimate.stamp_ns)
 
     def _utc_s(self) -> float | None:
@@ -357,9 +364,9 @@ class Autopilot:
 
 
 def _enabled_checks(problems: Iterable[ArmingProblem], checks: int, needs_position: bool) -> Iterator[str]:
-    """The texts of what ARMING_CHECK looks for. A mode without a position does not need GNSS.
+    """Yield the texts of the checks that ARMING_CHECK enables. A mode without a position does not need GNSS.
 
-    Problems without a bit, such as those of the fence, count as long as anything is checked.
+    Problems without a bit, such as those of the fence, count if any check is enabled.
     """
     for problem in problems:
         if problem.check in _POSITION_CHECKS and not needs_position:

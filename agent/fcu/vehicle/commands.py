@@ -1,6 +1,6 @@
-"""What operators may ask of the autopilot beside arming and modes: mission, targets of GUIDED, sticks, home, fence.
+"""Operator commands in addition to arming and modes: mission, targets of GUIDED, sticks, home, fence.
 
-What an item of a mission may ask for beside its stages is a row of ACTIONS.
+ACTIONS has a row for each mission item that is an action and not a stage.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _MODE_SWITCHES = {
 
 
 class OperatorCommands:
-    """Each command returns the reason when it is refused, which is an event too; empty when done."""
+    """Commands of operators. Each returns the reason of a refusal, which is an event too, or an empty text."""
 
     def __init__(
         self,
@@ -87,21 +87,21 @@ class OperatorCommands:
     # -- mission
 
     def set_mission(self, mission: MissionSequence) -> None:
-        """Replace the mission; in AUTO the new one starts from its first waypoint, an empty one ends in HOLD."""
+        """Replace the mission. In AUTO the new one starts from its first waypoint, and an empty one ends in HOLD."""
         self._navigator.load_mission(mission)
         if self._state.mode == modes.AUTO and not mission.items:
             self._events.add(NOTICE, "Mission cleared: HOLD")
             self._switch_mode(modes.HOLD)
 
     def start_mission(self) -> str:
-        """AUTO from the first waypoint; the vessel moves once armed."""
+        """Switch to AUTO from the first waypoint. The vessel moves once it is armed."""
         refused = self._set_mode(modes.AUTO)
         if not refused:
             self._navigator.progress.restart()
         return refused
 
     def set_current(self, seq: int) -> str:
-        """Go on from mission item `seq`, 0 for the first."""
+        """Continue from mission item `seq`, 0 for the first."""
         mission = self._navigator.mission
         if not 0 <= seq < len(mission.items):
             return self._events.refuse(f"mission item {seq} is not there; the mission has {len(mission.items)} items")
@@ -111,12 +111,12 @@ class OperatorCommands:
         return ""
 
     def jump_to_tag(self, tag: int) -> str:
-        """Go on from the item with a tag."""
+        """Continue from the item with this tag."""
         seq = self._navigator.mission.tagged(tag)
         return self.set_current(seq) if seq else self._events.refuse(f"tag {tag} is not in the mission")
 
     def change_speed(self, speed_mps: float) -> str:
-        """Speed over ground while the mode lasts; of the mission in AUTO."""
+        """Set the speed over ground while the mode lasts, or of the mission in AUTO."""
         mode = modes.BY_NUMBER[self._state.mode]
         if not mode.has_speed:
             return self._events.refuse(f"{mode.name} has no speed of its own")
@@ -129,16 +129,16 @@ class OperatorCommands:
         return ""
 
     def set_reverse(self, astern: bool) -> str:
-        """Legs and circles stern first, or bow first again, until a mode that steers itself is chosen."""
+        """Follow legs and circles stern first, or bow first again, until another autonomous mode is chosen."""
         self._navigator.astern = astern
         return ""
 
     def perform(self, item: MissionItem) -> str:
-        """Carry out an item of the mission that is no stage; what is said of one that is left out."""
+        """Execute a mission item that is not a stage. Return a text if it is skipped."""
         action = ACTIONS.get(item.command)
         if action is None:
             return passed_over(item)
-        action(self, item)  # what it refuses is an event
+        action(self, item)  # a refusal becomes an event
         return ""
 
     # -- servos and switches
@@ -154,7 +154,7 @@ class OperatorCommands:
         return self._say(INFO, problem) if problem else ""
 
     def aux_function(self, function: int, position: int) -> str:
-        """DO_AUX_FUNCTION: as a switch of a transmitter with that RCx_OPTION, 0 low, 1 middle, 2 high."""
+        """DO_AUX_FUNCTION: acts as a transmitter switch with that RCx_OPTION, 0 low, 1 middle, 2 high."""
         if position not in (_LOW, _MIDDLE, _HIGH):
             return self._events.refuse(f"switch position {position}; use 0 to 2")
         mode = _MODE_SWITCHES.get(function)
@@ -192,7 +192,7 @@ class OperatorCommands:
         return self._guide(problem or GuidedTarget(POSITION, lat_deg, lon_deg))
 
     def go_to_local(self, north_m: float, east_m: float) -> str:
-        """As `go_to`, metres from the estimator's origin."""
+        """Go to a local position, in metres from the estimator's origin, as `go_to` does."""
         frame = self._estimator.frame
         if frame is None:
             return self._events.refuse("a local target needs a position")
@@ -203,23 +203,23 @@ class OperatorCommands:
     def set_velocity(
         self, north_mps: float, east_mps: float, yaw_rad: float | None = None, yaw_rate_radps: float | None = None
     ) -> str:
-        """Velocity over ground, with a heading or a turn rate, for GUID_TIMEOUT."""
+        """Set a velocity over ground, with a heading or a turn rate, for GUID_TIMEOUT."""
         return self._guide(velocity_target(north_mps, east_mps, yaw_rad, yaw_rate_radps))
 
     def set_course(self, heading_rad: float, speed_mps: float) -> str:
-        """Heading and speed over ground, negative astern, for GUID_TIMEOUT."""
+        """Set heading and speed over ground, negative astern, for GUID_TIMEOUT."""
         return self._guide(course_target(heading_rad, speed_mps))
 
     def set_heading_and_thrust(self, heading_rad: float, thrust: float) -> str:
-        """A heading, and a part of WP_SPEED in [-1, 1], for GUID_TIMEOUT: SET_ATTITUDE_TARGET."""
+        """Set a heading, and a part of WP_SPEED in [-1, 1], for GUID_TIMEOUT: SET_ATTITUDE_TARGET."""
         return self.set_course(heading_rad, thrust * self._navigator.cruise_mps)
 
     def set_turn_rate_and_thrust(self, turn_rate_radps: float, thrust: float) -> str:
-        """A turn rate, and a part of WP_SPEED in [-1, 1], for GUID_TIMEOUT."""
+        """Set a turn rate, and a part of WP_SPEED in [-1, 1], for GUID_TIMEOUT."""
         return self.set_turn_rate(turn_rate_radps, thrust * self._navigator.cruise_mps)
 
     def set_turn_rate(self, turn_rate_radps: float, speed_mps: float) -> str:
-        """Turn rate and speed over ground, negative astern, for GUID_TIMEOUT."""
+        """Set turn rate and speed over ground, negative astern, for GUID_TIMEOUT."""
         return self._guide(turn_target(turn_rate_radps, speed_mps))
 
     def _guide(self, target: GuidedTarget | str) -> str:
@@ -239,12 +239,12 @@ class OperatorCommands:
         return self._events.refuse(problem) if problem else ""
 
     def manual_control(self, x: int | None, y: int | None, z: int | None, r: int | None, now_ns: int) -> str:
-        """MANUAL_CONTROL: y steers, z is the throttle; a boat has no use for x and r, as ArduRover."""
+        """MANUAL_CONTROL: y steers, z is the throttle. A boat ignores x and r, as in ArduRover."""
         problem = self._manual.set_axes(y, z, now_ns)
         return self._events.refuse(problem) if problem else ""
 
     def set_home(self, lat_deg: float, lon_deg: float, alt_m: float) -> str:
-        """Home from now on; arming does not move it any more."""
+        """Set home. Arming no longer moves it."""
         problem = position_problem(lat_deg, lon_deg)
         if not problem and not abs(alt_m) < 1e5:
             problem = f"altitude {alt_m:g} m is not one; use 0"
@@ -257,7 +257,7 @@ class OperatorCommands:
         return ""
 
     def set_home_here(self) -> str:
-        """Home is where the vessel is now."""
+        """Set home to the present position."""
         if not self._state.estimate.position_valid:
             return self._events.refuse("home cannot be set here: no position")
         self._navigator.home_is_set = True
@@ -265,7 +265,7 @@ class OperatorCommands:
         return ""
 
     def set_origin(self, lat_deg: float, lon_deg: float, alt_m: float) -> str:
-        """What local positions are counted from, where no fix has said it yet."""
+        """Set the origin of local positions, if no fix has defined it yet."""
         problem = position_problem(lat_deg, lon_deg)
         if not problem and not abs(alt_m) < 1e5:
             problem = f"altitude {alt_m:g} m is not one; use 0"
@@ -274,7 +274,7 @@ class OperatorCommands:
         return self._events.refuse(f"Origin refused: {problem}") if problem else ""
 
     def set_fence(self, items: Sequence[FenceItem]) -> str:
-        """Replace the fence; none of it is taken when an item is refused."""
+        """Replace the fence. A refused item refuses all of it."""
         try:
             self._fence.replace(items)
         except FenceError as error:
@@ -282,7 +282,7 @@ class OperatorCommands:
         return ""
 
     def enable_fence(self, on: bool) -> str:
-        """FENCE_ENABLE."""
+        """Set FENCE_ENABLE."""
         self._parameters.set("FENCE_ENABLE", float(on))
         self._events.add(NOTICE, f"{self._fence.names} {'enabled' if on else 'disabled'}")
         return ""
@@ -295,7 +295,7 @@ def _set_home(commands: OperatorCommands, item: MissionItem) -> str:
 
 
 def _enable_fence(commands: OperatorCommands, item: MissionItem) -> str:
-    """2 switches the floor off, which is nothing to a boat."""
+    """Enable or disable the fence. A value of 2 disables the floor, which a boat ignores."""
     wanted = item.parameters[0]
     return commands.enable_fence(wanted == 1.0) if wanted != 2.0 else ""
 

@@ -1,4 +1,4 @@
-"""Failsafes: IMU, estimate, ground station and fence are checked every cycle, and each has its action."""
+"""Failsafes: IMU, estimate, ground station and fence are checked every cycle, and each has an action."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agent.fcu.vehicle.navigation import Navigator
 from agent.fcu.vehicle_state import CRITICAL, NOTICE, WARNING, ArmingProblem, EventQueue, VehicleState
 
 _FENCE_EVERY = 10  # cycles
-_FURTHER_OUT_M = 20.0  # so much more, and the fence acts again
+_FURTHER_OUT_M = 20.0  # the fence acts again this much farther out
 _CONTINUE_IN_AUTO = 2  # FS_GCS_ENABLE
 _EKF_HOLD, _EKF_REPORT = 1, 2  # FS_EKF_ACTION
 _DISARM = 5  # FS_ACTION
@@ -28,18 +28,18 @@ _MODES_OF_ACTION = {  # FS_ACTION and FENCE_ACTION: modes to try in turn
     6: (modes.LOITER, modes.HOLD),
 }
 _EKF_BAD_NS = 1_000_000_000
-_FIRST_FIX_NS = 3_000_000_000  # after a silence of all sensors the first fix comes later than the first IMU sample
+_FIRST_FIX_NS = 3_000_000_000  # after a silence of all sensors, the first fix arrives later than the first IMU sample
 
 
 class FailsafeCondition:
-    """A condition that counts once it has lasted; `active` while it counts."""
+    """A condition that becomes `active` after it has lasted."""
 
     def __init__(self) -> None:
         self.active = False
         self._since_ns: int | None = None
 
     def update(self, bad: bool, now_ns: int, after_ns: int) -> bool:
-        """Note the condition of now; True when `active` has just changed."""
+        """Update the condition. Return True when `active` has just changed."""
         if not bad:
             self._since_ns = None
             was, self.active = self.active, False
@@ -53,7 +53,10 @@ class FailsafeCondition:
 
 
 class FailsafeMonitor:
-    """Conditions of IMU, estimate (EKF) and ground station (GCS). Each `update_...` returns whether one changed."""
+    """Conditions of IMU, estimate (EKF) and ground station (GCS).
+
+    Each `update_...` returns whether its condition changed.
+    """
 
     def __init__(self, parameters: Parameters) -> None:
         self.imu = FailsafeCondition()
@@ -67,7 +70,7 @@ class FailsafeMonitor:
         self.configure()
 
     def configure(self) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         p = self._parameters
         self.imu_timeout_s = p["FS_IMU_TIMEOUT"]
         self.gcs_timeout_s = p["FS_GCS_TIMEOUT"]
@@ -78,17 +81,22 @@ class FailsafeMonitor:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Names of the failsafes in force."""
+        """Names of the active failsafes."""
         named = (("IMU", self.imu), ("EKF", self.ekf), ("GCS", self.gcs))
         return tuple(name for name, condition in named if condition.active)
 
     def heard_ground_station(self, system_id: int, now_ns: int) -> None:
-        """A heartbeat; counts when it is SYSID_MYGCS's."""
+        """Note a heartbeat, if it is from SYSID_MYGCS."""
         if self._gcs_system in (0, system_id):
             self._gcs_heard_ns = now_ns
 
     def update_imu(self, accepted: int, armed: bool, now_ns: int) -> bool:
-        """`accepted` counts samples. Silence counts once there was a sample, or when armed."""
+        """Update the IMU condition.
+
+        accepted: number of samples.
+
+        Silence counts after the first sample, or when armed.
+        """
         if accepted != self._imu_accepted or self._imu_seen_ns is None:
             self._imu_accepted = accepted
             self._imu_seen_ns = now_ns
@@ -99,10 +107,11 @@ class FailsafeMonitor:
         return changed
 
     def update_ekf(self, lost: bool, ratios: InnovationRatios, steering_by_it: bool, now_ns: int) -> bool:
-        """Bad when the position is lost, at once; or after a second of test ratios that ArduPilot calls bad.
+        """Update the EKF condition: bad at once without a position, or after a second of test ratios over ArduPilot's
+        limit.
 
-        Not while the IMU is silent, when outputs are neutral anyway, nor just after: what is steered then goes on with
-        the first fix.
+        It does not change while the IMU is silent, because outputs are then neutral, nor just after. Steering then
+        continues with the first fix.
         """
         if not steering_by_it and not self.ekf.active:
             return False
@@ -113,7 +122,7 @@ class FailsafeMonitor:
         return self.ekf.update(lost or self._is_over(ratios), now_ns, after_ns)
 
     def update_gcs(self, armed: bool, now_ns: int) -> bool:
-        """Silence of a station that was heard before, for FS_GCS_TIMEOUT and then FS_TIMEOUT."""
+        """Update the GCS condition: silence of a station that was heard before, for FS_GCS_TIMEOUT plus FS_TIMEOUT."""
         heard_ns = self._gcs_heard_ns
         silent = (
             self._gcs_enabled
@@ -124,7 +133,9 @@ class FailsafeMonitor:
         return self.gcs.update(silent, now_ns, self._lasting_ns)
 
     def _is_over(self, ratios: InnovationRatios) -> bool:
-        """ArduPilot's ekf_over_threshold: position and one more, or two of velocity (twice when far over), compass."""
+        """ArduPilot's ekf_over_threshold: position and one more, or two of velocity (counted twice when far over) and
+        compass.
+        """
         limit = self._ekf_threshold
         if limit <= 0.0:
             return False
@@ -134,9 +145,9 @@ class FailsafeMonitor:
 
 
 class FailsafeHandler:
-    """Updates the conditions, switches modes or disarms, and adds events at their begin and end.
+    """Updates the conditions, switches modes or disarms, and adds events at their start and end.
 
-    A mode that was changed stays changed when the cause is over.
+    A mode switched by a failsafe remains when the cause ends.
     """
 
     def __init__(
@@ -167,25 +178,25 @@ class FailsafeHandler:
         self._fence_depth_m = 0.0
 
     def configure(self) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         self._monitor.configure()
 
     def heard_ground_station(self, system_id: int, now_ns: int) -> None:
-        """A ground station's heartbeat or input."""
+        """Note a heartbeat or input of a ground station."""
         self._monitor.heard_ground_station(system_id, now_ns)
 
     @property
     def imu_lost(self) -> bool:
-        """Whether outputs are neutral for want of an IMU."""
+        """Whether outputs are neutral because the IMU is silent."""
         return self._monitor.imu.active
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Names of the failsafes in force: IMU, EKF, GCS, Fence."""
+        """Names of the active failsafes: IMU, EKF, GCS, Fence."""
         return (*self._monitor.active, *(("Fence",) if self._fence.breach.outside else ()))
 
     def update(self, now_ns: int) -> None:
-        """One cycle."""
+        """Run one cycle."""
         state, monitor = self._state, self._monitor
         if monitor.update_imu(self._estimator.imu_accepted, state.armed, now_ns):
             self._on_imu()
@@ -236,7 +247,7 @@ class FailsafeHandler:
             self._act(why, _MODES_OF_ACTION[action])
 
     def _act(self, why: str, choices: tuple[int, ...]) -> None:
-        """Switch to the first of these modes that can be had, and name it in the event."""
+        """Switch to the first available mode of `choices`, and name it in the event."""
         for number in choices:
             if self._mode_problem(number) == "":
                 self._events.add(CRITICAL, f"{why}, {modes.NAMES[number]}")
@@ -247,7 +258,7 @@ class FailsafeHandler:
     # -- the fence
 
     def fence_problems(self) -> tuple[ArmingProblem, ...]:
-        """Why the fence does not let a vessel arm."""
+        """Return the reasons why the fence prevents arming."""
         if not self._fence.enabled:
             return ()
         if not self._state.estimate.position_valid:
@@ -257,12 +268,12 @@ class FailsafeHandler:
         return (ArmingProblem("Fence", f"Vehicle breaching {self._fence.names}"),)
 
     def restart_fence(self) -> None:
-        """At arming: a vessel outside of the fence is a new breach."""
+        """Restart the fence at arming: a vessel outside the fence is a new breach."""
         self._fence.forget_breach()
         self._fence_cycle = 0
 
     def _fence_clearance_m(self) -> float:
-        """How far inside of the fence the vessel is, negative outside, infinite without fence or position."""
+        """Clearance inside the fence, negative outside, infinite without fence or position."""
         frame = self._estimator.frame
         if frame is None or not self._fence.enabled:
             return math.inf

@@ -1,12 +1,12 @@
-"""Progress along a mission: its stages one after the other, and on the way to each what stands before it.
+"""Progress along a mission: its stages in order, and on the way to each stage the items before it.
 
     steer(now)
-      jumps are followed, what is passed is kept     _advance_to
-      the next that was passed is done               _do_passed: CONDITIONS wait, _OWN, then `perform`
-      the stage under way steers                     STAGE_BEGINNINGS by its command
+        follow jumps, store the passed items       _advance_to
+        execute the next passed item               _do_passed: CONDITIONS wait, _OWN, then `perform`
+        the current stage steers                   STAGE_BEGINNINGS by its command
 
-As in ArduPilot, what stands before a stage is done while it is under way, one item a cycle, a condition holds up what
-comes after it, and what was held up when the stage ends is left out.
+As in ArduPilot, the items before a stage are executed while the stage is under way, one item per cycle. A condition
+delays the items after it. Items that are still delayed when the stage ends are skipped.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from agent.fcu.mission import (
 from agent.fcu.vehicle_state import INFO, NOTICE, WARNING
 
 NOT_STARTED, UNDER_WAY, COMPLETE = range(3)
-LEAST_SPEED_MPS = 0.05  # no slower is asked for: -1, -2 and 0 leave the speed as it is
+LEAST_SPEED_MPS = 0.05  # least speed that a mission can set: -1, -2 and 0 keep the present speed
 _MOST_PASSED = 255
 _MOST_RADIUS_M = 2550.0
 _AT_HEADING_RAD = math.radians(5.0)
@@ -66,20 +66,20 @@ UtcClock = Callable[[], Optional[float]]
 
 
 class Stage(Protocol):
-    """An item that is carried out until it is `done`. ending: what is said then; distance_m: how far its place is."""
+    """An item that is executed until it is `done`. ending: event at its end."""
 
     done: bool
     ending: tuple[int, str] | None
 
     def steer(self, now: GuidanceInput) -> GuidanceOutput:
-        """One step."""
+        """Run one step."""
 
 
 class PlaceStage:
-    """To a place along a line, and there for so long.
+    """Go to a position along a line, and stay there for `stay_s`.
 
-    after: where the next line goes, so that its corner is taken with way on; None to arrive slowly. before: the stage
-    whose end this line starts from; None to start where the vessel is.
+    after: target of the next line, so that the corner is taken at speed; None to arrive slowly.
+    before: this line starts at the end of this stage; None to start at the vessel's position.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class PlaceStage:
 
     @property
     def stays(self) -> bool:
-        """Whether the next line starts where the vessel is then."""
+        """Whether the next line starts at the vessel's position then."""
         return self._stay_s > 0.0
 
     def _draw_line(self, now: GuidanceInput) -> None:
@@ -142,7 +142,7 @@ class PlaceStage:
 
 
 class CircleStage:
-    """Around a place so many times."""
+    """Circle a position a number of times."""
 
     def __init__(self, circle: CircleTransit, turns: float) -> None:
         self.done = turns <= 0.0
@@ -157,7 +157,7 @@ class CircleStage:
 
 
 class DelayStage:
-    """Stays where the vessel comes to rest."""
+    """Stay at the position where the vessel stops."""
 
     def __init__(self, now: GuidanceInput, delay_s: float) -> None:
         self.done = False
@@ -176,7 +176,7 @@ class DelayStage:
 
 
 class HeadingStage:
-    """Turns to a heading at a speed, negative astern."""
+    """Turn to a heading at a speed, negative astern."""
 
     def __init__(self, heading_rad: float, speed_mps: float) -> None:
         self.done = False
@@ -189,8 +189,10 @@ class HeadingStage:
 
 
 class GuidedStage:
-    """Leaves the vessel to the targets that come, as in GUIDED, until it is near `place` or a limit of
-    DO_GUIDED_LIMITS is passed."""
+    """Follow external targets, as in GUIDED.
+
+    The stage ends near `place`, or when a limit of DO_GUIDED_LIMITS is exceeded.
+    """
 
     def __init__(self, now: GuidanceInput, place: tuple[float, float] | None, most_s: float, most_m: float) -> None:
         self.done = False
@@ -214,7 +216,7 @@ class GuidedStage:
 
 
 class _NextItem(NamedTuple):
-    """The stage to go to (0 for none), what is passed on the way, the jumps made so far by item, and what is said."""
+    """The next stage (0 for none), the items before it, the jumps made so far by item, and the texts to report."""
 
     current: int
     passed: tuple[int, ...]
@@ -227,25 +229,27 @@ def _mute(severity: int, text: str) -> None:
 
 
 def no_date() -> float | None:
-    """Where nobody tells it."""
+    """Clock without a date."""
     return None
 
 
 def passed_over(item: MissionItem) -> str:
-    """What is said of an item that this vessel cannot carry out."""
+    """Return the text that reports a skipped item."""
     command = COMMANDS[item.command]
     if command.device:
         return f"Skipping cmd #{item.command} {command.name}: no {command.device}"
-    return f"Skipping invalid cmd #{item.command}"  # as ArduRover says of what a boat does not do
+    return f"Skipping invalid cmd #{item.command}"  # ArduRover's text for an item that a boat cannot execute
 
 
 class MissionProgress:
     """Guidance along one mission. `current` is the stage under way, 0 when there is none.
 
-    The first leg, and the leg after an interruption, starts where the vessel is; every other leg joins two waypoints.
-    `home` is where RETURN_HOME goes, the mission's own item 0 when it is not set. say: hears what is begun. perform:
-    carries an item out that is no stage, and returns what is said of one that it does not, empty when done. utc_s: what
-    a DELAY until a time of day goes by, None without a date.
+    The first leg, and the leg after an interruption, starts at the vessel's position. Every other leg joins two
+    waypoints.
+    home: target of RETURN_HOME, or None for the mission's own item 0.
+    say: reports progress.
+    perform: executes an item that is not a stage, and returns a text if it is skipped.
+    utc_s: time for a DELAY until a time of day, None without a date.
     """
 
     def __init__(
@@ -265,11 +269,11 @@ class MissionProgress:
         self.restart()
 
     def restart(self) -> None:
-        """Back to the first stage."""
-        self.speed_mps: float | None = None  # what CHANGE_SPEED asked for
+        """Restart at the first stage."""
+        self.speed_mps: float | None = None  # set by CHANGE_SPEED
         self.output: GuidanceOutput | None = None
-        self.reached = 0  # stages done so far
-        self.guided_limits = (0.0, 0.0)  # seconds and metres, 0 for none
+        self.reached = 0  # number of completed stages
+        self.guided_limits = (0.0, 0.0)  # seconds and metres, 0 for no limit
         self._undrained: list[int] = []
         self._passed: tuple[int, ...] = ()
         self._jumps: dict[int, int] = {}
@@ -277,13 +281,13 @@ class MissionProgress:
         self.resume_from(1)
 
     def resume_from(self, seq: int) -> None:
-        """Go on from `seq`: with what stands there before a stage, and the first stage after it."""
+        """Continue from `seq`: with the items before the next stage, and that stage."""
         self.state = NOT_STARTED
         self._advance_to(seq)
         self.start_leg()
 
     def start_leg(self) -> None:
-        """The next leg starts where the vessel is, and a stage anew; a completed mission starts again."""
+        """Start the next leg at the vessel's position, and restart the stage. A completed mission restarts."""
         self._stage: Stage | None = None
         self._before: PlaceStage | None = None
         self._waited_s: float | None = None
@@ -292,16 +296,16 @@ class MissionProgress:
 
     @property
     def hands_over(self) -> bool:
-        """Whether the stage under way leaves the vessel to targets as of GUIDED."""
+        """Whether the stage under way follows targets as in GUIDED."""
         return self.state == UNDER_WAY and isinstance(self._stage, GuidedStage)
 
     @property
     def sails(self) -> bool:
-        """Whether the stage is sailed along a line or a circle, so that it can be sailed stern first."""
+        """Whether the stage follows a line or a circle, so that stern first is possible."""
         return self.current > 0 and self.mission.items[self.current].command in PASSAGES
 
     def steer(self, now: GuidanceInput) -> GuidanceOutput | None:
-        """Guidance along the mission at a speed of its own, None once the last stage is done."""
+        """Return the guidance along the mission at the mission's speed, None after the last stage."""
         self._do_passed(now.dt_s)
         if self.current == 0:
             self._finish()
@@ -321,11 +325,11 @@ class MissionProgress:
         return None if self.state == COMPLETE else output
 
     def drain_reached(self) -> list[int]:
-        """Stages done since the last call."""
+        """Return the stages completed since the last call."""
         reached, self._undrained = self._undrained, []
         return reached
 
-    # -- from stage to stage
+    # -- transitions between stages
 
     def _end_stage(self, stage: Stage) -> None:
         self.reached += 1
@@ -347,7 +351,7 @@ class MissionProgress:
         self._waited_s = None
 
     def _next_item(self, seq: int) -> _NextItem:
-        """From `seq` to the next stage, by what stands between. Jumps in a ring, or to nowhere, end the mission."""
+        """Find the next stage from `seq` on, with the items before it. An endless or invalid jump ends the mission."""
         items, jumps = self.mission.items, self._jumps
         passed: list[int] = []
         said: list[str] = []
@@ -373,16 +377,16 @@ class MissionProgress:
                 said.append(f"Mission: {seq} Jump {made + 1}/{'unlimited' if times == FOREVER else times}")
                 seq = target
             else:
-                jumps = {**jumps, seq: 0}  # coming by once more it counts anew
+                jumps = {**jumps, seq: 0}  # the next pass counts from zero
                 seq += 1
         else:
             passed.clear()
         return _NextItem(0, tuple(passed), jumps, tuple(said))
 
-    # -- what stands before a stage
+    # -- items before a stage
 
     def _do_passed(self, dt_s: float) -> None:
-        """The jumps, and one item; all of them when no stage comes after."""
+        """Report the jumps and execute one item, or all items when no stage follows."""
         for text in self._jumps_made:
             self._say(INFO, text)
         self._jumps_made = ()
@@ -415,7 +419,7 @@ class MissionProgress:
             self._say(NOTICE, left_out)
 
     def _leave_out_passed(self) -> None:
-        """The stage is over, and these waited for a condition."""
+        """Report the items that still waited for a condition when the stage ended."""
         for seq in self._passed:
             item = self.mission.items[seq]
             if item.command not in CONDITIONS:
@@ -440,7 +444,7 @@ class MissionProgress:
     def _pass_tag(self, item: MissionItem) -> None:
         pass
 
-    # -- stages begin
+    # -- start of a stage
 
     def _begin_place(self, item: MissionItem, now: GuidanceInput) -> Stage:
         seq = self.current
@@ -458,7 +462,7 @@ class MissionProgress:
         return stage
 
     def _place_of(self, seq: int) -> tuple[float, float] | None:
-        """Where a stage goes, None for one without a place."""
+        """Target position of a stage, None without one."""
         item = self.mission.items[seq]
         if item.command == RETURN_HOME:
             home = self.home or self.mission.items[0]
@@ -493,7 +497,10 @@ class MissionProgress:
 
 
 def until_time_of_day_s(clock: tuple[float, ...], utc_s: float | None) -> float:
-    """Seconds until hour, minute and second of UTC come next; -1 stands for any, as in ArduPilot. 0 without a date."""
+    """Seconds until the next UTC time of this hour, minute and second. -1 means any, as in ArduPilot.
+
+    0 without a date.
+    """
     if utc_s is None or all(part == -1.0 for part in clock):
         return 0.0
     hour, minute, second = (int(part) for part in clock)

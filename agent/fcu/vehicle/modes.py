@@ -1,7 +1,7 @@
-"""Modes, by ArduRover's numbers: what each one asks of the controller. A new mode is a function and a row of TABLE.
+"""Modes, by ArduRover's numbers: each defines an order for the controller. A new mode is a function and a row of TABLE.
 
-A mode's `steer` answers with an Order for the controller, with a Demand that goes past it, or with None when it has
-nothing left to do. It is called while armed, and with a position when the mode needs one.
+A mode's `steer` returns an Order for the controller, a Demand that bypasses it, or None when the mode has finished. It
+is called while armed, and with a position when the mode needs one.
 """
 
 from __future__ import annotations
@@ -61,18 +61,18 @@ ModeOutput = Union[Order, Demand, None]
 
 
 class Mode(NamedTuple):
-    """One mode. `enter` prepares it, when it is chosen and when the vessel is armed in it.
-
-    steers_itself: by its own targets; else by the sticks. has_speed: DO_CHANGE_SPEED counts in it.
-    """
+    """One mode."""
 
     number: int
     name: str
     needs_position: bool
     steer: Callable[[Navigator, ModeInput], ModeOutput]
     enter: Callable[[Navigator], None] = lambda _: None
+    """Prepares the mode, when it is chosen and when the vessel is armed in it."""
     steers_itself: bool = False
+    """Whether it follows its own targets instead of the sticks."""
     has_speed: bool = False
+    """Whether DO_CHANGE_SPEED applies."""
 
 
 def _manual(navigator: Navigator, now: ModeInput) -> ModeOutput:
@@ -80,7 +80,7 @@ def _manual(navigator: Navigator, now: ModeInput) -> ModeOutput:
 
 
 def _acro(navigator: Navigator, now: ModeInput) -> ModeOutput:
-    """Turn rate and speed from the sticks; without a velocity the sticks go through as in MANUAL."""
+    """Turn rate and speed from the sticks. Without a velocity, the sticks are passed through as in MANUAL."""
     if not now.estimate.position_valid:
         return _manual(navigator, now)
     rate_radps = now.sticks.steering * navigator.acro_radps
@@ -88,7 +88,10 @@ def _acro(navigator: Navigator, now: ModeInput) -> ModeOutput:
 
 
 def _steering(navigator: Navigator, now: ModeInput) -> ModeOutput:
-    """Lateral acceleration from the steering stick, speed from the throttle; on the spot the stick is a turn rate."""
+    """Lateral acceleration from the steering stick, speed from the throttle.
+
+    At zero throttle, the stick is a turn rate.
+    """
     wanted_mps = now.sticks.throttle * navigator.speed_max_mps
     if wanted_mps == 0.0:
         return Order(None, now.sticks.steering * navigator.acro_radps, 0.0)
@@ -100,7 +103,7 @@ def _steering(navigator: Navigator, now: ModeInput) -> ModeOutput:
 
 
 def _simple(navigator: Navigator, now: ModeInput) -> ModeOutput:
-    """The stick points to where to go: from the heading at arming on, or from north."""
+    """Direction of motion from the stick, relative to the heading at arming, or to north."""
     sticks = now.sticks
     part = min(math.hypot(sticks.throttle, sticks.steering), 1.0)
     if part > 0.0:
@@ -151,7 +154,7 @@ def _rtl(navigator: Navigator, now: ModeInput) -> ModeOutput:
 
 
 def _smart_rtl(navigator: Navigator, now: ModeInput) -> ModeOutput:
-    """Back the way the vessel came; it stops until the path is thinned out, and stays at its start."""
+    """Return along the path. The vessel stops until the path is simplified, and stays at its start."""
     if navigator.station is not None:
         return _toward(navigator, now, _kept(navigator, now, navigator.station))
     if not navigator.return_path.points:
@@ -169,7 +172,7 @@ def _smart_rtl(navigator: Navigator, now: ModeInput) -> ModeOutput:
 
 
 def _guided(navigator: Navigator, now: ModeInput) -> ModeOutput:
-    """Place, velocity, course or turn rate; without a target, and when it was not repeated, stay here."""
+    """Follow a position, velocity, course or turn rate. Without a current target, stay at the present position."""
     guided = navigator.guided
     if guided.is_stale(now.now_ns, navigator.guided_timeout_ns):
         navigator.events.add(NOTICE, f"GUIDED: no target for {navigator.guided_timeout_ns * 1e-9:g} s, stopping")

@@ -1,4 +1,4 @@
-"""What the modes steer by: progress along the mission, targets of GUIDED, the place to keep, the way home."""
+"""State of the modes: progress along the mission, targets of GUIDED, the position to keep, the return path."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _MOST_REACHED = 64
 
 
 class GuidedTarget(NamedTuple):
-    """What was asked for; the fields count for the kinds that have them.
+    """A target. Each kind uses some of the fields. Speeds are over ground, negative astern.
 
-    POSITION: a place. VELOCITY: over ground, with `heading_rad` when a heading was asked for too. COURSE: `heading_rad`
-    and `speed_mps`. TURN: `turn_rate_radps` and `speed_mps`. Speeds are over ground, negative astern.
+    POSITION: a position. VELOCITY: over ground, with `heading_rad` if a heading was also commanded. COURSE:
+    `heading_rad` and `speed_mps`. TURN: `turn_rate_radps` and `speed_mps`.
     """
 
     kind: int
@@ -49,16 +49,16 @@ class GuidedTarget(NamedTuple):
 
 
 class GuidedNavigation:
-    """The target in force, None when there is none: then the vessel stays where it is."""
+    """Present target, None for none. Without one, the vessel stays at its position."""
 
     def __init__(self) -> None:
         self.target: GuidedTarget | None = None
-        self.transit: PointTransit | None = None  # the way to a place, or to where the vessel has to stop
+        self.transit: PointTransit | None = None  # the path to a position, or to the stopping point
         self.course = CourseOverGround()
         self._stamp_ns = 0
 
     def set_target(self, target: GuidedTarget, now_ns: int) -> None:
-        """A new target takes the place of the old one; the same place again changes nothing."""
+        """Replace the target. The same position again changes nothing."""
         if target == self.target and target.kind == POSITION:
             return
         self.transit = PointTransit(target.lat_deg, target.lon_deg) if target.kind == POSITION else None
@@ -68,13 +68,13 @@ class GuidedNavigation:
         self._stamp_ns = now_ns
 
     def clear(self) -> None:
-        """No target."""
+        """Remove the target."""
         self.target = None
         self.transit = None
         self.course = CourseOverGround()
 
     def is_stale(self, now_ns: int, timeout_ns: int) -> bool:
-        """Whether a target that has to be repeated was not."""
+        """Whether a target that must be repeated was not."""
         target = self.target
         return target is not None and target.kind != POSITION and not 0 <= now_ns - self._stamp_ns <= timeout_ns
 
@@ -82,7 +82,7 @@ class GuidedNavigation:
 def velocity_target(
     north_mps: float, east_mps: float, yaw_rad: float | None, yaw_rate_radps: float | None
 ) -> GuidedTarget | str:
-    """The target that a velocity with a heading or a turn rate asks for, or why it cannot be."""
+    """Return the target of a velocity with a heading or a turn rate, or the reason of a refusal."""
     speed_mps = math.hypot(north_mps, east_mps)
     if not speed_mps <= _MOST_MPS:
         return f"velocity {north_mps:g}, {east_mps:g} m/s; use at most {_MOST_MPS:g}"
@@ -99,14 +99,14 @@ def velocity_target(
 
 
 def course_target(heading_rad: float, speed_mps: float) -> GuidedTarget | str:
-    """A heading and a speed, or why not."""
+    """Return the target of a heading and a speed, or the reason of a refusal."""
     if not (math.isfinite(heading_rad) and abs(speed_mps) <= _MOST_MPS):
         return f"heading {heading_rad:g} rad, speed {speed_mps:g} m/s; use numbers, and at most {_MOST_MPS:g} m/s"
     return GuidedTarget(COURSE, heading_rad=wrap_angle(heading_rad), speed_mps=speed_mps)
 
 
 def turn_target(turn_rate_radps: float, speed_mps: float) -> GuidedTarget | str:
-    """A turn rate and a speed, or why not."""
+    """Return the target of a turn rate and a speed, or the reason of a refusal."""
     if not (abs(turn_rate_radps) <= _MOST_RADPS and abs(speed_mps) <= _MOST_MPS):
         return (
             f"turn rate {turn_rate_radps:g} rad/s, speed {speed_mps:g} m/s; use at most {_MOST_RADPS:g}, {_MOST_MPS:g}"
@@ -115,7 +115,7 @@ def turn_target(turn_rate_radps: float, speed_mps: float) -> GuidedTarget | str:
 
 
 class ModeInput(NamedTuple):
-    """What a mode is given each cycle; `speed_mps` is over ground, negative astern."""
+    """Input of a mode in each cycle."""
 
     now_ns: int
     dt_s: float
@@ -123,6 +123,7 @@ class ModeInput(NamedTuple):
     frame: LocalProjection
     pos_ne_m: tuple[float, float]
     speed_mps: float
+    """Over ground, negative astern."""
     sticks: Sticks
 
     def facing(self, astern: bool) -> tuple[float, float]:
@@ -132,18 +133,22 @@ class ModeInput(NamedTuple):
         return self.estimate.yaw_rad, self.speed_mps
 
     def guidance(self, gains: GuidanceGains, wanted_mps: float, astern: bool = False) -> GuidanceInput:
-        """What is steered by, bow or stern first."""
+        """Input of the guidance, bow or stern first."""
         return GuidanceInput(gains, self.frame, self.pos_ne_m, *self.facing(astern), wanted_mps, self.dt_s)
 
 
 class Navigator:
-    """What the modes keep from cycle to cycle.
+    """State that the modes keep between cycles.
 
-    output: guidance of the mode in force, None when it has none. asked_mps: speed asked for while the mode lasts.
-    astern: legs and circles are sailed stern first. home: where the vessel was armed, or first had a position, unless
-    it was set. reached: waypoints nobody has drained yet. simple_heading_rad: what SIMPLE counts headings from.
-    perform: carries out the items of a mission that are not sailed. utc_s: what they may wait for. pivots: whether the
-    vessel can turn on the spot.
+    output: guidance of the present mode, None without guidance.
+    asked_mps: commanded speed while the mode lasts.
+    astern: follow legs and circles stern first.
+    home: position of arming or of the first fix, unless it was set.
+    reached: waypoints that were not drained yet.
+    simple_heading_rad: reference of the headings in SIMPLE.
+    perform: executes the mission items that are not stages.
+    utc_s: UTC for delays until a time of day.
+    pivots: whether the vessel can turn on the spot.
     """
 
     def __init__(
@@ -177,11 +182,11 @@ class Navigator:
         self.configure(parameters, pivots)
 
     def configure(self, p: Parameters, pivots: bool) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         self.gains = GuidanceGains.from_parameters(p, pivots)
         self.cruise_mps = p["WP_SPEED"]
         self.homeward_mps = p["RTL_SPEED"] or p["WP_SPEED"]
-        # Drag, and with it thrust, grows with the square of the speed.
+        # Drag, and therefore thrust, grows with the square of the speed.
         self.speed_max_mps = p["SPEED_MAX"] or p["CRUISE_SPEED"] / math.sqrt(p["CRUISE_THROTTLE"] / 100.0)
         self.acro_radps = math.radians(p["ACRO_TURN_RATE"])
         self.circle_radius_m = p["CIRC_RADIUS"]
@@ -196,22 +201,22 @@ class Navigator:
 
     @property
     def mission(self) -> MissionSequence:
-        """The mission in force, whether or not it is under way."""
+        """Present mission, whether or not it is under way."""
         return self.progress.mission
 
     def load_mission(self, mission: MissionSequence) -> None:
-        """A new mission, from its start."""
+        """Load a new mission, from its start."""
         self.progress = MissionProgress(mission, self.cruise_mps, self.events.add, self._perform, self._utc_s)
 
     def follow_mission(self, now: ModeInput) -> GuidanceOutput | None:
-        """One step along the mission, None once its last stage is done."""
+        """Run one step along the mission. Return None after its last stage."""
         self.progress.home = self.home
         output = self._sail(self.progress, now)
         self.reached.extend(self.progress.drain_reached())
         return output
 
     def drain_reached(self) -> list[int]:
-        """Sequence numbers of the waypoints reached since the last call."""
+        """Return the sequence numbers of the waypoints reached since the last call."""
         reached = list(self.reached)
         self.reached.clear()
         return reached
@@ -221,15 +226,15 @@ class Navigator:
         output = progress.steer(now.guidance(self.gains, progress.default_speed_mps, astern))
         return turned_about(output) if astern and output is not None else output
 
-    # -- the way back
+    # -- return path
 
     def start_return(self, frame: LocalProjection) -> None:
-        """Back along the path, which is used up on the way."""
+        """Start to return along the path, which is consumed on the way."""
         places = [waypoint(*frame.to_geodetic(*point)) for point in reversed(self.return_path.points)]
         self.return_progress = MissionProgress(make_mission([places[-1], *places]), self.homeward_mps)
 
     def follow_return(self, now: ModeInput) -> GuidanceOutput | None:
-        """One step back, None at the start of the path."""
+        """Run one step of the return. Return None at the start of the path."""
         progress = self.return_progress
         if progress is None:
             return None
@@ -243,50 +248,50 @@ class Navigator:
     # -- home
 
     def set_home(self, home: Home) -> None:
-        """Home from now on; a way home under way starts anew."""
+        """Set home. An active return to home restarts."""
         self.home = home
         self.way_home = None
 
     def set_home_here(self, frame: LocalProjection | None, estimate: StateEstimate) -> None:
-        """Home is where the vessel is, as far as that is known."""
+        """Set home to the vessel's position, if it is known."""
         if frame is not None:
             north_m, east_m, down_m = estimate.pos_ned_m
             self.set_home(Home(*frame.to_geodetic(north_m, east_m), frame.alt_m - down_m))
 
-    # -- modes are entered
+    # -- entry of modes
 
     def enter_auto(self) -> None:
-        """The next leg starts where the vessel is."""
+        """Start the next leg at the vessel's position."""
         self.progress.start_leg()
 
     def enter_loiter(self) -> None:
-        """Stay where the vessel comes to rest next."""
+        """Stay at the next stopping point."""
         self.station = None
 
     def enter_circle(self) -> None:
-        """Around where the vessel is next."""
+        """Circle the vessel's next position."""
         self.circle = None
 
     def enter_simple(self) -> None:
-        """With centred sticks the heading is held that the vessel has next."""
+        """With centred sticks, hold the vessel's next heading."""
         self.held_heading_rad = None
 
     def enter_rtl(self) -> None:
-        """The way home starts where the vessel is."""
+        """Start the path home at the vessel's position."""
         self.way_home = None
 
     def enter_smart_rtl(self) -> None:
-        """Stop until the path is thinned out, then go back along it."""
+        """Stop until the path is simplified, then return along it."""
         self.return_progress = None
         self.station = None
         self.return_path.leave()
 
     def enter_guided(self) -> None:
-        """Stay where the vessel comes to rest, until a target comes."""
+        """Stay at the next stopping point, until a target arrives."""
         self.guided.clear()
 
     def stopping_place(self, now: ModeInput) -> tuple[float, float]:
-        """Latitude and longitude of where the vessel comes to rest at ATC_DECEL_MAX."""
+        """Latitude and longitude of the stopping point at ATC_DECEL_MAX."""
         (vn, ve, _), (north_m, east_m) = now.estimate.vel_ned_mps, now.pos_ne_m
         slowing_s = 0.5 * math.hypot(vn, ve) / self.gains.deceleration_mps2
         return now.frame.to_geodetic(north_m + slowing_s * vn, east_m + slowing_s * ve)

@@ -1,8 +1,8 @@
-"""The way that SMART_RTL goes back: places passed since arming, thinned out, loops cut off.
+"""Return path of SMART_RTL: positions passed since arming, simplified, with loops removed.
 
-As ArduPilot's: a place is kept when it is SRTL_ACCURACY from the last; of places on a line the ends stay (Ramer 1972,
-Douglas and Peucker 1973); where the way comes by an earlier part of itself, what lies between is cut off. Cutting looks
-at every pair of stretches, and so does a few of them each cycle.
+It works as in ArduPilot. A position is stored when it is SRTL_ACCURACY from the last one. Positions on a line are
+reduced to its ends (Ramer 1972, Douglas and Peucker 1973). If the path passes an earlier part of itself, the part
+between is removed. This compares every pair of segments, so each cycle compares some of them.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from agent.fcu.vehicle_state import INFO, WARNING, EventQueue
 
 Point = tuple[float, float]
 
-_THINNED_AFTER = 50  # new places
-_SPARE = 10  # places left when loops are looked for
+_THINNED_AFTER = 50  # new positions
+_SPARE = 10  # free positions that trigger the removal of loops
 _GIVEN_UP_NS = 15_000_000_000
 _WARNED_NS = 10_000_000_000
 _PAIRS_A_CYCLE = 400
 
 
 class ReturnPath:
-    """`points` from the start on, metres north and east. `problem` says why there is no way back, empty when there is.
+    """Path in `points` from the start on, metres north and east. `problem` is the reason for no path, empty otherwise.
 
-    Without a place or room for SMARTRTL's 15 s it is given up until the next arming.
+    Without a position, or without room, for SmartRTL's 15 s, the path is abandoned until the next arming.
     """
 
     def __init__(self, parameters: Parameters, events: EventQueue) -> None:
@@ -40,22 +40,22 @@ class ReturnPath:
         self._forget()
 
     def configure(self, p: Parameters) -> None:
-        """Take changed parameters over."""
+        """Apply changed parameters."""
         self._accuracy_m = p["SRTL_ACCURACY"]
         self._most = int(p["SRTL_POINTS"])
 
     def restart(self) -> None:
-        """The way starts at the next position: at arming."""
+        """Start the path at the next position. Called at arming."""
         self.points = []
         self.problem = "no position yet"
         self._forget()
 
     def _forget(self) -> None:
-        self._thinned = 0  # so many places at the beginning are thinned out already
-        self._at: int | None = None  # loops are looked for from this place back, None when they are not
+        self._thinned = 0  # number of leading positions that are already simplified
+        self._at: int | None = None  # end of the segment that is compared next for loops, None when inactive
 
     def update(self, frame: LocalProjection | None, pos_ne_m: Point | None, now_ns: int, saves: bool) -> None:
-        """Each cycle; pos_ne_m is None without a position. saves: not while it is sailed."""
+        """Update each cycle. pos_ne_m: None without a position. saves: False while the vessel follows the path."""
         if self._most == 0 or self._accuracy_m <= 0.0:
             self.points, self.problem = [], "SRTL_POINTS is 0"
             return
@@ -79,14 +79,14 @@ class ReturnPath:
         self._make_room(now_ns)
 
     def tidy(self) -> bool:
-        """A part of thinning out and cutting loops off, whether all is done: before it is sailed."""
+        """Simplify and remove loops, in parts, before the path is followed. Return whether it is complete."""
         if self._at is None:
             self._thin(0)
             self._at = len(self.points) - 1
         return self._cut_loops()
 
     def leave(self) -> None:
-        """It is sailed no more."""
+        """End following the path."""
         self._forget()
 
     def _give_up_late(self, why: str, now_ns: int) -> None:
@@ -114,7 +114,10 @@ class ReturnPath:
         self._thinned = len(self.points)
 
     def _cut_loops(self) -> bool:
-        """From the end back: the earliest stretch that one comes near takes its place. True once at the beginning."""
+        """Compare from the end back. A segment near an earlier one removes the part between.
+
+        Return True at the beginning.
+        """
         points, at = self.points, min(self._at or 0, len(self.points) - 1)
         pairs = 0
         while at >= 3 and pairs < _PAIRS_A_CYCLE:
@@ -137,7 +140,7 @@ class ReturnPath:
 
 
 def thinned(points: Sequence[Point], least_m: float) -> list[Point]:
-    """The points of a line that is nowhere further than `least_m` from the others; first and last stay."""
+    """Return a subset of the points. Its line is nowhere farther than `least_m` from the others. Both ends remain."""
     if len(points) < 3:
         return list(points)
     kept = {0, len(points) - 1}
@@ -156,7 +159,7 @@ def thinned(points: Sequence[Point], least_m: float) -> list[Point]:
 
 
 def _foot(point: Point, start: Point, end: Point) -> Point:
-    """The place of a stretch that is nearest to a point."""
+    """Return the point of a segment that is nearest to a point."""
     dn, de = end[0] - start[0], end[1] - start[1]
     length2 = dn * dn + de * de
     if length2 == 0.0:
@@ -166,7 +169,7 @@ def _foot(point: Point, start: Point, end: Point) -> Point:
 
 
 def _nearest(a: Point, b: Point, c: Point, d: Point) -> tuple[float, Point]:
-    """How near the stretches a to b and c to d come, and the middle of where they do."""
+    """Least distance of the segments a to b and c to d, and the midpoint at that distance."""
     crossing = _crossing(a, b, c, d)
     if crossing is not None:
         return 0.0, crossing

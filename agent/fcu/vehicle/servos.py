@@ -1,4 +1,4 @@
-"""Servo outputs beside those that drive the vessel: set, or moved to and fro, by DO_SET_SERVO and DO_REPEAT_SERVO."""
+"""Other servo outputs than the motors: set by DO_SET_SERVO, or moved repeatedly by DO_REPEAT_SERVO."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _WIDTHS_US = (500, 2500)
 
 
 class ServoOutputs:
-    """`widths_us` of outputs 1 to 16, 0 where nothing was asked for. One output at a time is moved to and fro.
+    """Pulse widths `widths_us` of outputs 1 to 16, 0 for unset ones. One output at a time moves repeatedly.
 
-    driven: those that drive the vessel, which are not for anything else.
+    driven: outputs that drive the vessel, which cannot be set.
     """
 
     def __init__(self, driven: Sequence[int] = ()) -> None:
@@ -26,7 +26,7 @@ class ServoOutputs:
         self._moved_ns: int | None = None
 
     def set(self, output: int, width_us: int) -> str:
-        """Set an output, or why not."""
+        """Set an output. Return the reason of a refusal, or an empty text."""
         problem = self._problem(output, width_us)
         if not problem:
             if output == self._moving:
@@ -35,7 +35,10 @@ class ServoOutputs:
         return problem
 
     def repeat(self, output: int, width_us: int, times: int, period_s: float) -> str:
-        """Move an output there and back to 1500 us so many times, or why not."""
+        """Move an output to `width_us` and back to 1500 us, `times` times.
+
+        Return the reason of a refusal, or an empty text.
+        """
         problem = self._problem(output, width_us)
         if not problem:
             self._moving, self._width_us, self._moves_left = output, width_us, 2 * max(times, 0)
@@ -44,7 +47,7 @@ class ServoOutputs:
         return problem
 
     def update(self, now_ns: int) -> None:
-        """Each cycle."""
+        """Update the outputs each cycle."""
         if self._moves_left == 0:
             return
         if self._moved_ns is not None and 0 <= now_ns - self._moved_ns < self._half_ns:
