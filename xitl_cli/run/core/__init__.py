@@ -1,1 +1,3 @@
-"""What every part of a run stands on: the node interface, reports, time, statistics, seeds, faults, the directory."""
+"""The base of every part of a run: the node interface, reports, time, statistics, seeds, faults and the run
+directory.
+"""
