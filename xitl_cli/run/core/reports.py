@@ -133,7 +133,7 @@ class NodeReport:
     kernel: str = ""
     python: str = ""
     flags: tuple[str, ...] = ()
-    """Scheduling and similar properties, in words."""
+    """How the process runs, in words such as `PREEMPT_RT`, `SCHED_FIFO` or `memory locked`."""
     processors: int | None = None
     temperature_c: float | None = None
     cpu_percent: float | None = None
