@@ -80,7 +80,7 @@ class PtyPair(ABC):
                     with suppress(OSError):
                         self._take(end, os.read(self._masters[end], self._room(end)), now_s)
             for end, data in self._due(now_s):
-                with suppress(OSError):  # what a full or absent receiver does not take is lost, as on a real line
+                with suppress(OSError):  # bytes that a full or absent receiver refuses are lost, as on a real line
                     os.write(self._masters[end], data)
 
     def close(self) -> None:
@@ -143,7 +143,7 @@ class SerialLoopback(PtyPair):
 
 MOST_FRAMES = 256  # frames that an adapter queues; the computer queues the rest
 SHORTEST_LINE, LONGEST_LINE = 6, 140
-_IDENTIFIERS = {b"t": 3, b"T": 8, b"d": 3, b"D": 8, b"b": 3, b"B": 8}  # digits; capital letters: 29 bits
+_IDENTIFIERS = {b"t": 3, b"T": 8, b"d": 3, b"D": 8, b"b": 3, b"B": 8}  # hex digits; capital: 29 bits
 _END = b"\r"
 
 

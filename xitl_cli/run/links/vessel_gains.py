@@ -103,8 +103,7 @@ def _steering(
         lent_nm = min(drag_n * math.tan(math.radians(min(gear.max_angle_deg, 89.0))), ahead_n) * lever_m
         return _Steering(ahead_n * lever_m, ahead_n * lever_m, lent_nm)
     moment_nm = sum(rudder_force_n(vessel, rudder, speed_mps) * -rudder.position_frd_m[0] for rudder in vessel.rudders)
-    # Full steering is full rudder at the base speed. Above it the angle, and with it the force, falls as the speed
-    # grows.
+    # Full steering is full rudder at the base speed. Above it the angle falls and the force grows with the speed.
     return _Steering(moment_nm * RUDDER_BASE_SHARE**2, moment_nm * RUDDER_BASE_SHARE, moment_nm)
 
 
