@@ -130,7 +130,7 @@ class Pipe:
         return messages
 
     def close_sending(self) -> None:
-        """Tell the other end that no more data will follow."""
+        """Signal the end of the data to the other end."""
         try:
             self._end.shutdown(socket.SHUT_WR)
         except OSError as error:

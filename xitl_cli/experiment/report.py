@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Told = float | int | str | None
-"""A value of the paper or of ours: a number, words, or None when it is not printed or not measured."""
+"""A value of the paper or of xitl: a number, words, or None when it is not printed or not measured."""
 
 
 @dataclass(frozen=True, slots=True)

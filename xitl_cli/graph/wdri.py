@@ -13,7 +13,7 @@ from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.schema.graph import COMPLETE, KIND_WEIGHTS, NodeGraph
 
 VertexCount: TypeAlias = Literal["architecture", "present"] | int
-"""Number of vertices for the average degree: all of the architecture, those that are present, or a number."""
+"""Number of vertices for the average degree: all of the architecture, the present ones, or a number."""
 
 
 @dataclass(frozen=True, slots=True)

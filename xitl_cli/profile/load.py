@@ -120,7 +120,9 @@ def checked_profile(entry: Entry, name: str) -> tuple[Profile, Entry]:
 
 
 def unchecked_profile(entry: Entry, name: str) -> Profile:
-    """Return the profile with valid single values only, for a run elsewhere whose files may be missing here."""
+    """Return the profile with valid single values only. A run on another machine may use files that are missing
+    here.
+    """
     if not is_fleet(entry):
         return read_profile(entry, name)
     shared, entries = read_fleet(entry, name)

@@ -79,9 +79,9 @@ class MessageType:
         self._structs: dict[tuple[int, ...], struct.Struct] = {}
         raw = [kind for kind, _ in self._plan] == [_BYTES]  # most messages of a recording have one bytes field
         self.encode: Callable[..., bytes] = _encode_bytes if raw else self._encode
-        """Payload with its encapsulation header, of `stamp_ns` and one value a field.
+        """Returns the payload with its encapsulation header, from `stamp_ns` and one value for each field.
 
-        None is NaN of a float and -1 of an integer; an empty array of fixed length is all zero.
+        None becomes NaN in a float and -1 in an integer. An empty array of fixed length becomes zeros.
         """
 
     def _encode(self, stamp_ns: int, *values: Any) -> bytes:
@@ -144,7 +144,7 @@ def _fields(declaration: type) -> list[TopicField]:
 
 
 def _plan(type_name: str) -> tuple[int, Any]:
-    """Return the encoding of a field, and the value that stands in for an unknown one."""
+    """Return the encoding of a field, and the substitute for an unknown value."""
     match = _TYPE.fullmatch(type_name)
     assert match is not None
     assert match["base"] in _CODES

@@ -86,7 +86,7 @@ class ChunkWriter:
         return number
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Write a file."""
+        """Write a file into the recording."""
         offset = self._stream.tell()
         attachment = _packed(Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
         self._attachments.append(
@@ -103,7 +103,7 @@ class ChunkWriter:
         self._stream.write(attachment)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Write named texts."""
+        """Write named texts into the recording."""
         offset = self._stream.tell()
         metadata = _packed(Metadata(name=name, metadata=dict(values)))
         self._metadata.append(MetadataIndex(offset=offset, length=len(metadata), name=name))

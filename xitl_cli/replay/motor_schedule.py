@@ -90,7 +90,7 @@ def _schedule_from_thrusts(log: ThrustLog, replay: ReplaySpec, vessel: VesselSpe
 def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None = None) -> MotorSchedule:
     """Return recorded pulse widths as commands of the vessel, from `start_s` (or the first armed output) on.
 
-    vessel: None for two motors, whose commands an autopilot gets as stick inputs. Steering and throttle drive one
+    vessel: None for two motors. An autopilot gets their commands as stick inputs. Steering and throttle drive one
     propeller and all steering actuators. For two propellers they are mixed as in a skid-steered ArduRover: port is
     throttle plus steering.
     """

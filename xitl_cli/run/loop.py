@@ -110,7 +110,7 @@ class Loop:
         return [steps[0], *steps]
 
     def _call(self, groups: list[Group], steps: list[RunStep], of_lost: bool = False) -> None:
-        """Call the groups. Raises UserError that names the vessel whose node failed.
+        """Call the groups. When a node fails, raises UserError with the name of its vessel.
 
         of_lost: call the nodes of lost vessels too.
         """

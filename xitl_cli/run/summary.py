@@ -1,4 +1,4 @@
-"""summary.json: what was run, how it ended, and the reports of its nodes."""
+"""summary.json: the profile of a run, its end, and the reports of its nodes."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ def _fleet_verdict(outcome: RunOutcome, verdicts: Mapping[str, Verdict], failed:
 
 
 def _vessel(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sections: Sections) -> dict[str, Any]:
-    """Return the sections of one vessel, and those that are computed from several sections."""
+    """Return the sections of one vessel, including those computed from several others."""
     written: dict[str, Any] = {}
     for key, value in sections.items():
         if key == "graph":

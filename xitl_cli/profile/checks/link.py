@@ -306,7 +306,9 @@ def load_of(sensors: SensorsSpec, signed: bool = False, imu_rate_hz: float | Non
 def highest_imu_rate_hz(
     sensors: SensorsSpec, signed: bool, physics_hz: float, share_of: Callable[[Load], float]
 ) -> float | None:
-    """Return the highest whole rate below the current one that divides the physics rate and fits; None without one."""
+    """Return the highest whole rate below the current rate that divides the physics rate and fits; None without such a
+    rate.
+    """
     for step in range(1, int(physics_hz // LOWEST_IMU_HZ) + 1):
         rate_hz = physics_hz / step
         slower = rate_hz < sensors.imu.rate_hz and rate_hz == int(rate_hz)

@@ -1,4 +1,4 @@
-"""The run directory: run.mcap, summary.json, the profile as resolved, the autopilot's own log, a companion's map."""
+"""The run directory: run.mcap, summary.json, the resolved profile, the autopilot's log and a companion's map."""
 
 from __future__ import annotations
 

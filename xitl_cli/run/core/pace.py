@@ -27,7 +27,7 @@ class Pace(Protocol):
         """Return when the step that ends at `sim_ns` is due. `idle` waits for up to the given time in seconds."""
 
     def sim_of_host(self, host_ns: int) -> int:
-        """Simulation time when the host's monotonic clock shows `host_ns`."""
+        """Return the simulation time when the host's monotonic clock shows `host_ns`."""
 
     def now_sim_ns(self, sim_ns: int) -> int:
         """Return the simulation time right now, during the work on the step that ended at `sim_ns`."""
@@ -39,9 +39,7 @@ class Pace(Protocol):
         """Return the slope of the host's clock against the step number."""
 
     def clock(self, step: int, sim_ns: int) -> ClockExchange | None:
-        """Return the time at which the step that ended at `sim_ns` began. None in lockstep, where simulation time is
-        the clock.
-        """
+        """Return the time at which the step that ended at `sim_ns` began; None in lockstep."""
 
     def report(self) -> PaceReport:
         """Return the report so far."""

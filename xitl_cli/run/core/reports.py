@@ -11,7 +11,7 @@ from xitl_cli.run.core.statistics import Histogram
 
 
 class Ending(Enum):
-    """Why a run ended."""
+    """Reason for the end of a run."""
 
     FINISHED = "finished"
     DURATION = "duration reached"

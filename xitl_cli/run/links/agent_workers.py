@@ -65,7 +65,7 @@ def fleet_workers(profiles: Sequence[RunProfile]) -> AgentWorkers | None:
 
 
 class Worker:
-    """A process with agents."""
+    """A process that runs several agents."""
 
     def __init__(self) -> None:
         self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

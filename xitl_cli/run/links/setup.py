@@ -59,7 +59,7 @@ def embedded_parameters(profile: RunProfile) -> dict[str, float]:
 
 
 def live_parameters(profile: RunProfile) -> dict[str, float]:
-    """Return the parameters of another autopilot that is running. The profile's values override those that it implies.
+    """Return the parameters of another autopilot that is running. Values in the profile override the implied values.
 
     A PX4 gets the values of its parameter files here too, because it reads no such files at its start.
     """

@@ -33,10 +33,10 @@ _PREARM = re.compile(r"^(prearm|arm|preflight fail)\b", re.IGNORECASE)
 
 
 class AutopilotEventNode(RunNode):
-    """Records the mode changes and failsafes of the active autopilot, and reports them in their order.
+    """Records the mode changes and failsafes of an autopilot, and reports them in their order.
 
     Call `handle` with each message after `view` has handled it. When an armed vessel leaves a mode, the event is
-    recorded once the cause is known: at once after a failsafe's sentence, otherwise after CAUSE_NS without one.
+    recorded once its cause is known. That is at once after a failsafe's sentence, otherwise after CAUSE_NS without one.
     """
 
     def __init__(self, view: AgentView) -> None:

@@ -17,8 +17,8 @@ _ESTIMATE = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_AT
 class EstimateRate(RunNode):
     """Requests position and attitude at `rate_hz`, and again while estimates arrive more slowly.
 
-    A bridge requests its own rate from its autopilot at the start, so an acknowledgement proves little. After ASKS
-    requests, an autopilot keeps its rate.
+    A bridge requests its own rate from its autopilot at the start, so an acknowledgement proves little. An autopilot
+    that keeps another rate gets no more than ASKS requests.
     """
 
     def __init__(self, commands: AutopilotCommands, rate_hz: float) -> None:

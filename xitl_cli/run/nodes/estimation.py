@@ -29,7 +29,9 @@ class TruthHistory:
         self._motions.append(motion)
 
     def at(self, stamp_ns: int) -> Kinematics | None:
-        """Return the motion nearest to an instant; None for one that is too old, the newest for one in the future."""
+        """Return the motion nearest to an instant. Too old an instant gives None, and a future one the newest
+        motion.
+        """
         back = max(round((self._newest_ns - stamp_ns) / self._period_ns), 0)
         return self._motions[-1 - back] if back < len(self._motions) else None
 
@@ -98,7 +100,7 @@ class EstimateCheck:
         self._history.add(sim_ns, motion)
 
     def add_estimate(self, stamp_ns: int | None, estimate: MotionEstimate, armed: bool) -> None:
-        """Add an estimate of the instant `stamp_ns`. Ignore one without an instant, or one that is too old."""
+        """Add an estimate of the instant `stamp_ns`. Ignore it if the instant is unknown or too old."""
         truth = None if stamp_ns is None else self._history.at(stamp_ns)
         if truth is None:
             return

@@ -24,7 +24,7 @@ LISTENS_S = 10.0
 AIS_PROTOCOL, AIS_PORTS = 40, (5, 6, 7)  # ports that a SITL leaves unused
 STATION_PORTS = (1, 2)  # SERIAL1 and SERIAL2 use MAVLink by default
 SCRIPTING = {"SCR_ENABLE": 1, "SCR_SDEV_EN": 1, "SCR_SDEV1_PROTO": EXTERNAL_AHRS_PROTOCOL}
-SPEEDUP = 200  # larger than any speed of the world
+SPEEDUP = 200  # high enough that the world sets the pace
 _LISTENS = ("SERIAL0 on TCP port", "Waiting for connection", "Loaded defaults")
 
 

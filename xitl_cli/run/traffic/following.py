@@ -70,7 +70,7 @@ class TrackPursuit(NamedTuple):
     aim_ne_m: Point
     """Point of the track LOOKAHEAD_M ahead."""
     leader_mps: float
-    """Lowest speed of the leader up to there in a corner; infinite elsewhere."""
+    """Lowest speed of the leader in a corner ahead; infinite elsewhere."""
 
 
 class LeaderTrack:

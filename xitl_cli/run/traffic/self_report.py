@@ -1,4 +1,4 @@
-"""A vessel's report of its own motion: its autopilot's estimate, or the script of a vessel without an autopilot."""
+"""A vessel's report of its motion: its autopilot's estimate, or the script of a vessel without an autopilot."""
 
 from __future__ import annotations
 

@@ -87,10 +87,10 @@ class CourseChange:
 
 
 class Transponder:
-    """The transponder of one vessel. It starts `first_s` after the vessel's first report, with a position and static
-    data.
+    """The transponder of one vessel.
 
-    vessel: static data; its MMSI is in every report.
+    It starts at `first_s` of simulation time, or at the vessel's first report if that is later. It then sends a
+    position and static data. vessel: static data; its MMSI is in every report.
     """
 
     def __init__(self, ais_class: AisClass, vessel: AisStatic, frame: LocalFrame, first_s: float = 0.0) -> None:

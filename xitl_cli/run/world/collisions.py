@@ -28,7 +28,7 @@ class Collision:
     impact_mps: float
     """Closing speed at the first contact."""
     place_ned_m: NDArray[float64]
-    """Of the latest contact, as force_n and closing_mps."""
+    """Of the latest contact; so are force_n and closing_mps."""
     first_ne_m: tuple[float, float]
     force_n: float
     closing_mps: float

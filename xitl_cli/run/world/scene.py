@@ -147,8 +147,9 @@ _ALONG_PITCH_RAD = math.pi / 2
 
 
 def _hull(hull: DemiHull) -> messages.CylinderPrimitive | messages.CubePrimitive | messages.TriangleListPrimitive:
-    """Draw round and box-shaped hulls as such and others by their triangles. A too large mesh becomes its bounding
-    box.
+    """Draw a round hull as a cylinder and a box-shaped hull as a box; draw others by their triangles.
+
+    A mesh that is too large becomes its bounding box.
     """
     forward, right, down = hull.keel_frd_m
     middle = (forward, -right, 0.5 * hull.height_m - down)
