@@ -7,8 +7,9 @@ from pathlib import Path
 
 
 def cache_root() -> Path:
-    """Return XITL_CACHE, otherwise XDG_CACHE_HOME/xitl, otherwise ~/.cache/xitl: an absolute path, which need not
-    exist.
+    """Return XITL_CACHE, otherwise XDG_CACHE_HOME/xitl, otherwise ~/.cache/xitl.
+
+    It is an absolute path, which need not exist.
     """
     own = os.environ.get("XITL_CACHE")
     if own:

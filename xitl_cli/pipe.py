@@ -28,8 +28,9 @@ class PipeClosedError(Exception):
 
 @contextmanager
 def until_closed() -> Iterator[None]:
-    """Run the body of a process until its pipe is closed. Another error ends the process at once and is its last
-    output.
+    """Run the body of a process until its pipe is closed.
+
+    Another error ends the process at once and is its last output.
 
     Threads of libraries may still print when they are asked to end.
     """
@@ -44,8 +45,9 @@ def until_closed() -> Iterator[None]:
 
 
 class Pipe:
-    """One end of the pipe. encode, decode: for sent and received messages. taken_bytes: bytes that the socket accepted
-    so far.
+    """One end of the pipe.
+
+    encode, decode: for sent and received messages. taken_bytes: bytes that the socket accepted so far.
     """
 
     def __init__(self, end: socket.socket, encode: Callable[[Any], bytes], decode: Callable[[bytes], Any]) -> None:
@@ -94,8 +96,9 @@ class Pipe:
                 self.taken_bytes += taken
 
     def receive(self, timeout_s: float = 0.0) -> list[Any]:
-        """Return all messages that have arrived, after at most `timeout_s`. Raises PipeClosedError at the end of the
-        data.
+        """Return all messages that have arrived, after at most `timeout_s`.
+
+        Raises PipeClosedError at the end of the data.
         """
         if timeout_s > 0.0:
             select.select([self._end], [self._end] if self._out else [], [], timeout_s)

@@ -8,8 +8,9 @@ from numpy.random import SeedSequence
 
 
 class Seeds:
-    """Random streams of a run. A stream depends only on seed, vessel and name, so a new sensor or vessel changes no
-    other.
+    """Random streams of a run.
+
+    A stream depends only on seed, vessel and name, so a new sensor or vessel changes no other.
 
     vessel: owner of the streams; empty for the water, and for a single vessel.
     """

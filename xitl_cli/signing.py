@@ -8,8 +8,9 @@ from xitl_cli.errors import UserError
 
 
 def read_key_file(path: str, option: str = "--signing-key") -> bytes:
-    """Return the key in the file: 64 hexadecimal digits or a passphrase. option: source of the file name. Raises
-    UserError.
+    """Return the key in the file: 64 hexadecimal digits or a passphrase.
+
+    option: source of the file name. Raises UserError.
     """
     try:
         return read_file(path, option)

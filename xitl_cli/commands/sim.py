@@ -187,8 +187,9 @@ class SimCommand(TyperCommand):
 
 
 def live_options(live: str | None, port: int | None, commands: bool) -> dict[str, Any]:
-    """Return the profile keys for `--live`, `--live-port` and `--live-commands`. Raises UserError for another
-    server.
+    """Return the profile keys for `--live`, `--live-port` and `--live-commands`.
+
+    Raises UserError for another server.
     """
     if live not in (None, "foxglove"):
         raise UserError(f"--live {live}: is not known; use foxglove, or --view for a page of xitl's own")

@@ -74,8 +74,9 @@ def show_fleet(
 
 
 def worst_vessels(vessels: Mapping[str, dict[str, Any]], count: int) -> list[str]:
-    """Return all names if they are at most `count`, otherwise `count`: not completed first, then by cross-track
-    error.
+    """Return all names if they are at most `count`.
+
+    Otherwise, return the worst `count`: not completed first, then by cross-track error.
     """
     if len(vessels) <= count:
         return list(vessels)
@@ -273,8 +274,7 @@ def _tasks(summary: dict[str, Any]) -> Rows:
 
 
 def _clocks(summary: dict[str, Any]) -> Rows:
-    """Return the table of clocks: drift in ppm, its standard error from the fit, and its variation between windows of
-    10 s.
+    """Return the table of clocks: drift in ppm, its standard error from the fit, and its variation over 10 s.
 
     It fits in 80 columns for machines with an uptime of up to three years.
     """

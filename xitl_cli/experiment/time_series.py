@@ -57,8 +57,9 @@ def true_path_ne_m(run: Log) -> Floats:
 
 
 def first_s(log: Log, name: str, holds: Callable[[Table], NDArray[np.bool_]]) -> float | None:
-    """Return the first time at which a row of this table fulfils `holds`, in seconds of the log's clock; None without
-    one.
+    """Return the first time at which a row of this table fulfils `holds`, in seconds of the log's clock.
+
+    None without such a row.
     """
     table = log.tables.get(name)
     if table is None or not len(table):

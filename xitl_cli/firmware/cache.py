@@ -235,8 +235,9 @@ _KEY = "autopilot.firmware"
 
 
 def _checked_program(path: Path, key: str = _KEY) -> Path:
-    """Return the path of a program. key: its source, for errors. Raises UserError for a file that this machine cannot
-    run.
+    """Return the path of a program.
+
+    key: its source, for errors. Raises UserError for a file that this machine cannot run.
     """
     if path.is_dir():
         raise UserError(f"{key}: {path} is a directory; give the path of the program in it")

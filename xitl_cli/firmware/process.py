@@ -89,8 +89,9 @@ class FirmwareProcess:
         )
 
     def wait_for(self, *words: str, timeout_s: float) -> bool:
-        """Return True once one of the words is on its console, False after the timeout. Raises UserError if it ends
-        before.
+        """Return True once one of the words is on its console, False after the timeout.
+
+        Raises UserError if it ends before.
         """
         until_s = time.monotonic() + timeout_s
         while True:

@@ -80,9 +80,7 @@ def build_graph(vertices: Iterable[Vertex], links: Iterable[tuple[str, str]]) ->
 
 
 def complete_graph(names: Iterable[str]) -> Graph:
-    """Return a graph in which every vertex is real and joined to every vertex, itself included: weighted degree n -
-    1.
-    """
+    """Return a graph with every vertex real and joined to every vertex, itself included: weighted degree n - 1."""
     names = tuple(names)
     vertices = tuple(Vertex(name, "real", 1.0) for name in names)
     return Graph(vertices, tuple((1,) * len(names) for _ in names))

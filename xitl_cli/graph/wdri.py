@@ -1,4 +1,4 @@
-"""WDRI: ratio of the weighted degree of a simulation's graph to that of a reference."""
+"""WDRI: closeness of the weighted degree of a simulation's graph to that of a reference, from 0 to 1."""
 
 from __future__ import annotations
 
@@ -81,8 +81,9 @@ def fleet_wdri(profile: Profile, reference: str | None = None, vertices: VertexC
 def profile_wdri(
     profile: Profile | RunProfile, reference: str | None = None, vertices: VertexCount | None = None
 ) -> Wdri:
-    """Return the WDRI of `profile` against `reference`: a profile's name or path, or `complete`. Default: the profile's
-    own.
+    """Return the WDRI of `profile` against `reference`: a profile's name or path, or `complete`.
+
+    Default: the profile's own.
 
     `vertices`: number of vertices for the average degree of `profile`; default: that of the profile. A reference
     profile keeps its own number. Raises UserError when a graph is missing or the index is undefined.

@@ -179,8 +179,9 @@ def _errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
 
 
 def _anchored_errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
-    """Return errors with the first poses aligned. The level error leaves out the height: a degree of tilt at the start
-    changes it by a metre in sixty.
+    """Return errors with the first poses aligned.
+
+    The level error leaves out the height: a degree of tilt at the start changes it by a metre in sixty.
     """
     moved, _ = align_trajectory(reference, other, "origin")
     absolute = error_statistics(absolute_errors_m(reference, moved))

@@ -1,6 +1,4 @@
-"""Clouds, pings and poses of a recording, converted back to the axes before recording: forward, right, down, and
-NED.
-"""
+"""Clouds, pings and poses of a recording, converted back to body FRD and NED."""
 
 from __future__ import annotations
 

@@ -34,8 +34,9 @@ def cloud_topic(log: Log) -> Table | None:
 
 
 def foreign_clouds(log: Log, table: Table) -> Iterator[PointCloud]:
-    """Yield clouds in the order of the file, forward, right, down of the vessel. Raises UserError for points without x,
-    y, z.
+    """Yield clouds in the order of the file, forward, right, down of the vessel.
+
+    Raises UserError for points without x, y, z.
     """
     kind = _point_type(log, table)
     intensity = next((name for name in ("intensity", "reflectivity") if name in (kind.names or ())), None)
@@ -65,8 +66,9 @@ def foreign_clouds(log: Log, table: Table) -> Iterator[PointCloud]:
 
 
 def mounting(log: Log, frame: str) -> Turn:
-    """Return the pose of a frame on the vessel by static transforms; at the vessel's origin if they do not lead to
-    it.
+    """Return the pose of a frame on the vessel by static transforms.
+
+    It is the vessel's origin if they do not lead to it.
     """
     above = _static_transforms(log)
     turn, shift_m = np.eye(3), np.zeros(3)

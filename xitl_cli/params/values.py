@@ -34,8 +34,9 @@ class ParameterSet:
 
     @property
     def described(self) -> bool:
-        """Whether the embedded autopilot's table describes these. A vehicle with other names is no embedded
-        autopilot.
+        """Whether the embedded autopilot's table describes these.
+
+        A vehicle with other names is no embedded autopilot.
         """
         return not self.complete or set(self.values) <= set(TABLE_BY_NAME)
 
@@ -56,8 +57,9 @@ def read_source(source: str, key: bytes | None = None) -> ParameterSet:
 
 
 def read_file(source: str) -> ParameterSet:
-    """Return the parameters of a file (.parm, or QGroundControl's .params) or a shipped file's name. Raises
-    UserError.
+    """Return the parameters of a file (.parm, or QGroundControl's .params) or a shipped file's name.
+
+    Raises UserError.
     """
     try:
         find_parameter_file(source)

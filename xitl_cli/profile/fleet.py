@@ -276,8 +276,9 @@ def _place(one: FleetEntry, by_name: Mapping[str, FleetEntry], placed: dict[str,
 def _offsets(
     one: FleetEntry, profile: Profile, heading_deg: float, placed: Mapping[str, Profile], name: str
 ) -> list[Offset]:
-    """Return the offset of each vessel from the entry's place, north and east. Raises ProfileError without enough
-    space.
+    """Return the offset of each vessel from the entry's place, north and east.
+
+    Raises ProfileError without enough space.
     """
     count, formation, spread = one.several.count or 1, one.several.formation, one.several.spread
     if formation is not None:
@@ -325,8 +326,9 @@ def _to_mm(coordinate_m: float) -> float:
 
 
 def _shifted(profile: Profile, offset_ne_m: Offset, heading_deg: float, with_waypoints: bool) -> Profile:
-    """Return the vessel at an offset from the entry's place. Its waypoints, or its place relative to the leader, move
-    along.
+    """Return the vessel at an offset from the entry's place.
+
+    Its waypoints, or its place relative to the leader, move along.
     """
 
     def moved(place: Offset) -> Offset:
@@ -397,8 +399,9 @@ def _with_ids(profile: Profile, system_id: int | None, mmsi: int | None) -> Prof
 
 
 def unfolded_entry(entry: Entry, entries: list[FleetEntry], vessels: Mapping[str, Profile]) -> Entry:
-    """Return `entry` with the unfolded vessels, for the origin of each value. A moved place has its formation's
-    origin.
+    """Return `entry` with the unfolded vessels, for the origin of each value.
+
+    A moved place has its formation's origin.
     """
     assert isinstance(entry.value, dict)
     found: dict[str, Entry] = {}

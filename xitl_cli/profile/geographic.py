@@ -154,8 +154,9 @@ def _is_place(kind: Any, path: KeyPath) -> bool:
 
 
 def _on_plane(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-    """Return north and east where the vertical of the place meets the plane of the site. Metres convert back to degrees
-    likewise.
+    """Return north and east where the vertical of the place meets the plane of the site.
+
+    Metres convert back to degrees likewise.
     """
     import numpy as np
 

@@ -91,10 +91,10 @@ def load_with_origins(name: str, overrides: Iterable[str] = (), parts: Iterable[
 
 
 def prepared(entry: Entry) -> Entry:
-    """Prepare a composed profile for reading: absolute paths, mission files read, places in metres, null faults
-    removed.
+    """Prepare a composed profile for reading.
 
-    Raises ProfileError for an invalid mission file or place.
+    Paths become absolute, mission files are read, places become metres, and null faults are removed. Raises
+    ProfileError for an invalid mission file or place.
     """
     entry = with_mission_files(with_absolute_paths(_without_null_faults(entry)))
     return with_places_in_metres(entry, entry.origin.source)
@@ -120,8 +120,9 @@ def checked_profile(entry: Entry, name: str) -> tuple[Profile, Entry]:
 
 
 def unchecked_profile(entry: Entry, name: str) -> Profile:
-    """Return the profile with valid single values only. A run on another machine may use files that are missing
-    here.
+    """Return the profile with valid single values only.
+
+    A run on another machine may use files that are missing here.
     """
     if not is_fleet(entry):
         return read_profile(entry, name)
@@ -210,8 +211,9 @@ def with_absolute_paths(entry: Entry) -> Entry:
 
 
 def _rewritten(entry: Entry, path: KeyPath, suffixes: tuple[str, ...], behind: str = "") -> Entry:
-    """Make the path at `path` absolute if it ends in one of `suffixes`. `behind`: first character of the text after the
-    path.
+    """Make the path at `path` absolute if it ends in one of `suffixes`.
+
+    `behind`: first character of the text after the path.
     """
     if not path:
         if not isinstance(entry.value, str):

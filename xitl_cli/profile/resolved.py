@@ -60,8 +60,9 @@ def _groups(profile: Profile) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Convert to mappings, tuples and scalars. Keys for a vessel among several are left out when they have their
-    defaults.
+    """Convert to mappings, tuples and scalars.
+
+    Keys for a vessel among several are left out when they have their defaults.
     """
     if is_dataclass(value) and not isinstance(value, type):
         marked, spec = key_annotations(type(value)), fields(value)

@@ -160,8 +160,9 @@ class McapFile:
         return self._channels.setdefault(topic, log_and_show)
 
     def _write_kept(self, everything: bool) -> None:
-        """Write chunks of channels with enough data for one. Write one of all others if they fill it, or with
-        `everything`.
+        """Write chunks of channels with enough data for one.
+
+        Write one of all others if they fill it, or with `everything`.
         """
         chunks: dict[int, list[ChunkMessage]] = {
             channel: [] for channel, size in self._kept_bytes.items() if size >= APART_BYTES
@@ -178,9 +179,7 @@ class McapFile:
                 self._guarded(self._writer.write_chunk, messages)
 
     def _guarded(self, write: Callable[..., object], *arguments: object) -> None:
-        """Write whole records and pass them to the operating system, so that they stay when a later write is
-        refused.
-        """
+        """Write whole records and flush them, so that they stay when a later write is refused."""
         if self._refused_once:
             return
         try:

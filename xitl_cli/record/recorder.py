@@ -254,8 +254,9 @@ class Recorder:
         write(encode(stamp_ns, frame), stamp_ns)
 
     def frame_received(self, stamp_ns: int, frame: bytes, sent_ns: int | None = None, link: str = "agent") -> None:
-        """Write a raw MAVLink frame from agent to host. `sent_ns`: simulation time at which the agent sent it, by its
-        own clock.
+        """Write a raw MAVLink frame from agent to host.
+
+        `sent_ns`: simulation time at which the agent sent it, by its own clock.
         """
         encode, write = self._received[link]
         write(encode(stamp_ns, frame), stamp_ns, sent_ns)

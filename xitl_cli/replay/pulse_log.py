@@ -63,8 +63,9 @@ def is_pulse(pulse_us: float) -> bool:
 
 
 def read_pulse_log(path: Path) -> PulseLog:
-    """Read the log (`.bin`, `.tlog`, `.mcap`, a bag) or the table at `path`. Raises UserError with the problem in
-    it.
+    """Read the log (`.bin`, `.tlog`, `.mcap`, a bag) or the table at `path`.
+
+    Raises UserError with the problem in it.
     """
     if path.suffix.lower() == ".bin":
         return read_dataflash(path)
@@ -220,8 +221,9 @@ def read_recording(path: Path) -> PulseLog:
 
 
 def output_functions(log: Log) -> dict[int, int]:
-    """Return SERVOn_FUNCTION by channel if the log has it. A recording of xitl with two propellers gets those of a
-    pair.
+    """Return SERVOn_FUNCTION by channel if the log has it.
+
+    A recording of xitl with two propellers gets those of a pair.
     """
     found = {
         int(match[1]): int(value)

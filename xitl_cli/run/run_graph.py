@@ -120,8 +120,9 @@ def _agents(links: Sequence[LinkReport], nodes: Sequence[NodeReport], traffic: T
 
 
 def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentTraffic) -> AgentTraffic:
-    """Return the autopilot behind a bridge. It is present when a heartbeat arrived, and it gets the frames that the
-    bridge could pass on.
+    """Return the autopilot behind a bridge.
+
+    It is present when a heartbeat arrived, and it gets the frames that the bridge could pass on.
     """
     if autopilot.milestones.heartbeat_s is None:
         return replace(bridge, nodes="", to_agent={}, from_agent={}, estimates=0, efforts=0)
@@ -145,8 +146,9 @@ def _is_made_here(device: str) -> bool:
 
 
 def _inside_host(profile: RunProfile, duration_s: float, moored_s: float) -> Iterator[Pair]:
-    """Yield the links inside the host. The truth goes to the recording. Without an autopilot, so do the driver's
-    commands, which also go to the vessel.
+    """Yield the links inside the host.
+
+    The truth goes to the recording. Without an autopilot, so do the driver's commands, which also go to the vessel.
     """
     if duration_s <= 0:
         return
@@ -175,8 +177,9 @@ def vessels_of_run(folder: Path) -> tuple[str, ...]:
 def measured_run(
     folder: Path, reference: str | None = None, vertices: VertexCount | None = None, vessel: str | None = None
 ) -> MeasuredRun:
-    """Return the measured graph in `folder`. `reference` and `vertices` are as in `profile_wdri`; default: those of its
-    profile.
+    """Return the measured graph in `folder`.
+
+    `reference` and `vertices` are as in `profile_wdri`; default: those of its profile.
 
     vessel: name of a vessel in a fleet's run. Raises UserError when the folder holds no measured graph.
     """

@@ -187,8 +187,9 @@ class LiveDisplay:
         return Panel(content, title=Text(self._title), title_align="left", border_style="cyan")
 
     def _fleet_panel(self, statuses: Sequence[RunStatus], now_s: float) -> RenderableType:
-        """Return a table with one row for each vessel. When space is short, it shows the vessels that need
-        attention.
+        """Return a table with one row for each vessel.
+
+        When space is short, it shows the vessels that need attention.
         """
         sim_s = statuses[0].sim_s
         factor = 0.0
@@ -240,8 +241,9 @@ def fleet_line(statuses: Sequence[RunStatus]) -> str:
 
 
 def worst_first(statuses: Sequence[RunStatus], count: int) -> list[RunStatus]:
-    """Return all in their order if they are at most `count`; otherwise the `count` with the largest cross-track
-    errors.
+    """Return all in their order if they are at most `count`.
+
+    Otherwise, return the `count` with the largest cross-track errors, the largest first.
     """
     if len(statuses) <= count:
         return list(statuses)

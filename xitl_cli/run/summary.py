@@ -100,8 +100,9 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
 
 
 def summary_of(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> dict[str, Any]:
-    """Return the content of summary.json; docs/recording.md explains the keys. sections: the merged reports of the
-    nodes.
+    """Return the content of summary.json; docs/recording.md explains the keys.
+
+    sections: the merged reports of the nodes.
     """
     vessel = outcome.vessels[0]
     verdict = _verdict(profile, outcome, vessel, sections)
@@ -205,8 +206,10 @@ def _controller_failures(sections: Sections) -> int:
 
 
 def _fleet_verdict(outcome: RunOutcome, verdicts: Mapping[str, Verdict], failed: Sequence[str]) -> Verdict:
-    """Return the verdict on the run. It is completed when all awaited vessels are, and in real time when all vessels
-    were. The figures are the worst of the vessels.
+    """Return the verdict on the run.
+
+    It is completed when all awaited vessels are, and in real time when all vessels were. The figures are the worst of
+    the vessels.
 
     failed: names of the vessels with a failed controller.
     """

@@ -44,9 +44,7 @@ _EMBEDDED_ONLY = {
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Yield parts of autopilot, standby, bridge and companion that do not fit together, are missing, or are no
-    address.
-    """
+    """Yield keys of autopilot, standby, bridge and companion that are missing, invalid or do not fit together."""
     yield from _autopilot(profile)
     yield from _bridge(profile)
     yield from _companion(profile)

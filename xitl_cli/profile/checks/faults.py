@@ -29,9 +29,7 @@ OWN_SIMULATION = ("gnss", "magnetometer", "barometer")
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Yield faults without an effect, faults that end before they begin, and faults that need parts which the run
-    lacks.
-    """
+    """Yield faults that do nothing, end before they begin, or need parts that the run lacks."""
     for name, fault in (profile.faults or {}).items():
         path: KeyPath = ("faults", name)
         yield from _times(path, fault)

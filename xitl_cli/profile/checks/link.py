@@ -55,8 +55,9 @@ def _link(
 
 
 def problem_of_link(link: str, key: str, runs: str) -> str | None:
-    """Return the problem of a link to an agent, as `problem_of_url`. Port 0 means a free port on this machine. `key`:
-    key with the agent's place.
+    """Return the problem of a link to an agent, as `problem_of_url`.
+
+    Port 0 means a free port on this machine. `key`: key with the agent's place.
     """
     any_port = runs != "board" and link.startswith(("udp://", "tcp://")) and link.endswith(":0")
     return problem_of_url(f"{link[:-1]}1" if any_port else link) or misplaced(urlsplit(link), key, runs)
@@ -250,8 +251,9 @@ class Load:
         return max(map(bytes_per_s, (self.to_agent, self.to_host))) * BITS_PER_BYTE / baud
 
     def can_share(self, line: CanLine) -> float:
-        """Return the share of the bus that both directions use together, with the longest frames that stuffing can
-        give.
+        """Return the share of the bus that both directions use together.
+
+        Frames have the largest length that stuffing can give.
         """
         return sum(flow.rate_hz * line.transfer_s(flow.frame_bytes) for flow in (*self.to_agent, *self.to_host))
 
@@ -306,8 +308,9 @@ def load_of(sensors: SensorsSpec, signed: bool = False, imu_rate_hz: float | Non
 def highest_imu_rate_hz(
     sensors: SensorsSpec, signed: bool, physics_hz: float, share_of: Callable[[Load], float]
 ) -> float | None:
-    """Return the highest whole rate below the current rate that divides the physics rate and fits; None without such a
-    rate.
+    """Return the highest whole rate below the current rate that divides the physics rate and fits.
+
+    None without such a rate.
     """
     for step in range(1, int(physics_hz // LOWEST_IMU_HZ) + 1):
         rate_hz = physics_hz / step

@@ -1,6 +1,4 @@
-"""Checks of vessel and world: the vessel floats upright and the steps are short enough, meshes exist, addresses are
-valid.
-"""
+"""Checks of vessel and world: the vessel floats upright, steps are short enough, meshes and addresses are valid."""
 
 from __future__ import annotations
 

@@ -33,8 +33,9 @@ def _roots() -> list[Path]:
 
 @cache
 def _profiles_below(root: Path) -> dict[str, Path]:
-    """Return the profiles below a folder. The result is cached: shipped files do not change, and extended profiles use
-    it too.
+    """Return the profiles below a folder.
+
+    The result is cached: shipped files do not change, and extended profiles use it too.
     """
     names = {path.relative_to(root).with_suffix("").as_posix(): path for path in root.rglob("*.yaml")}
     return dict(sorted(names.items(), key=lambda item: (item[0].count("/"), item[0])))

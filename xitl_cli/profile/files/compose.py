@@ -34,8 +34,9 @@ _RIVALS: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
 
 
 def compose(path: Path) -> Entry:
-    """Return the profile in the file at `path`, with all extended profiles merged, without `extends` and with
-    `name`.
+    """Return the profile in the file at `path` with all extended profiles merged.
+
+    It has no `extends`, and it has a `name`.
     """
     name = profile_name(path)
     merged = _composed(path, ())
@@ -79,8 +80,9 @@ def _composed(path: Path, chain: tuple[Path, ...]) -> Entry:
 
 
 def _extended(entry: Entry, path: Path, chain: tuple[Path, ...]) -> Entry:
-    """Return `entry` of the file at `path`, laid on the profiles that it extends. `chain`: files that led to this
-    one.
+    """Return `entry` of the file at `path`, laid on the profiles that it extends.
+
+    `chain`: files that led to this one.
     """
     if not isinstance(entry.value, dict) or "extends" not in entry.value:
         return entry

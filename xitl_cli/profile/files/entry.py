@@ -71,8 +71,9 @@ def merge(base: Entry, over: Entry) -> Entry:
 
 
 def dotted(path: KeyPath) -> str:
-    """Return `("vehicle", "propellers", 0)` as `vehicle.propellers.0`. Unusual keys are quoted, to keep the text on one
-    line.
+    """Return `("vehicle", "propellers", 0)` as `vehicle.propellers.0`.
+
+    Unusual keys are quoted, to keep the text on one line.
     """
     return ".".join(str(key) if isinstance(key, int) or _is_plain(key) else repr(key) for key in path)
 

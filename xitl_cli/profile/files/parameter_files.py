@@ -16,8 +16,9 @@ SHIPPED = ("*.parm", f"*{SUFFIX}")
 
 
 def find_parameter_file(name: str) -> Path:
-    """Return the file of `name`: a path if it ends in .parm, .param or .params, otherwise a shipped one. Raises
-    UserError.
+    """Return the file of `name`: a path if it ends in .parm, .param or .params, otherwise a shipped one.
+
+    Raises UserError.
     """
     if name.endswith(SUFFIXES):
         path = Path(name).expanduser()

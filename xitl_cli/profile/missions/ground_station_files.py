@@ -28,8 +28,9 @@ _WPL_VERSIONS = ("100", "110", "120")
 
 
 def read_plan(text: str) -> Course:
-    """Return the mission, fence and rally points of a `.plan`. The planned home is ignored: the vessel has
-    `mission.start`.
+    """Return the mission, fence and rally points of a `.plan`.
+
+    The planned home is ignored: the vessel has `mission.start`.
 
     A survey or a corridor scan gives the items that the station has generated. Raises MissionFileError.
     """

@@ -24,8 +24,9 @@ READERS: Mapping[str, Callable[[str], Course]] = {
 
 
 def with_mission_files(entry: Entry) -> Entry:
-    """Return `entry` with the mission files of the profile and its vessels read. Raises ProfileError with file and
-    element.
+    """Return `entry` with the mission files of the profile and its vessels read.
+
+    Raises ProfileError with file and element.
 
     Places stay latitudes and longitudes: `with_places_in_metres` follows.
     """

@@ -1,3 +1,1 @@
-"""The base of every part of a run: the node interface, reports, time, statistics, seeds, faults and the run
-directory.
-"""
+"""The base of every part of a run: node interface, reports, time, statistics, faults and the run directory."""

@@ -70,8 +70,9 @@ def check_free(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> list
 
 
 def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
-    """Create `path`, and delete an earlier run in it when `overwrite` is True. vessels: names of the folders to create
-    in it.
+    """Create `path`, and delete an earlier run in it when `overwrite` is True.
+
+    vessels: names of the folders to create in it.
     """
     present = check_free(path, overwrite, vessels)
     try:
@@ -112,8 +113,9 @@ def write_profile(path: Path, text: str) -> None:
 
 
 def reserve(path: Path) -> IO[bytes]:
-    """Reserve space for the summary, in case the disk fills up. Closing the file frees it. Raises UserError when there
-    is none.
+    """Reserve space for the summary, in case the disk fills up.
+
+    Closing the file frees it. Raises UserError when there is none.
     """
     try:
         held = TemporaryFile(dir=path, buffering=0)  # noqa: SIM115  the caller closes it

@@ -204,8 +204,9 @@ class FaultSchedule:
         return {timed.name: timed.fault for timed in self._timed if timed.in_force(sim_ns)}
 
     def set(self, name: str, fault: FaultSpec) -> None:
-        """Add a fault, or replace the fault of this name. A fault with a new start begins again; otherwise only its end
-        moves.
+        """Add a fault, or replace the fault of this name.
+
+        A fault with a new start begins again; otherwise only its end moves.
         """
         known = next((timed for timed in self._timed if timed.name == name), None)
         if known is None:
@@ -248,8 +249,9 @@ class FaultSchedule:
         self._put_down(link, "actuators", "frames_lost_from_agent", from_agent - before[1], told_ns or 0)
 
     def _put_down(self, link: str, way: str, name: str, count: int, until_ns: int) -> None:
-        """Add `count` to the faults of one direction. `until_ns`: simulation time up to which the frames were
-        counted.
+        """Add `count` to the faults of one direction.
+
+        `until_ns`: simulation time up to which the frames were counted.
         """
         for timed in self._timed:
             fault = timed.fault.link

@@ -215,10 +215,9 @@ class Realtime:
         self._start_ns = host_ns - sim_ns
 
     def sim_of_host(self, host_ns: int) -> int:
-        """Piecewise linear: each anchor's line, limited to the simulation time of the next anchor. 0 before the first
-        step.
+        """Piecewise linear: each anchor's line, limited to the simulation time of the next anchor.
 
-        During a slip that is not yet detected, it returns the time of the step that is due.
+        It is 0 before the first step. During a slip that is not yet detected, it is the time of the step that is due.
         """
         until_ns: int | None = None
         for anchor_ns, sim_ns in reversed(self._anchors):

@@ -18,8 +18,9 @@ LONGEST_REASON = 200
 
 
 def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start `python -m module NUMBER…`, with the numbers of the `sockets` that it inherits. words: file for its
-    standard error.
+    """Start `python -m module NUMBER…`, with the numbers of the `sockets` that it inherits.
+
+    words: file for its standard error.
 
     The process gets a new session, because Ctrl-C is for the run alone.
     """
@@ -92,9 +93,7 @@ class SideProcess:
             return []
 
     def receive_last(self) -> Iterator[Any]:
-        """Yield the messages that the process sends while it ends on request, until it has ended or its patience is
-        over.
-        """
+        """Yield the messages that the process sends while it ends, at most until its patience is over."""
         until_s = time.monotonic() + self._patience_s
         while self._pipe is not None and time.monotonic() < until_s:
             try:
@@ -103,8 +102,9 @@ class SideProcess:
                 self._disconnect()
 
     def close(self) -> None:
-        """Send the remaining messages and give the process time to end; kill it after that. A second call does
-        nothing.
+        """Send the remaining messages and give the process time to end; kill it after that.
+
+        A second call does nothing.
         """
         until_s = time.monotonic() + self._patience_s
         process, pipe, self._process = self._process, self._pipe, None
@@ -134,8 +134,9 @@ class SideProcess:
             self._pipe = None
 
     def _why_ended(self) -> str:
-        """Return the signal that ended it, otherwise its last line of output. Empty without either, and while it still
-        runs.
+        """Return the signal that ended it, otherwise its last line of output.
+
+        Empty without either, and while it still runs.
         """
         assert self._process is not None
         assert self._words is not None

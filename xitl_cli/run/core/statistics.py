@@ -17,8 +17,9 @@ class Histogram:
         self.max_ns = 0
 
     def add(self, value_ns: int) -> None:
-        """Count one value. A negative value counts as 0; it occurs when the clocks' alignment error exceeds the
-        latency.
+        """Count one value.
+
+        A negative value counts as 0; it occurs when the clocks' alignment error exceeds the latency.
         """
         value_ns = max(value_ns, 0)
         shift = max(value_ns.bit_length() - 6, 0)

@@ -111,8 +111,9 @@ class AgentView:
             handler(message)
 
     def adopt(self, other: AgentView) -> None:
-        """Take over the state of another agent that now steers with the same mission. Reached items of both are
-        kept.
+        """Take over the state of another agent that now steers with the same mission.
+
+        Reached items of both are kept.
         """
         self.status, self.info = other.status, other.info
         self.mode, self.armed, self.ready_to_arm = other.mode, other.armed, other.ready_to_arm

@@ -41,8 +41,9 @@ class HostedAgent:
             raise
 
     def close(self) -> None:
-        """Close the log first and the transport last. The closed transport shows the other end that all data is
-        written.
+        """Close the log first and the transport last.
+
+        The closed transport shows the other end that all data is written.
         """
         self._opened.close()
 

@@ -37,8 +37,9 @@ class AgentWorkers:
         self._opened = 0
 
     def open(self, options: Options, vessel: str) -> WorkerAgent:
-        """Create the agent of `vessel` in one of the workers. Raises UserError, without the vessel's name, on
-        failure.
+        """Create the agent of `vessel` in one of the workers.
+
+        Raises UserError, without the vessel's name, on failure.
         """
         number, self._opened = self._opened, self._opened + 1
         if len(self._workers) < self._processes:

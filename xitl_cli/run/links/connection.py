@@ -210,8 +210,9 @@ class Supervision:
 
 
 class AgentConnection:
-    """The agent called `name`; its messages go to `inbox`. gone: reason why the agent cannot continue, None while it
-    can.
+    """The agent called `name`; its messages go to `inbox`.
+
+    gone: reason why the agent cannot continue, None while it can.
 
     terms: by default those of the profile's autopilot. why_silent: see Supervision.
     """
@@ -287,8 +288,9 @@ class AgentConnection:
         parameters: dict[str, float],
         plans: Plans,
     ) -> None:
-        """Start the agent, set its parameters and upload its plans. Raises UserError when the agent does not accept
-        them.
+        """Start the agent, set its parameters and upload its plans.
+
+        Raises UserError when the agent does not accept them.
         """
         self._now_ns = context.clock.now_ns
         self.inbox.begin(context)
@@ -562,9 +564,7 @@ class AgentConnection:
 
     @property
     def impaired(self) -> tuple[int, int, int | None]:
-        """Frames that faults dropped for good, towards the agent and from it, and the simulation time of the agent's
-        count.
-        """
+        """Frames that faults dropped for good, in each direction, and the simulation time of the agent's count."""
         status = self.inbox.view.status
         ours = 0 if self._impaired is None else self._impaired.lost
         if status is None:

@@ -121,8 +121,9 @@ class AgentInbox:
         self._recorder, self._pace, self._now_ns = context.recorder, context.pace, context.clock.now_ns
 
     def use_vehicle_clock(self, sim_ns: Callable[[int], int | None]) -> None:
-        """Set the clock of the standard messages, which another autopilot sends. `sim_ns`: simulation time of its
-        instants.
+        """Set the clock of the standard messages, which another autopilot sends.
+
+        `sim_ns`: simulation time of its instants.
         """
         self._vehicle_sim_ns = sim_ns
 

@@ -13,8 +13,9 @@ from xitl_cli.run.links.link_timing import LinkTiming
 
 
 class LinkAccounts:
-    """One link. The agent reports its counts in XITL_NODE_STATUS. The two ends agree once the agent has answered the
-    stop.
+    """One link.
+
+    The agent reports its counts in XITL_NODE_STATUS. The two ends agree once the agent has answered the stop.
 
     Frames from the agent are counted from the status that answers the start to the status that answers the stop. A
     status counts the frames that were sent before it was made. On a slow line, older messages may still leave before
@@ -50,14 +51,16 @@ class LinkAccounts:
         self._base_repeated = self.link.counters.repeated
 
     def stopped(self, status: Any, sent: int) -> None:
-        """Note the status that answers the stop, or the latest of several. `sent`: frames sent up to the latest
-        stop.
+        """Note the status that answers the stop, or the latest of several.
+
+        sent: frames sent up to the latest stop.
         """
         self._final, self._final_sent = status, sent
 
     def reports(self, prefix: str, impaired: int, status: Any, timing: LinkTiming) -> tuple[LinkReport, LinkReport]:
-        """Return the reports towards the agent and from it. `impaired`: frames that the host dropped. `status`: the
-        latest, or None.
+        """Return the reports towards the agent and from it.
+
+        `impaired`: frames that the host dropped. `status`: the latest, or None.
         """
         counters = self.link.counters
         return (

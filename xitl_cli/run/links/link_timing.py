@@ -107,9 +107,7 @@ class LinkTiming:
         )
 
     def host_ns(self, agent_ns: int) -> int | None:
-        """Return the host's monotonic clock at an instant of the agent's clock, or None while their relation is
-        unknown.
-        """
+        """Return the host's monotonic clock at an instant of the agent's clock, or None while it is unknown."""
         return self._sync.to_local(agent_ns) if self._sync.ready else None
 
     def report(self) -> ClockReport:

@@ -1,6 +1,4 @@
-"""Lines and buses without hardware, created at the start of a run: `serial://pty?baud=…` and
-`can://slcan/pty?bitrate=…`.
-"""
+"""Lines and buses without hardware, created for a run: `serial://pty?baud=…` and `can://slcan/pty?bitrate=…`."""
 
 from __future__ import annotations
 
@@ -216,8 +214,9 @@ class CanLoopback(PtyPair):
 
 
 class MulticastBus:
-    """A datagram bus of this machine at a separate port, for a URL without a port. Parallel runs would otherwise share
-    one.
+    """A datagram bus of this machine at a separate port, for a URL without a port.
+
+    Parallel runs would otherwise share one.
     """
 
     def __init__(self, link: str) -> None:
@@ -241,8 +240,9 @@ class Loopback(Protocol):
 
 
 def open_loopback(link: str) -> Loopback | None:
-    """Create the line that a link requests. Returns None for a link that exists already or is elsewhere. Raises
-    UserError.
+    """Create the line that a link requests.
+
+    Returns None for a link that exists already or is elsewhere. Raises UserError.
     """
     url = urlsplit(link)
     try:

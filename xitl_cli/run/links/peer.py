@@ -321,8 +321,9 @@ def _advice(url: str, role: str = "") -> str:
 
 
 def _is_address(host: str) -> bool:
-    """Whether the host is an IP address. A board may resolve its own name to 127.0.1.1, which is unreachable from
-    outside.
+    """Whether the host is an IP address.
+
+    A board may resolve its own name to 127.0.1.1, which is unreachable from outside.
     """
     try:
         ip_address(host.strip("[]"))

@@ -59,8 +59,9 @@ _SO_RXQ_OVFL = 40  # Linux: number of datagrams that a socket dropped because it
 
 
 def _target_offsets() -> dict[int, tuple[int, int | None]]:
-    """Return the payload offsets of target system and target component by message. The component is None if there is
-    none.
+    """Return the payload offsets of target system and target component by message.
+
+    The component is None if there is none.
     """
     found = {}
     for number, kind in dialect.mavlink_map.items():
@@ -104,8 +105,9 @@ class RouterCounts:
 
 
 class Place(ABC):
-    """Source and destination of frames. heard: (system, component) of all senders there. vessel: False for a
-    station.
+    """Source and destination of frames.
+
+    heard: (system, component) of all senders there. vessel: False for a station.
     """
 
     def __init__(self, name: str, stream: bool, vessel: bool) -> None:

@@ -165,8 +165,9 @@ def _board_station(profile: RunProfile) -> str | None:
 
 
 class RouterProcess:
-    """The router of a fleet, see xitl_cli/run/links/router.py. It is a separate process, so that stations never block a
-    run.
+    """The router of a fleet, see xitl_cli/run/links/router.py.
+
+    It is a separate process, so that stations never block a run.
 
     vessels_url: address that vessels send to. Raises UserError when the router cannot open its ports.
     """

@@ -30,8 +30,9 @@ LOCAL_LINE = "tcp://127.0.0.1:0"
 
 
 class AisLine:
-    """The line on which an ArduPilot reads the sentences of its AIS receiver. An ArduPilot of this run connects to
-    `url`.
+    """The line on which an ArduPilot reads the sentences of its AIS receiver.
+
+    An ArduPilot of this run connects to `url`.
 
     Raises UserError when the line that the profile names cannot be opened.
     """

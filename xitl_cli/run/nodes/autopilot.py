@@ -1,6 +1,4 @@
-"""The autopilot behind an agent, wherever the agent runs: sends sensor samples over the link and receives motor
-commands.
-"""
+"""The autopilot behind an agent: sends sensor samples over the link and receives motor commands."""
 
 from __future__ import annotations
 

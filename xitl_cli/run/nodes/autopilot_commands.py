@@ -89,8 +89,9 @@ class AutopilotCommands:
         self.send(dialect.MAVLink_rc_channels_override_message(*self._target, *channels))
 
     def go_to(self, sim_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
-        """Send a GUIDED target. Repeat it: ArduPilot does not answer. PX4 restarts with each target and gets it
-        once.
+        """Send a GUIDED target.
+
+        Repeat it: ArduPilot does not answer. PX4 restarts with each target and gets it once.
         """
         lat, lon = round(lat_deg * 1e7), round(lon_deg * 1e7)
         if self.view.px4:
@@ -107,8 +108,9 @@ class AutopilotCommands:
         self._target_message(sim_ns, VELOCITY_AND_YAW, 0, 0, 0.0, vel_ne_mps, yaw_rad)
 
     def steer(self, sim_ns: int, speed_mps: float, turn_rate_radps: float) -> None:
-        """Send a GUIDED speed along the bow and a turn rate to starboard. Repeat it as in `sail`. PX4 accepts
-        neither.
+        """Send a GUIDED speed along the bow and a turn rate to starboard.
+
+        Repeat it as in `sail`. PX4 accepts neither.
         """
         boot_ms = sim_ns // 1_000_000 & 0xFFFFFFFF
         place_velocity = (0.0, 0.0, 0.0, speed_mps, 0.0, 0.0)

@@ -120,8 +120,9 @@ class AutopilotEventNode(RunNode):
         return AutopilotEvent(now_ns / 1e9, event, mode, mode, reason)
 
     def _wait(self, now_ns: int, event: AutopilotEvent) -> None:
-        """Queue the event until its sentence arrives. Write it at once if the sentence is known or none can explain the
-        change.
+        """Queue the event until its sentence arrives.
+
+        Write it at once if the sentence is known or none can explain the change.
         """
         self._waiting.append((now_ns, event))
         known = self._cause is not None and now_ns - self._cause[0] <= CAUSE_NS

@@ -393,15 +393,14 @@ class BridgeNode(RunNode):
         return self._view is not None and self._view.heard
 
     def _with_build(self, error: UserError) -> UserError:
-        """Add a hint to the error of an autopilot that ended before its first heartbeat: its options may be for another
-        build.
-        """
+        """Add a hint on the build to the error of an autopilot that ended before its first heartbeat."""
         build = self._profile.autopilot.firmware_build
         return UserError(f"{error}, and see that it is a {build} build, as autopilot.firmware_build says")
 
     def silent_s(self) -> float:
-        """Return the longest silence in lockstep. It is longer at first, when the user may still have to start the
-        autopilot.
+        """Return the longest silence in lockstep.
+
+        It is longer at first, when the user may still have to start the autopilot.
         """
         autopilot = self._profile.autopilot
         return autopilot.silent_s if self._heard else max(autopilot.silent_s, autopilot.connect_timeout_s)

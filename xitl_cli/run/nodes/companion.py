@@ -1,6 +1,4 @@
-"""The companion computer of a run: its link, its part of the exchanges, and the messages between it and the
-autopilot.
-"""
+"""The companion computer of a run: its link, its part of the exchanges, and its messages to and from the autopilot."""
 
 from __future__ import annotations
 
@@ -292,8 +290,9 @@ class CompanionNode(RunNode):
         self._stuck = False
 
     def _wait_for(self, tick: int) -> None:
-        """Wait for an answer, and give up a companion that stays silent. Raises StoppedWaitingError when the user ends
-        the run.
+        """Wait for an answer, and give up a companion that stays silent.
+
+        Raises StoppedWaitingError when the user ends the run.
         """
         started_s = sent_s = looked_s = time.monotonic()
         while self.inbox.answered_tick < tick:

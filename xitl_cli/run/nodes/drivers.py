@@ -473,16 +473,18 @@ class GroundStationDriver(VehicleDriver):
 
 
 def _said(address: str) -> str:
-    """Describe an address for the user: the autopilot sends to `udp://127.0.0.1:14550` and listens at
-    `tcp://0.0.0.0:5760`.
+    """Describe an address for the user.
+
+    The autopilot sends to `udp://127.0.0.1:14550` and listens at `tcp://0.0.0.0:5760`.
     """
     scheme, _, place = address.partition("://")
     return f"sends to UDP {place}" if scheme == "udp" else f"listens at TCP {place}"
 
 
 class RosDriver(VehicleDriver):
-    """Brings the vessel into GUIDED and arms it, for ROS nodes that give an operator's orders. It ends only by
-    `finish`.
+    """Brings the vessel into GUIDED and arms it, for ROS nodes that give an operator's orders.
+
+    It ends only by `finish`.
 
     Without `arms` the nodes do that too. A mission that a node starts counts like that of a ground station.
     """

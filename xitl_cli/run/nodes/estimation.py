@@ -29,8 +29,9 @@ class TruthHistory:
         self._motions.append(motion)
 
     def at(self, stamp_ns: int) -> Kinematics | None:
-        """Return the motion nearest to an instant. Too old an instant gives None, and a future one the newest
-        motion.
+        """Return the motion nearest to an instant.
+
+        Too old an instant gives None, and a future one the newest motion.
         """
         back = max(round((self._newest_ns - stamp_ns) / self._period_ns), 0)
         return self._motions[-1 - back] if back < len(self._motions) else None
@@ -68,8 +69,9 @@ class EstimationScore:
 
     @property
     def position_nees(self) -> float | None:
-        """Mean of the squared horizontal error over its variance (Bar-Shalom, Li and Kirubarajan 2001, 5.4). It is 2
-        for a consistent estimator, and None when the estimator gives no position accuracy.
+        """Mean of the squared horizontal error over its variance (Bar-Shalom, Li and Kirubarajan 2001, 5.4).
+
+        It is 2 for a consistent estimator, and None when the estimator gives no position accuracy.
         """
         rms = self._normalised.value()
         return None if rms is None else rms * rms
@@ -86,8 +88,9 @@ def _yaw_rad(quat: NDArray[np.float64]) -> float:
 
 
 class EstimateCheck:
-    """Compares estimates with the truth. score: of the estimates while armed. position_error_m: of the newest
-    estimate.
+    """Compares estimates with the truth.
+
+    score: of the estimates while armed. position_error_m: of the newest estimate.
     """
 
     def __init__(self, physics_rate_hz: float) -> None:

@@ -237,8 +237,9 @@ class FindingsNode(RunNode):
 def findings_from_profile(
     profile: RunProfile, scenery: Scenery, others: Callable[[], Bodies] | None = None
 ) -> FindingsNode:
-    """Return the findings for the companion of the profile, with the truth of its world. others: as in
-    ObstacleScore.
+    """Return the findings for the companion of the profile, with the truth of its world.
+
+    others: as in ObstacleScore.
     """
     sensors, vessel = profile.sensors, profile.vehicle
     looks = sensors is not None and sensors.lidar is not None

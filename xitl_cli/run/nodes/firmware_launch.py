@@ -130,8 +130,9 @@ class FirmwareLaunch:
         return words + _serial_words(serial)
 
     def _check_scripting(self) -> None:
-        """Check the scripting parameters. With the driver on and no script at its other end, ArduPilot crashes at its
-        start.
+        """Check the scripting parameters.
+
+        With the driver on and no script at its other end, ArduPilot crashes at its start.
         """
         for name, wanted in SCRIPTING.items():
             value = self._values.get(name, 0.0)
@@ -165,8 +166,9 @@ class FirmwareLaunch:
 
 
 def _system_parameters(system_id: int) -> dict[str, float]:
-    """Return the parameters of the MAVLink system, by the names of all versions. A version ignores unknown names.
-    Default: 1.
+    """Return the parameters of the MAVLink system, by the names of all versions.
+
+    A version ignores unknown names. Default: 1.
     """
     return {} if system_id == 1 else dict.fromkeys(("MAV_SYSID", "SYSID_THISMAV"), float(system_id))
 

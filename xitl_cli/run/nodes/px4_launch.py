@@ -29,8 +29,9 @@ _CALLS = ("Waiting for simulator", "Simulator connected")
 
 
 class Px4Launch:
-    """Starts the PX4 of `profile`. bridge: as in the profile, with the ports of the instance, which is reserved until
-    `end`.
+    """Starts the PX4 of `profile`.
+
+    bridge: as in the profile, with the ports of the instance, which is reserved until `end`.
 
     Raises UserError when there is no PX4, or no instance is free.
     """
@@ -76,8 +77,9 @@ class Px4Launch:
         return ["-d", "-i", str(self.instance), *startup, str(self._data), *self._profile.autopilot.firmware_arguments]
 
     def _startup_text(self) -> str | None:
-        """Return a start script with the vessel's system id, or None when the default fits: instance i is system i +
-        1.
+        """Return a start script with the vessel's system id, or None when the default fits.
+
+        The default of instance i is system i + 1.
         """
         system_id = self._profile.autopilot.system_id
         if system_id == self.instance + 1:

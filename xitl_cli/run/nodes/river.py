@@ -150,8 +150,9 @@ class RiverNode(RunNode):
         plant.launch(body)
 
     def refusal(self, one: Launch) -> str | None:
-        """Return the reason why a body cannot be launched: no such body, land, a vessel, or too many bodies. Otherwise
-        None.
+        """Return the reason why a body cannot be launched: no such body, land, a vessel, or too many bodies.
+
+        Otherwise None.
         """
         try:
             body = make_body(one.kind, one.length_m, self._plant.simulation.environment.water.density_kgpm3)

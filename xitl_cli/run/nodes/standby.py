@@ -1,6 +1,4 @@
-"""Redundancy of two agents: the standby agent follows the state of the active one and takes over when that is
-silent.
-"""
+"""Redundancy of two agents: the standby follows the active agent's state and takes over when that agent is silent."""
 
 from __future__ import annotations
 
@@ -160,8 +158,9 @@ class Redundancy:
         return self._agents[self._decision.active]
 
     def update(self, sim_ns: int, recorder: Recorder) -> tuple[float, ...]:
-        """Switch if it is due, and keep the standby agent in line. Returns the motors. Call it after all messages are
-        handled.
+        """Switch if it is due, and keep the standby agent in line.
+
+        Returns the motors. Call it after all messages are handled.
         """
         before = self.active
         for number, agent in enumerate(self._agents):

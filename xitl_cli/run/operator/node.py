@@ -125,8 +125,9 @@ class OperatorNode(RunNode):
             self._pace.listen = self._poll
 
     def ask(self, action: object, source: str = SOURCE) -> str | None:
-        """Carry out an action at the next exchange; the end of a pause at once. Returns the reason in one sentence if
-        it refuses.
+        """Carry out an action at the next exchange; the end of a pause at once.
+
+        Returns the reason in one sentence if it refuses.
         """
         try:
             carry_out = self._carrier(action)
@@ -265,8 +266,9 @@ class OperatorNode(RunNode):
         return ActionError(f"{name}: {vessel or 'the vessel'} has no autopilot; use autopilot.kind: embedded{hint}")
 
     def _pace_carrier(self, name: str, asked: object) -> Callable[[], object]:
-        """Return the function for a pace action. An action that ends or shortens a pause acts at once, without an
-        exchange.
+        """Return the function for a pace action.
+
+        An action that ends or shortens a pause acts at once, without an exchange.
         """
         pace = self._pace
         if pace is None:

@@ -1,6 +1,4 @@
-"""The lidar in a run: records the vessel's motion during a frame, casts the frame at its end, sends the cloud in
-chunks.
-"""
+"""The lidar in a run: records the motion during a frame, casts the frame at its end, sends the cloud in chunks."""
 
 from __future__ import annotations
 

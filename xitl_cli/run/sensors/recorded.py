@@ -82,8 +82,9 @@ class RecordedChannel:
 
 
 def read_samples(spec: RecordedSensorsSpec, site: SiteSpec) -> Mapping[str, RecordedSamples]:
-    """Return the samples by sensor, for the sensors that are not simulated. They have no rows if the recording has
-    none.
+    """Return the samples by sensor, for the sensors that are not simulated.
+
+    They have no rows if the recording has none.
 
     Raises UserError with the problem in the recording.
     """
@@ -209,8 +210,9 @@ def _gnss(log: Log, table: Table, rows: NDArray[np.intp]) -> Callable[[int], Gns
 
 
 def fix_velocity(log: Log, table: Table, rows: NDArray[np.intp], place: Array, fixed: NDArray[np.bool_]) -> Array:
-    """Return velocities (n, 3) NED in m/s, from a TwistStamped topic (fix_velocity, MAVROS's gps_vel) or between
-    fixes.
+    """Return velocities (n, 3) NED in m/s, from a TwistStamped topic or between fixes.
+
+    The topic is fix_velocity or MAVROS's gps_vel.
     """
     stamps = sample_stamps(table)[rows]
     for name in log.tables:

@@ -103,9 +103,7 @@ class SensorSuite:
         return counts
 
     def recorded_report(self) -> dict[str, dict[str, dict[str, int]]]:
-        """Return `recorded_sensors`: by sensor, the samples of a recording that were sent, and skipped for newer
-        ones.
-        """
+        """Return `recorded_sensors`: by sensor, the recorded samples that were sent, and skipped for newer ones."""
         recorded = {name: each for name, each in self._sensors.items() if isinstance(each, RecordedChannel)}
         counts = {name: {"sent": each.sent, "skipped": each.skipped} for name, each in recorded.items()}
         return {"recorded_sensors": counts} if counts else {}

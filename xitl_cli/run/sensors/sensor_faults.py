@@ -31,8 +31,9 @@ Bias = Callable[[Any, float], Any]
 
 
 class SensorFaults:
-    """All faults of one sensor. `counts[fault]`: number of samples that each fault has changed, as
-    `<sensor>_dropped`.
+    """All faults of one sensor.
+
+    `counts[fault]`: number of samples that each fault has changed, as `<sensor>_dropped`.
     """
 
     def __init__(self, sensor: str, faults: Mapping[str, FaultSpec], seeds: Seeds, frame: LocalFrame) -> None:

@@ -138,8 +138,9 @@ class EncounterWatch:
         self._last: tuple[float, Array, Array] | None = None
 
     def update(self, now_s: float, pos_ne_m: Array, vel_ne_mps: Array, yaw_rad: Array) -> list[PairState]:
-        """Update with (N, 2), (N, 2), (N,). Returns the pairs in an encounter, and pairs with an encounter that just
-        ended.
+        """Update with (N, 2), (N, 2), (N,).
+
+        Returns the pairs in an encounter, and pairs with an encounter that just ended.
         """
         i, j = self.first, self.second
         before_s, before_m, before_rad = self._last or (now_s, pos_ne_m, yaw_rad)

@@ -81,9 +81,7 @@ class MissionLegs:
         return float(self._ends[-1]) if len(self._ends) else 0.0
 
     def along_m(self, place_ne_m: Point, target: int) -> float:
-        """Return the distance along the way of a vessel that heads for the end of leg `target`, by its remaining
-        distance.
-        """
+        """Return the distance along the way of a vessel on leg `target`, by its remaining distance to the leg's end."""
         to_go = math.dist(place_ne_m, self._places[target + 1].tolist())
         return float(self._ends[target] - min(to_go, self._lengths[target]))
 
@@ -134,8 +132,9 @@ class DebrisEncounters:
         return launches
 
     def _launch(self, now_ns: int, encounter: DebrisEncounter, along_m: float) -> Launch | None:
-        """Return a launch as far up the current as the way is free; None when the body does not fit at the meeting
-        place.
+        """Return a launch as far up the current as the way is free.
+
+        None when the body does not fit at the meeting place.
         """
         body = make_body(encounter.kind, encounter.length_m, self._water.density_kgpm3)
         meeting = self._legs.place(encounter.along_m, encounter.right_m)

@@ -42,8 +42,9 @@ class Plant:
         self._motors: Any = None
 
     def advance(self, commands: Sequence[Any]) -> SimulationState | FleetState:
-        """Advance one physics step with motor commands (C,) from -1 to 1 by vessel. An unchanged list must be the same
-        object.
+        """Advance one physics step with motor commands (C,) from -1 to 1 by vessel.
+
+        An unchanged list must be the same object.
         """
         simulation, before = self.simulation, self.state
         if commands is not self._commands:

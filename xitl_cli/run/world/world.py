@@ -33,8 +33,9 @@ from xitl_cli.seeds import Seeds
 
 
 def build_plant(profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery) -> Plant:
-    """Return the world at time 0 with a vessel for each profile, at rest at its mission's start. The world is that of
-    the first profile.
+    """Return the world at time 0 with a vessel for each profile, at rest at its mission's start.
+
+    The world is that of the first profile.
 
     seeds: of the water, without a vessel's name.
 
