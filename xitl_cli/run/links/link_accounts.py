@@ -13,7 +13,7 @@ from xitl_cli.run.links.link_timing import LinkTiming
 
 
 class LinkAccounts:
-    """One link.
+    """Counts of one link.
 
     The agent reports its counts in XITL_NODE_STATUS. The two ends agree once the agent has answered the stop.
 
