@@ -1,4 +1,4 @@
-"""The folder where xitl keeps what it fetched or made once."""
+"""The folder for downloaded and generated files of xitl."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from pathlib import Path
 
 
 def cache_root() -> Path:
-    """XITL_CACHE, else XDG_CACHE_HOME/xitl, else ~/.cache/xitl: an absolute path, which need not exist."""
+    """Return XITL_CACHE, otherwise XDG_CACHE_HOME/xitl, otherwise ~/.cache/xitl.
+
+    It is an absolute path, which need not exist.
+    """
     own = os.environ.get("XITL_CACHE")
     if own:
         return Path(own).expanduser().absolute()

@@ -1,4 +1,4 @@
-"""Signals by which a person, a batch system or a terminal that hangs up ends a command."""
+"""Signals with which a user, a batch system or a closed terminal ends a command."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from types import FrameType
 
 @contextmanager
 def end_signals_handled(end: Callable[[int, FrameType | None], None], *more: signal.Signals) -> Iterator[None]:
-    """SIGTERM, SIGHUP and `more` call `end`; what was in force before is again afterwards. For the main thread alone.
+    """Let SIGTERM, SIGHUP and `more` call `end`; restore the former handlers afterwards. For the main thread only.
 
-    A SIGHUP that is ignored already, as under `nohup`, stays so.
+    A SIGHUP that is already ignored, as under `nohup`, stays ignored.
     """
     numbers: Sequence[signal.Signals] = (signal.SIGTERM, *more)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:

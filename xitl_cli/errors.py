@@ -1,10 +1,10 @@
-"""What a user can put right.
+"""Errors that a user can fix.
 
     UserError
     └── ProfileError    (xitl_cli.profile.files.entry: every problem of one profile)
     LogError            (xitl_cli.logs.model.errors: the logs import nothing of xitl_cli)
 
-Libraries raise these with one sentence that says what, where and what to do; `xitl_cli.main` prints it and exits 2.
+Libraries raise these with one sentence: the problem, its place and the fix. `xitl_cli.main` prints it and exits 2.
 """
 
 

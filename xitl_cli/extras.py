@@ -1,4 +1,4 @@
-"""Packages that not everybody needs: which extra of xitl brings each, and whether it is installed here."""
+"""Optional packages: the extra of xitl for each, and whether it is installed."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from xitl_cli.errors import UserError
 
 @dataclass(frozen=True, slots=True)
 class Extra:
-    """packages: as they are imported. what: it is for."""
+    """An extra of xitl."""
 
     name: str
     packages: tuple[str, ...]
+    """Import names."""
     what: str
+    """Its purpose."""
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Those of its packages that are not installed."""
+        """Packages that are not installed."""
         return tuple(package for package in self.packages if find_spec(package) is None)
 
     def require(self, who: str) -> None:
-        """Raise UserError, with what to type, where a package is missing. who: with its verb, `a map needs`."""
+        """Raise UserError, with the command to type, when a package is missing. who: with its verb, `a map needs`."""
         if self.missing:
             raise UserError(f"{who} {' and '.join(self.missing)}, not installed here; {self.pip_line}")
 
     @property
     def pip_line(self) -> str:
-        """What to type to have it."""
+        """Command that installs the extra."""
         return f"pip install 'xitl[{self.name}]'"
 
 

@@ -24,15 +24,15 @@ _ABOUT_THE_AGENT = (["package"], ["deploy"])
 
 def main() -> NoReturn:
     """Entry point of the console script."""
-    # Before numpy is loaded: the matrices are small, and a second thread costs more than it brings.
+    # Before numpy is loaded: the matrices are small, and a second thread costs more time than it saves.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if sys.argv[1:2] == ["agent"] and sys.argv[2:3] not in _ABOUT_THE_AGENT:
-        from agent.__main__ import main as agent_main  # without the command-line library: boards are small
+        from agent.__main__ import main as agent_main  # without the command-line library, because boards are small
 
         sys.exit(agent_main(sys.argv[2:], program="xitl agent"))
-    if not sys.warnoptions:  # advice on programs, such as numpy's on numbers that a damaged log holds
+    if not sys.warnoptions:  # warnings for programmers, such as numpy's on numbers in a damaged log
         warnings.simplefilter("ignore")
-    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files and texts of logs may hold what it cannot say
+    if isinstance(sys.stdout, io.TextIOWrapper):  # file names and log texts may have characters that it cannot encode
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         try:
@@ -46,7 +46,7 @@ def main() -> NoReturn:
 
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, *GONE):
             raise
-        # What is left in the buffer would raise once more when the interpreter closes it.
+        # The interpreter would raise again when it flushes the rest of the buffer.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if error.errno not in GONE:
             fail(f"the output cannot be written ({error.strerror}); free space or send it elsewhere")
@@ -54,14 +54,14 @@ def main() -> NoReturn:
 
 
 def _typed() -> list[str]:
-    """The words of the command line: those typed so far when a shell asks what may follow them."""
+    """Return the words of the command line. For shell completion, these are the words typed so far."""
     if "_XITL_COMPLETE" not in os.environ:
         return sys.argv[1:]
     return (os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS") or "").split()
 
 
 def fail(message: str) -> NoReturn:
-    """One red line, exit code 2."""
+    """Print one red line and exit with code 2."""
     from rich.text import Text
 
     from xitl_cli.commands.terminal import terminal
@@ -72,18 +72,18 @@ def fail(message: str) -> NoReturn:
 
 
 def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
-    """All commands. With `arguments`, commands that are not among them are left empty: filling them takes time."""
+    """Return all commands. With `arguments`, other commands stay empty, because filling them takes time."""
     import typer
     import typer.core
 
     from xitl_cli import registry
     from xitl_cli.commands.options import usual_spelling
 
-    # The frames of rich cut the names of options off in a narrow terminal, plain help wraps what is beside them.
+    # The frames of rich cut off option names in a narrow terminal. Plain help wraps the text instead.
     markup: Literal["rich"] | None = "rich" if shutil.get_terminal_size().columns >= FRAMED_HELP_WIDTH else None
 
     class WrappedGroup(typer.core.TyperGroup):
-        """Plain help that tells the whole first sentence of each command."""
+        """Plain help with the whole first sentence of each command."""
 
         def format_commands(self, ctx: Any, formatter: Any) -> None:
             rows = [
@@ -95,7 +95,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
                 formatter.write_dl(rows)
 
     class TopGroup(WrappedGroup):
-        """Says which plug-in a command comes with that is not there."""
+        """Names the plug-in of a command that is missing."""
 
         def resolve_command(self, ctx: Any, args: list[str]) -> Any:
             if args and args[0] not in self.commands and not args[0].startswith("-"):
@@ -136,11 +136,11 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
 
 
 def _not_asked_for() -> None:
-    """Stands for a command in `xitl --help`."""
+    """Placeholder of a command in `xitl --help`."""
 
 
 def _refuse_missing(name: str) -> None:
-    """Raise UserError where a plug-in registers the command and cannot be loaded, or where xitl's own is missing."""
+    """Raise UserError when the command's plug-in cannot be loaded, or when a plug-in of xitl is missing."""
     from xitl_cli import registry
 
     if name in registry.names(registry.COMMANDS):
@@ -239,7 +239,7 @@ OWN_PLUGIN_COMMANDS = {
     "vehicle": "",
     "view": "view",
 }
-"""Commands of xitl's own plug-ins, each with its extra: to say where a command comes from when it is missing."""
+"""Commands of xitl's plug-ins with their extras, to name the source of a missing command."""
 
 
 def _show_version(wanted: bool) -> None:

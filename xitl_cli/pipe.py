@@ -1,6 +1,6 @@
-"""What goes between a run and a process beside it, its view or its bridge to ROS: objects down, JSON up.
+"""The pipe between a run and its view or its bridge to ROS in another process: objects down, JSON up.
 
-Nobody waits for anybody: what the socket does not take stays here, and is offered again.
+Neither end waits: data that the socket does not accept stays here, and is sent later.
 """
 
 from __future__ import annotations
@@ -23,26 +23,32 @@ _CHUNK = 1 << 18
 
 
 class PipeClosedError(Exception):
-    """The other end is gone."""
+    """The other end is closed."""
 
 
 @contextmanager
 def until_closed() -> Iterator[None]:
-    """All that a process beside a run does: until its pipe is closed. Another error ends it at once, and is what it
-    says last: threads of libraries still have something to say when they are told to end.
+    """Run the body of a process until its pipe is closed.
+
+    Another error ends the process at once and is its last output.
+
+    Threads of libraries may still print when they are asked to end.
     """
     try:
         yield
     except PipeClosedError:
         return
-    except Exception:  # noqa: BLE001  told whole
+    except Exception:  # noqa: BLE001  printed completely
         traceback.print_exc()
         sys.stderr.flush()
         os._exit(1)
 
 
 class Pipe:
-    """One end. encode, decode: of what is sent and received. taken_bytes: that the socket has taken so far."""
+    """One end of the pipe.
+
+    encode, decode: for sent and received messages. taken_bytes: bytes that the socket accepted so far.
+    """
 
     def __init__(self, end: socket.socket, encode: Callable[[Any], bytes], decode: Callable[[bytes], Any]) -> None:
         end.setblocking(False)
@@ -51,33 +57,33 @@ class Pipe:
         self._out = bytearray()
         self._sending = threading.Lock()  # threads of the process send too
         self._in = bytearray()
-        self._chunk = memoryview(bytearray(_CHUNK))  # one for all reads: a new one each would cost more than the read
+        self._chunk = memoryview(bytearray(_CHUNK))  # one for all reads, because a new one costs more
         self.taken_bytes = 0
 
     @classmethod
     def of_run(cls, end: socket.socket) -> Pipe:
-        """The run's end: what comes up is JSON, which can do no harm."""
+        """Return the run's end. It receives JSON, which is safe to decode."""
         return cls(end, lambda message: pickle.dumps(message, pickle.HIGHEST_PROTOCOL), json.loads)
 
     @classmethod
     def of_process(cls, end: socket.socket) -> Pipe:
-        """The end of the process beside it."""
+        """Return the end of the other process."""
         return cls(end, lambda message: json.dumps(message).encode(), pickle.loads)
 
     @property
     def waiting_bytes(self) -> int:
-        """That the socket has not taken yet."""
+        """Bytes that the socket has not accepted yet."""
         return len(self._out)
 
     def send(self, message: Any) -> None:
-        """Raises PipeClosedError."""
+        """Queue a message and send as much as possible. Raises PipeClosedError."""
         payload = self._encode(message)
         with self._sending:
             self._out += _LENGTH.pack(len(payload)) + payload
         self.flush()
 
     def flush(self) -> None:
-        """Offer what waits. Raises PipeClosedError."""
+        """Send as much queued data as possible. Raises PipeClosedError."""
         with self._sending:
             while self._out:
                 try:
@@ -90,7 +96,10 @@ class Pipe:
                 self.taken_bytes += taken
 
     def receive(self, timeout_s: float = 0.0) -> list[Any]:
-        """All that has come, after at most `timeout_s`. Raises PipeClosedError once nothing will come any more."""
+        """Return all messages that have arrived, after at most `timeout_s`.
+
+        Raises PipeClosedError at the end of the data.
+        """
         if timeout_s > 0.0:
             select.select([self._end], [self._end] if self._out else [], [], timeout_s)
         self.flush()
@@ -118,18 +127,18 @@ class Pipe:
         return messages
 
     def receive_first(self) -> list[Any]:
-        """What comes first, however long that takes. Raises PipeClosedError."""
+        """Wait for the first messages without a limit. Raises PipeClosedError."""
         while not (messages := self.receive(60.0)):
             pass
         return messages
 
     def close_sending(self) -> None:
-        """The other end is told that nothing more comes."""
+        """Signal the end of the data to the other end."""
         try:
             self._end.shutdown(socket.SHUT_WR)
         except OSError as error:
             raise PipeClosedError from error
 
     def close(self) -> None:
-        """A second call does nothing."""
+        """Close this end. A second call does nothing."""
         self._end.close()

@@ -1,4 +1,4 @@
-"""What `xitl doctor` looks at on a machine that simulates: packages, firmware, ports, pseudo-terminals."""
+"""Checks of `xitl doctor` for simulation: packages, firmware, ports, pseudo-terminals."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from xitl_cli.profile.schema.profile import USUAL
 from xitl_cli.registry import DOCTOR_CHECKS, load_all, plugins
 
 PACKAGES = ("numpy", "yaml", "mcap", "foxglove", "rich", "typer")
-"""A run does without none of them."""
+"""Packages that every run needs."""
 
 
 def examine_simulating() -> list[DoctorFinding]:
-    """Findings on this machine, those of plug-ins last."""
+    """Return findings on this machine, those of plug-ins last."""
     of_plugins = [finding for _, check in load_all(DOCTOR_CHECKS) for finding in check()]
     own = [check_packages(), *check_extras(), *check_firmware(), *check_ports(), check_pseudo_terminals()]
     return [*own, *check_plugins(), *of_plugins]
 
 
 def check_plugins() -> Iterator[DoctorFinding]:
-    """A warning for each plug-in that cannot be loaded."""
+    """Yield a warning for each plug-in that cannot be loaded."""
     for plugin in plugins():
         if plugin.error:
             yield DoctorFinding(f"plug-in {plugin.name}", WARNING, plugin.error, "`xitl plugins` lists all of them")
 
 
 def check_packages() -> DoctorFinding:
-    """Whether xitl itself is whole."""
+    """Check that xitl's required packages are installed."""
     from importlib.util import find_spec
 
     missing = [package for package in PACKAGES if find_spec(package) is None]
@@ -44,7 +44,7 @@ def check_packages() -> DoctorFinding:
 
 
 def check_extras() -> Iterator[DoctorFinding]:
-    """None is needed by every run: what is missing is no trouble, and how to have it is said."""
+    """Yield the state of the extras. A missing extra is no problem; the advice shows how to install it."""
     for extra in EXTRAS:
         name, missing = f"extra {extra.name}", extra.missing
         if missing:
@@ -54,7 +54,7 @@ def check_extras() -> Iterator[DoctorFinding]:
 
 
 def check_firmware() -> Iterator[DoctorFinding]:
-    """Programs of other autopilots, which the embedded one does without."""
+    """Yield the programs of other autopilots, which the embedded autopilot does not need."""
     advice = f"xitl firmware get rover, or export {ROVER_VARIABLES[SITL]}=…/ardurover"
     yield _program("ArduRover", lambda: find_firmware("rover", SITL), named_by("rover", SITL), advice)
     variable = PX4_VARIABLE if os.environ.get(PX4_VARIABLE) else None
@@ -63,7 +63,7 @@ def check_firmware() -> Iterator[DoctorFinding]:
 
 
 def _program(name: str, find: Callable[[], Path], variable: str | None, advice: str) -> DoctorFinding:
-    """variable: the environment variable that names it, if one does."""
+    """Return the finding on a program. variable: the environment variable for it, if set."""
     try:
         found = str(find())
     except UserError as error:
@@ -75,7 +75,7 @@ def _program(name: str, find: Callable[[], Path], variable: str | None, advice: 
 
 
 def check_ports() -> Iterator[DoctorFinding]:
-    """Of a run in real time: where ground stations look for it. A run takes the next free one of those that are not."""
+    """Yield the ports of ground stations in a real-time run. A run replaces a port in use by the next free one."""
     sends_to, listens_at = urlsplit(USUAL[0]), USUAL[1]
     if _free(socket.SOCK_STREAM, listens_at):
         yield DoctorFinding("ground stations", OK, f"TCP {listens_at} is free")
@@ -94,7 +94,7 @@ def check_ports() -> Iterator[DoctorFinding]:
 def _free(kind: socket.SocketKind, port: int) -> bool:
     with socket.socket(socket.AF_INET, kind) as probe:
         if kind is socket.SOCK_STREAM:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # one that has just ended holds nothing
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port that was just closed counts as free
         try:
             probe.bind(("127.0.0.1", port))
         except OSError:
@@ -103,7 +103,7 @@ def _free(kind: socket.SocketKind, port: int) -> bool:
 
 
 def check_pseudo_terminals() -> DoctorFinding:
-    """Serial lines and CAN buses without hardware are made of them."""
+    """Check pseudo-terminals, which serial lines and CAN buses without hardware need."""
     try:
         for descriptor in os.openpty():
             os.close(descriptor)
@@ -118,7 +118,7 @@ def check_pseudo_terminals() -> DoctorFinding:
 
 
 def verdict(what: str, findings: Iterable[DoctorFinding]) -> tuple[str, str]:
-    """(level, sentence): whether it will work."""
+    """Return (level, sentence): whether it will work."""
     named: dict[str, list[str]] = {PROBLEM: [], WARNING: []}
     for finding in findings:
         if finding.level in named:
@@ -131,6 +131,6 @@ def verdict(what: str, findings: Iterable[DoctorFinding]) -> tuple[str, str]:
 
 
 def without_optional(findings: Sequence[DoctorFinding]) -> str:
-    """What is not there and not needed by every run, to follow the verdict; empty when all is there."""
+    """Return the missing optional parts, as the end of the verdict; empty when all are installed."""
     absent = [finding.check.removeprefix("extra ") for finding in findings if finding.level == OK and finding.advice]
     return f", without {', '.join(absent)}" if absent else ""

@@ -57,16 +57,16 @@ class Plugin:
     package: str
     version: str
     error: str = ""
-    """Why it cannot be used, empty when it can."""
+    """Reason why it cannot be used, empty when it can."""
 
 
 def names(group: str) -> list[str]:
-    """Names in a group, sorted: of xitl's own plug-ins first. Nothing is loaded."""
+    """Return the names in a group, sorted, those of xitl's plug-ins first. Loads nothing."""
     return list(_first_of_each_name(group))
 
 
 def load(group: str, name: str) -> Any:
-    """The object that is registered as `name`. Raises PluginError when it is missing or cannot be loaded."""
+    """Return the object that is registered as `name`. Raises PluginError when it is missing or cannot be loaded."""
     entry = _first_of_each_name(group).get(name)
     if entry is None:
         raise PluginError(
@@ -76,7 +76,7 @@ def load(group: str, name: str) -> Any:
 
 
 def load_all(group: str) -> Iterator[tuple[str, Any]]:
-    """Each object of a group that can be loaded, with its name."""
+    """Yield each object of a group that can be loaded, with its name."""
     for name, entry in _first_of_each_name(group).items():
         try:
             yield name, _loaded(entry)
@@ -85,7 +85,7 @@ def load_all(group: str) -> Iterator[tuple[str, Any]]:
 
 
 def plugins() -> list[Plugin]:
-    """All plug-ins, with the error of each that cannot be used. Every plug-in is loaded for that."""
+    """Return all plug-ins, with the error of each that cannot be used. Loads every plug-in."""
     rows = []
     for group in GROUPS:
         chosen = _first_of_each_name(group)
@@ -107,7 +107,7 @@ def _entries(group: str) -> tuple[EntryPoint, ...]:
 
 @cache
 def _first_of_each_name(group: str) -> dict[str, EntryPoint]:
-    """Two packages may register one name: the first of `_entries` has it."""
+    """Return one entry for each name. If two packages register a name, the first of `_entries` counts."""
     chosen: dict[str, EntryPoint] = {}
     for entry in _entries(group):
         chosen.setdefault(entry.name, entry)
@@ -121,7 +121,7 @@ def _loaded(entry: EntryPoint) -> Any:
 
 
 def _load_error(entry: EntryPoint) -> str:
-    """Why an entry point cannot be loaded, empty when it can."""
+    """Return the reason why an entry point cannot be loaded, empty when it can."""
     who = f"{entry.name}: the plug-in of {_package(entry)} {_version(entry)}"
     again = f"pip install --force-reinstall {_package(entry)}"
     try:

@@ -1,8 +1,6 @@
-"""From the profile's `world` to what stands in the river.
+"""The fixed objects in the river, from the profile's `world`.
 
-scenery = Scenery(profile)
-scenery.bed.bed_down_m(places)
-scenery.caster().cast(origins, directions)
+scenery = Scenery(profile) scenery.bed.bed_down_m(places) scenery.caster().cast(origins, directions)
 """
 
 from __future__ import annotations
@@ -26,10 +24,10 @@ _FLAT_BED_M = 2000.0
 
 
 class Scenery:
-    """The bed, the boom and the dam at once; triangles and what casts rays at them when they are first asked for.
+    """Creates the bed, the boom and the dam at once. Triangles and ray casters are created at their first use.
 
-    `boxes`: the dam's outline and the buildings, in closed form. `warnings`: what of the world looks wrong, for the
-    user; those of meshes and of casting are there once they were made.
+    `boxes`: the dam's outline and the buildings, in closed form. `warnings`: problems of the world, for the user. Those
+    of meshes and of casting are present once these were created.
     """
 
     def __init__(self, profile: RunProfile) -> None:
@@ -47,7 +45,7 @@ class Scenery:
 
     @property
     def boxes(self) -> tuple[Box, ...]:
-        """The dam, if there is one, first."""
+        """Boxes of the world; the dam, if there is one, is first."""
         dam = self._world.dam
         parts = self._buildings
         if dam is not None:
@@ -56,16 +54,16 @@ class Scenery:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A sentence each."""
+        """Problems of the world, each in a sentence."""
         return tuple(self._warnings)
 
     def warn(self, text: str) -> None:
-        """Add to them what another finds wrong."""
+        """Add a problem that another part detected."""
         self._warnings.append(text)
 
     @cached_property
     def scene(self) -> Scene:
-        """Everything, in triangles. Raises UserError for a mesh that cannot be had."""
+        """Everything, in triangles. Raises UserError for a mesh that cannot be read."""
         parts = self._ground()
         if self.boom is not None:
             parts += self.boom.parts()
@@ -76,7 +74,7 @@ class Scenery:
 
     @cached_property
     def felt(self) -> tuple[tuple[str, Mesh], ...]:
-        """What a hull runs into by its triangles, named for the user: all that is neither capsules nor bed."""
+        """Objects that a hull hits by their triangles, with names for the user: all except capsules and bed."""
         named = {"trunks": "tree", "crowns": "tree", "rocks": "rock", "shoal": "rock"}
         parts = (*self._banks, *self._shoals, *self._meshes)
         return tuple((named.get(part.name, Path(part.name).stem), part.mesh) for part in parts)
@@ -95,7 +93,7 @@ class Scenery:
         return [self._mesh(number, mesh) for number, mesh in enumerate(self._world.meshes)]
 
     def caster(self, backend: Backend = "embree") -> RayCaster:
-        """The same for all who ask. Raises UserError where Embree is not installed: numpy is fifty times too slow."""
+        """Return the shared ray caster. Raises UserError without Embree, because numpy is fifty times too slow."""
         if backend not in self._casters:
             try:
                 self._casters[backend] = make_caster(self.scene, backend)

@@ -1,4 +1,4 @@
-"""One seed for a run, an independent stream for each thing that draws from it."""
+"""One seed for a run, with an independent random stream for each user."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from numpy.random import SeedSequence
 
 
 class Seeds:
-    """A stream depends on seed, vessel and name alone: a new sensor, or a new vessel, leaves the others' as they were.
+    """Random streams of a run.
 
-    vessel: whose streams they are; empty for what belongs to the water, and for one vessel alone.
+    A stream depends only on seed, vessel and name, so a new sensor or vessel changes no other.
+
+    vessel: owner of the streams; empty for the water, and for a single vessel.
     """
 
     def __init__(self, seed: int, vessel: str = "") -> None:
@@ -18,5 +20,5 @@ class Seeds:
         self._before = f"{vessel}/" if vessel else ""
 
     def sequence(self, name: str) -> SeedSequence:
-        """The stream called `name`."""
+        """Return the stream called `name`."""
         return SeedSequence(self._seed, spawn_key=(crc32(f"{self._before}{name}".encode()),))

@@ -1,4 +1,4 @@
-"""Where the files that come with xitl are: inside the package when installed, beside it in a source tree."""
+"""Location of the files that xitl ships: inside the installed package, or next to it in a source tree."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from xitl_cli.errors import UserError
 
 
 def profiles_dir() -> Path:
-    """The folder of the shipped profiles."""
+    """Return the folder of the shipped profiles."""
     return _shipped("profiles")
 
 
 def campaigns_dir() -> Path:
-    """The folder of the shipped plans of campaigns."""
+    """Return the folder of the shipped campaign plans."""
     return _shipped("campaigns")
 
 
 def firmware_params_dir() -> Path:
-    """The folder of the shipped parameter files (`*.parm`)."""
+    """Return the folder of the shipped parameter files (`*.parm`)."""
     return _shipped("firmware_params")
 
 

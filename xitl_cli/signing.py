@@ -1,4 +1,4 @@
-"""The key that MAVLink frames are signed with, from a file of the user's."""
+"""The signing key for MAVLink frames, from a file of the user."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from xitl_cli.errors import UserError
 
 
 def read_key_file(path: str, option: str = "--signing-key") -> bytes:
-    """The key in the file: 64 hexadecimal digits or a passphrase. option: what named the file. Raises UserError."""
+    """Return the key in the file: 64 hexadecimal digits or a passphrase.
+
+    option: source of the file name. Raises UserError.
+    """
     try:
         return read_file(path, option)
     except SigningKeyError as error:

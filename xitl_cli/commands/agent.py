@@ -1,4 +1,4 @@
-"""`xitl agent package|deploy`: the agent on its way to a board. What runs the agent itself is `agent.__main__`."""
+"""`xitl agent package|deploy`: installs the agent on a board. `agent.__main__` runs the agent itself."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def run_agent(context: typer.Context) -> None:
 
 
 def reached(destination: str, port: int | None, identity: Path | None, ssh_config: Path | None) -> Board:
-    """The board of a command line. `KIND:NAME` is resolved by the plug-in that registers `KIND` in `xitl.boards`.
+    """Return the board of a command line. The plug-in that registers `KIND` in `xitl.boards` resolves `KIND:NAME`.
 
     Raises UserError.
     """

@@ -1,4 +1,4 @@
-"""`xitl doctor`: whether this machine is fit for simulating, and it or a board for hardware in the loop."""
+"""`xitl doctor`: checks this machine for simulation, and this machine or a board for hardware in the loop."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def doctor(
 
 
 def _show(simulating: list[DoctorFinding], machine: list[DoctorFinding]) -> None:
-    """The findings of each part, and last whether it will work."""
+    """Print the findings of each part, and the verdicts last."""
     from xitl_cli.commands.terminal import say, show_facts, terminal
     from xitl_cli.readiness import verdict, without_optional
 

@@ -1,4 +1,4 @@
-"""`xitl init`: the files of a boat of one's own."""
+"""`xitl init`: writes the files of a new boat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have, each said once; what Tab offers for them."""
+"""Arguments and options that several commands share, and their shell completion."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import typer
 
 DEFAULT_PROFILE = "sitl"
 OTHER_SPELLINGS = {"output": "out", "force": "overwrite", "verbosity": "verbose"}
-"""Spellings of an option that are understood wherever the command has it, beside the one that its help shows."""
+"""Other spellings of options that commands accept in addition to the one in their help."""
 
 
 def usual_spelling(token: str) -> str:
-    """For click's `token_normalize_func`."""
+    """Return the usual spelling of an option, for click's `token_normalize_func`."""
     return OTHER_SPELLINGS.get(token, token)
 
 
 def complete_profile(incomplete: str) -> list[str]:
-    """Names of shipped profiles, and YAML files where the beginning of a path leads.
+    """Return names of shipped profiles, and YAML files that match the beginning of a path.
 
-    Parts of profiles are offered once their folder is typed. Without any, the shell completes files by itself.
+    Parts of profiles are offered once their folder is typed. Without a match, the shell completes files by itself.
     """
     from xitl_cli.profile.files.catalogue import SUFFIXES, shipped_profiles
 
@@ -38,7 +38,7 @@ def complete_profile(incomplete: str) -> list[str]:
 
 
 def complete_vehicle(incomplete: str) -> list[str]:
-    """Names of shipped vehicles, then as `complete_profile`."""
+    """Return names of shipped vehicles, then the results of `complete_profile`."""
     from xitl_cli.profile.files.catalogue import shipped_profiles
 
     vehicles = [name.removeprefix("vehicles/") for name in shipped_profiles() if name.startswith("vehicles/")]
@@ -46,10 +46,10 @@ def complete_vehicle(incomplete: str) -> list[str]:
 
 
 def complete_set(context: typer.Context, incomplete: str) -> list[str]:
-    """Keys of the profile that is named already (`sitl` before one is), each with its value."""
+    """Return keys of the profile on the command line (default: `sitl`), each with its value."""
     given = context.params
     named = given.get("profile") or given.get("profile_option") or given.get("name")
-    if not named:  # an option without its value, as it is while it is typed, ends the parsing before the arguments
+    if not named:  # an option without its value, as during typing, ends the parsing before the arguments
         named = next((word for word in context.args if not word.startswith("-")), DEFAULT_PROFILE)
     return [word for word in _assignments(str(named)) if word.startswith(incomplete)]
 
@@ -68,7 +68,7 @@ def _assignments(name: str) -> Iterator[str]:
 
 
 def complete_section(incomplete: str) -> list[str]:
-    """Names of analyses."""
+    """Return names of analyses."""
     from xitl_cli.logs.report.build import SECTIONS
 
     return [name for name in SECTIONS if name.startswith(incomplete)]
@@ -122,7 +122,7 @@ RunsDuration = Annotated[
 
 
 def renamed(old_value: str | None, value: str | None, old: str, new: str) -> str | None:
-    """The value of an option that has a new name. The old name still works, with a notice."""
+    """Return the value of a renamed option. The old name still works, with a notice."""
     if old_value is None:
         return value
     typer.echo(f"{old} is now {new}; the old name will go", err=True)

@@ -1,4 +1,4 @@
-"""What commands that print a lot have in common."""
+"""Shared functions of commands that print a lot."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ if TYPE_CHECKING:
     from xitl_cli.logs.model.log import Log
 
 GONE = (errno.EPIPE, errno.EIO)
-"""Of what is printed: a reader that left, a terminal that hung up."""
+"""Errors of an output without a reader, or with a closed terminal."""
 
 
 @contextmanager
 def quiet_pipe() -> Iterator[None]:
-    """A reader that has seen enough (`| head`) ends the output, and not with an error."""
+    """End the output without an error when its reader closes it (`| head`)."""
     try:
         yield
         sys.stdout.flush()
     except BrokenPipeError:
-        # What is left in the buffer would raise once more when the interpreter closes it.
+        # The interpreter would raise again when it flushes the rest of the buffer.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(0) from None
 
 
 @contextmanager
 def still_read() -> Iterator[None]:
-    """The output of what has its own exit code: a reader that left or a terminal that hung up changes nothing."""
+    """Ignore a closed reader or terminal, so that the command keeps its exit code."""
     try:
         yield
         sys.stdout.flush()
     except OSError as error:
         if error.errno not in GONE:
             raise
-        # What is left in the buffer would raise once more when the interpreter closes it.
+        # The interpreter would raise again when it flushes the rest of the buffer.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def refuse(sentences: Sequence[str]) -> None:
-    """A line for each file that could not be read; raises UserError with the last of them."""
+    """Print a line for each file that could not be read; raises UserError with the last of them."""
     for sentence in sentences[:-1]:
         typer.echo(f"error: {printable(sentence)}", err=True)
     if sentences:
@@ -56,7 +56,7 @@ def refuse(sentences: Sequence[str]) -> None:
 
 
 def tell_damage(*logs: Log) -> None:
-    """A line on stderr for each log of which something is missing or in doubt, and how to mend it."""
+    """Print a line on stderr for each log with missing or doubtful data, with the way to repair it."""
     from xitl_cli.logs.report.wording import damage_sentences
 
     for log in logs:
@@ -66,7 +66,7 @@ def tell_damage(*logs: Log) -> None:
 
 
 def tell_vessels(*shown: tuple[Path, str, Sequence[str]]) -> None:
-    """A line on stderr for each recording of several vessels: the path, the one that was taken, and all of them."""
+    """Print a line on stderr for each recording of several vessels: path, selected vessel, and all vessels."""
     for path, vessel, vessels in shown:
         if vessel:
             there = ", ".join(vessels[:8]) + (f" and {len(vessels) - 8} more" if len(vessels) > 8 else "")
@@ -74,7 +74,7 @@ def tell_vessels(*shown: tuple[Path, str, Sequence[str]]) -> None:
 
 
 def open_in_browser(page: Path) -> None:
-    """In the browser of the desktop; a machine without one gets a line instead of a browser in its terminal."""
+    """Open the page in the desktop's browser. On a machine without a desktop, print a line instead."""
     import webbrowser
 
     desktop = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")

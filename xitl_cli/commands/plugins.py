@@ -1,4 +1,4 @@
-"""`xitl plugins`: what is installed beyond the core."""
+"""`xitl plugins`: lists the installed plug-ins."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def check(
 
 
 def _compass_warnings(loaded: LoadedProfile) -> list[str]:
-    """Of a profile that runs; none of a part of one."""
+    """Return the warnings of a profile that can run; none for a part of a profile."""
     from xitl_cli.run.sensors.compass import compass_warnings
 
     try:

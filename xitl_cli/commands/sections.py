@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def show_sections(console: Console, sections: Sequence[Section]) -> None:
-    """What each found, with what to do, and its tables."""
+    """Print the findings of each section, their next steps and its tables."""
     from xitl_cli.logs.model.sections import Severity
     from xitl_cli.logs.report.terminal import show_section
 
@@ -29,7 +29,7 @@ def show_sections(console: Console, sections: Sequence[Section]) -> None:
 
 
 def sections_document(sections: Sequence[Section]) -> dict[str, Any]:
-    """By their keys, as `xitl logs analyze --json` has them."""
+    """Return the sections by their keys, as in `xitl logs analyze --json`."""
     from xitl_cli.logs.clocks.time_line import TimeLine
     from xitl_cli.logs.report.json import section_document
 

@@ -176,7 +176,7 @@ def sim(
 
 
 class SimCommand(TyperCommand):
-    """`--ros` may stand without a value, wherever it stands: what follows is one if it names a ROS."""
+    """A command in which `--ros` may have no value: the next word is its value only if it names a ROS."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         whole = []
@@ -187,7 +187,10 @@ class SimCommand(TyperCommand):
 
 
 def live_options(live: str | None, port: int | None, commands: bool) -> dict[str, Any]:
-    """What `--live`, `--live-port` and `--live-commands` mean in the profile. Raises UserError for another server."""
+    """Return the profile keys for `--live`, `--live-port` and `--live-commands`.
+
+    Raises UserError for another server.
+    """
     if live not in (None, "foxglove"):
         raise UserError(f"--live {live}: is not known; use foxglove, or --view for a page of xitl's own")
     given = {"live.port": port, "live.commands": True if commands else None}
@@ -195,7 +198,7 @@ def live_options(live: str | None, port: int | None, commands: bool) -> dict[str
 
 
 def ros_options(ros: str | None, without: bool) -> dict[str, str | None]:
-    """What `--ros` and `--no-ros` mean in the profile. Raises UserError for what names no ROS."""
+    """Return the profile keys for `--ros` and `--no-ros`. Raises UserError for an unknown ROS."""
     if without:
         if ros is not None:
             raise UserError("--ros and --no-ros: are opposites; give one of them")
@@ -210,7 +213,7 @@ def ros_options(ros: str | None, without: bool) -> dict[str, str | None]:
 
 
 def _beyond_firmware(profile: Profile, firmware: str | None) -> Iterator[str]:
-    """Which vessels `--firmware` does not reach, in a sentence."""
+    """Yield a sentence with the vessels that `--firmware` does not affect."""
     if firmware is None or profile.vessels is None:
         return
     given = None if profile.autopilot is None else profile.autopilot.firmware

@@ -1,4 +1,4 @@
-"""How a run went, for a person at a terminal."""
+"""Report of a run at a terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MORE = (directory.DATAFLASH, directory.ULOG, directory.MAP, directory.TRAJECTOR
 
 
 def show_result(console: Console, result: Result, verbose: bool = False) -> None:
-    """The verdict, then a line each for mission, estimate, timing and links; verbose: all tables as well."""
+    """Print the verdict, then a line each for mission, estimate, timing and links; verbose: all tables as well."""
     summary = result.summary
     for text, style in verdict_lines(summary):
         say(console, text, style)
@@ -39,14 +39,14 @@ def show_result(console: Console, result: Result, verbose: bool = False) -> None
 
 
 MOST_ROWS = 16
-"""Vessels in the table of a fleet; of a longer one this many, the worst first, and a count of the others."""
+"""Rows in the table of a fleet. A larger fleet shows its worst vessels first, and a count of the others."""
 _FLEET_HEADS = ("vessel", "mode", "waypoints", "cross-track", "speed", "estimate off", "closest")
 
 
 def show_fleet(
     console: Console, summary: dict[str, Any], warnings: Sequence[tuple[str, str, str]], verbose: bool = False
 ) -> None:
-    """A row a vessel, what befell which, and the run; verbose: all of them, and all tables of each as well."""
+    """Print a row for each vessel, its incidents, and the run; verbose: all vessels, and all tables of each as well."""
     vessels: dict[str, dict[str, Any]] = summary["vessels"]
     names = list(vessels) if verbose else worst_vessels(vessels, MOST_ROWS)
     show_rows(
@@ -74,7 +74,10 @@ def show_fleet(
 
 
 def worst_vessels(vessels: Mapping[str, dict[str, Any]], count: int) -> list[str]:
-    """All names where they are no more than `count`, else so many: not completed first, then by cross-track error."""
+    """Return all names if they are at most `count`.
+
+    Otherwise, return the worst `count`: not completed first, then by cross-track error.
+    """
     if len(vessels) <= count:
         return list(vessels)
 
@@ -86,7 +89,7 @@ def worst_vessels(vessels: Mapping[str, dict[str, Any]], count: int) -> list[str
 
 
 def fleet_row(summary: dict[str, Any], name: str) -> list[str]:
-    """The cells of one vessel: at the end of the run its mode, over the run all else."""
+    """Return the cells of one vessel: its mode at the end of the run, all else over the run."""
     part = summary["vessels"][name]
     mission, track = part["mission"], part["track"]
     return [
@@ -103,7 +106,7 @@ def fleet_row(summary: dict[str, Any], name: str) -> list[str]:
 
 
 def closest_m(summary: dict[str, Any], name: str) -> float | None:
-    """How near another vessel came to it, hull to hull; None where nobody measured."""
+    """Return the smallest hull distance to another vessel in m; None without a measurement."""
     return min(
         (
             pair["distance_m"]
@@ -119,7 +122,7 @@ def _fleet_styles(vessels: Mapping[str, dict[str, Any]], names: Sequence[str]) -
 
 
 def _of_vessel(part: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """What of a vessel should not go by unnoticed."""
+    """Yield the facts of a vessel that need attention."""
     yield from perception_rows(part)
     yield from incidents(part)
     for link in part["links"]:
@@ -139,7 +142,7 @@ def _fleet_profile(summary: dict[str, Any]) -> tuple[str, str]:
 
 
 def verdict_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """(text, style): completed or not and why; real time kept or not and why."""
+    """Yield (text, style): completed or not, with the reason; real time kept or not, with the reason."""
     verdict, ended = summary["verdict"], summary["ended"]
     if verdict["completed"]:
         yield f"completed: {verdict['why']}", "bold green"
@@ -199,7 +202,7 @@ def _timing(summary: dict[str, Any]) -> str:
 
 
 def _links_line(links: list[dict[str, Any]]) -> str:
-    """A loss is unknown where the two ends could not agree on it in the end."""
+    """Summarize the links. A loss is unknown when the two ends did not agree at the end."""
     frames = sum(link["sent"] or link["received"] or 0 for link in links)
     troubles = [f"{link['lost']} lost of {link['name']}" for link in links if link["lost"]]
     for link in links:
@@ -237,7 +240,7 @@ def _show_all(console: Console, summary: dict[str, Any]) -> None:
 
 
 Rows = tuple[tuple[str, ...], list[list[str]], tuple[int, ...]]
-"""Headings, rows, and the columns of text."""
+"""Headings, rows, and the numbers of the text columns."""
 
 
 def _links(summary: dict[str, Any]) -> Rows:
@@ -271,9 +274,9 @@ def _tasks(summary: dict[str, Any]) -> Rows:
 
 
 def _clocks(summary: dict[str, Any]) -> Rows:
-    """drift in ppm, and its standard error from the fit. varies: by so much from one 10 s to the next.
+    """Return the table of clocks: drift in ppm, its standard error from the fit, and its variation over 10 s.
 
-    80 columns hold it for machines that have been up for up to three years.
+    It fits in 80 columns for machines with an uptime of up to three years.
     """
     rows = [
         [
@@ -348,7 +351,7 @@ _TROUBLE = {
 
 
 def autopilot_rows(section: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
-    """(what, text) of `autopilot` in summary.json."""
+    """Yield (label, text) of `autopilot` in summary.json."""
     if section is None:
         return
     who = " ".join(filter(None, (section["kind"], section["vehicle"], section["firmware"])))
@@ -413,7 +416,7 @@ _NODE = {
 
 
 def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """(what, text) of what should not go by unnoticed, from summary.json."""
+    """Yield (label, text) of incidents that need attention, from summary.json."""
     for takeover in summary["takeovers"]:
         yield (
             "takeover",
@@ -434,7 +437,7 @@ def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def details(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """(what, text) about machines, commands and links, from summary.json."""
+    """Yield (label, text) about machines, commands and links, from summary.json."""
     for node in summary["nodes"]:
         yield "node", _node(node)
     actuators = summary["actuators"]
@@ -481,7 +484,7 @@ def _actuators(actuators: dict[str, Any]) -> str:
 
 
 def ros_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """What went to nodes of ROS and came from them; none without ROS."""
+    """Yield a row on the messages to and from ROS nodes; none without ROS."""
     ros = summary.get("ros")
     if ros is None:
         return
@@ -497,7 +500,7 @@ def ros_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def perception_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Rows of the report; none without a companion."""
+    """Yield rows on the companion's results; none without a companion."""
     odometry, mapping, obstacles = summary["odometry"], summary["mapping"], summary["obstacles"]
     if odometry is not None and odometry["poses"]:
         yield "odometry", _odometry(odometry)

@@ -1,6 +1,6 @@
-"""What commands print for a person: text as it is, in as many lines as the width takes, never cut off.
+"""Output of commands at a terminal: plain text, wrapped to the width, never cut off.
 
-Colours appear at a terminal only, and not where NO_COLOR is set.
+Colours appear at a terminal only, and not when NO_COLOR is set.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 APART = 2
 LEAST_TEXT = 24
-"""A column of text narrower than this is hard to read: the row is told in a paragraph then."""
+"""A narrower column of text is hard to read. The row then becomes a paragraph."""
 
 
 def terminal(stderr: bool = False, soft_wrap: bool = False) -> Console:
-    """What is printed there is taken for what it says: brackets are no markup, `:x:` is no picture.
+    """Return a console that prints text literally: brackets are no markup, `:x:` is no picture.
 
-    soft_wrap: lines are left to the terminal to wrap, so that a path stays one word.
+    soft_wrap: the terminal wraps lines, so that a path stays one word.
     """
     from rich.console import Console
 
@@ -32,7 +32,7 @@ def terminal(stderr: bool = False, soft_wrap: bool = False) -> Console:
 
 @contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
-    """Shows what is being done while there is a terminal to show it on."""
+    """Show the current step if there is a terminal."""
     console = terminal(stderr=True)
     if not console.is_terminal:
         yield lambda _: None
@@ -44,13 +44,13 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
 
 
 def say(console: Console, text: str, style: str = "") -> None:
-    """A sentence, wrapped between words."""
+    """Print a sentence, wrapped between words."""
     for line in _wrapped(text, console.width):
         _line(console, line, style)
 
 
 def show_facts(console: Console, facts: Sequence[tuple[str, str] | tuple[str, str, str]]) -> None:
-    """Labels, and beside each its text in as many lines as it takes; below it where there is no room beside.
+    """Print labels, each with its text to the right, or below it on a narrow terminal.
 
     A third word is the style of a fact.
     """
@@ -76,10 +76,10 @@ def show_rows(
     text: Collection[int] = (0,),
     styles: Sequence[str] = (),
 ) -> None:
-    """A table with one line of headings; without any where all are empty.
+    """Print a table with one line of headings, or without it when all are empty.
 
-    text: columns that are aligned to the left, of which the last may be wrapped. styles: of each row. Where the width
-    does not do, each row is a paragraph that names its columns.
+    text: columns aligned to the left; the last of them may be wrapped. styles: of each row. On a narrow terminal, each
+    row is a paragraph that names its columns.
     """
     if not rows:
         return

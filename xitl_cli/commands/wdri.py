@@ -1,4 +1,4 @@
-"""`xitl wdri`: the node graph of a profile, or of a run as it was, and its index against a reference."""
+"""`xitl wdri`: the node graph of a profile or of a run, and its index against a reference."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _show(result: Wdri, run: MeasuredRun | None) -> None:
             for name, row in zip(names, graph.adjacency, strict=True)
         ]
         show_rows(console, ("", *names), matrix)
-    else:  # no room for the matrix: what is linked to what
+    else:  # too narrow for the matrix: a list of links
         to = (
             (name, [other for other, linked in zip(names, row, strict=True) if linked])
             for name, row in zip(names, graph.adjacency, strict=True)

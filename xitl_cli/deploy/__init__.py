@@ -1,1 +1,1 @@
-"""Getting the agent onto a board: `package` makes one file of it, `ssh` and `deploy` bring it there."""
+"""Installation of the agent on a board: `package` makes one file of it, `ssh` and `deploy` transfer it."""

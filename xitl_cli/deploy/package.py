@@ -1,4 +1,4 @@
-"""`xitl-agent.pyz`: the agent in one file for any Python 3.9 or newer, with what serial and CAN links need."""
+"""`xitl-agent.pyz`: the agent in one file for any Python 3.9 or newer, with the packages for serial and CAN links."""
 
 from __future__ import annotations
 
@@ -43,16 +43,18 @@ _FILE_MODE = 0o100644
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """The finished archive. `parts` are what came along, "name version" each; `notes` are sentences for the user."""
+    """The finished archive."""
 
     data: bytes
     sha256: str
     parts: tuple[str, ...]
+    """Included packages, "name version" each."""
     notes: tuple[str, ...]
+    """Sentences for the user."""
 
 
 def build() -> Package:
-    """Collect and compress: the same versions give the same bytes. Raises UserError where a part is not installed."""
+    """Build the archive: the same versions give the same bytes. Raises UserError when a part is not installed."""
     files: dict[str, bytes] = {"__main__.py": START.encode()}
     files.update(_own_files())
     parts, notes = [f"xitl agent {agent.__version__}"], []
@@ -96,7 +98,7 @@ def _installed(name: str, purpose: str, optional: bool) -> Distribution | None:
 
 
 def _files_of(found: Distribution, name: str) -> Iterator[tuple[str, bytes]]:
-    """Its pure Python modules, and its licence and description under `licences/`."""
+    """Yield the package's pure Python modules, and its licence and description under `licences/`."""
     modules = 0
     for path in found.files or ():
         parts = path.parts

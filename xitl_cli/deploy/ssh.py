@@ -1,7 +1,7 @@
-"""The agent's archive and settings, brought to a board and run there over ssh.
+"""Transfers the agent's archive and settings to a board and runs them there over ssh.
 
-No word that anybody typed becomes part of a command there: the remote command is one constant, and all else goes over
-its standard input. Login, keys and host keys are ssh's own business, with the user's own settings.
+No user input becomes part of a command on the board. The remote command is constant, and all else goes over its
+standard input. ssh handles login, keys and host keys with the user's settings.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ SECTION = "agent"
 def settings(
     service: bool, config: Path | None, options: Mapping[str, Sequence[str]], files: Mapping[str, Path]
 ) -> DeploySettings:
-    """Put together what to send. Raises UserError.
+    """Combine the data to send. Raises UserError.
 
-    Options that name files in `config` mean files on the board; `files` are brought along from here.
+    Options in `config` that name files mean files on the board; `files` are sent from this machine.
     """
     merged: dict[str, tuple[str, ...]] = {} if config is None else _read(config)
     merged.update({key: tuple(values) for key, values in options.items()})
@@ -81,12 +81,13 @@ _REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """Where ssh goes. config: ssh settings in place of the user's own. Raises UserError for what is no destination."""
+    """The destination of ssh. Raises UserError for an invalid destination."""
 
     destination: str
     port: int | None = None
     identity: Path | None = None
     config: Path | None = None
+    """ssh settings in place of the user's."""
 
     def __post_init__(self) -> None:
         if not _DESTINATION.fullmatch(self.destination):
@@ -98,7 +99,7 @@ class Board:
                 raise UserError(f"{name} {path}: no such file; check the path")
 
     def command(self) -> list[str]:
-        """The words of the ssh command, the remote command last."""
+        """Return the words of the ssh command, the remote command last."""
         words = ["ssh", "-T", "-o", f"ConnectTimeout={CONNECT_TIMEOUT_S}"]
         for option in ("ServerAliveInterval=5", "ServerAliveCountMax=3", "ClearAllForwardings=yes", "ForwardAgent=no"):
             words += ["-o", option]
@@ -112,9 +113,9 @@ class Board:
 
 
 def run_there(board: Board, package: Package, arguments: list[str], given: bytes) -> dict[str, Any]:
-    """Run the package with `arguments` on the board, `given` on its standard input; returns its outcome.
+    """Run the package with `arguments` on the board, with `given` on its standard input; returns its outcome.
 
-    Raises UserError with one sentence when it did not come to an outcome, or when the outcome is an error.
+    Raises UserError with one sentence when there is no outcome, or when the outcome is an error.
     """
     receiver = (Path(agent.__file__).parent / "board" / "receive.py").read_bytes()
     header = {"bytes": len(package.data), "sha256": package.sha256, "arguments": arguments}
@@ -147,7 +148,7 @@ def _outcome(board: Board, text: str) -> dict[str, Any]:
 
 
 def _reason(code: int, stderr: str) -> str:
-    """What ssh, or the shell on the board, meant."""
+    """Return the meaning of an error of ssh, or of the shell on the board."""
     lines = [line.strip() for line in stderr.splitlines() if line.strip()]
     for words, reason in _REASONS.items():
         if code == _SSH_FAILED and any(words in line for line in lines):

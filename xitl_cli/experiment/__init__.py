@@ -1,1 +1,1 @@
-"""Runs that an experiment makes of profiles, their quantities over time, and a table of a reference and results."""
+"""Runs of an experiment, their quantities over time, and a table of reference values and results."""

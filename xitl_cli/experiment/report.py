@@ -1,4 +1,4 @@
-"""What an experiment says: the paper's values beside ours, a sentence on every difference, and its figures."""
+"""Results of an experiment: the paper's values and ours, a sentence on every difference, and figures."""
 
 from __future__ import annotations
 
@@ -10,27 +10,34 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Told = float | int | str | None
-"""A value of the paper or of ours: a number, words, or None for what is not printed or was not measured."""
+"""A value of the paper or of xitl: a number, words, or None when it is not printed or not measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
-    """quantity: what is compared. paper, ours: in `unit`. difference: a sentence on how ours differs, and why."""
+    """One row of the comparison."""
 
     quantity: str
+    """Compared quantity."""
     paper: Told
+    """Value of the paper, in `unit`."""
     ours: Told
+    """Our value, in `unit`."""
     unit: str
     difference: str
+    """Sentence on the difference and its reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class PaperFigure:
-    """name: of its files. caption: what it shows, and of the paper which. draw: on an empty figure of `size_in`."""
+    """A figure of an experiment."""
 
     name: str
+    """Name of its files."""
     caption: str
+    """Content, and the figure of the paper that it corresponds to."""
     draw: Callable[[Figure], None]
+    """Draws on an empty figure of `size_in`."""
     size_in: tuple[float, float] = (7.0, 4.6)
 
 
@@ -66,7 +73,7 @@ class ExperimentReport:
 
 
 def told_text(value: Told, unit: str = "") -> str:
-    """For people: four figures, large numbers whole, `–` for what is not there."""
+    """Return text for users: four digits, large numbers whole, `–` for a missing value."""
     if value is None or isinstance(value, str):
         return value or "–"
     return f"{value:.4g} {unit}".rstrip() if abs(value) < 10_000 else f"{value:.0f} {unit}".rstrip()

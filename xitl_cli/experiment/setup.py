@@ -1,4 +1,4 @@
-"""How an experiment is to be carried out, and the runs that it makes of profiles of its own."""
+"""Setup of an experiment, and the runs of its profiles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from xitl_cli.run.status_display import NoDisplay
 
 
 class InterruptedRunError(Exception):
-    """Somebody wants to stop. done: what can be said of the runs until then, None for nothing."""
+    """The user asked to stop. done: results of the runs so far, None without any."""
 
     def __init__(self, done: ExperimentReport | None = None) -> None:
         super().__init__()
@@ -25,31 +25,36 @@ class InterruptedRunError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ExperimentSetup:
-    """out: the directory of its runs. duration_s: of each run at most, None for what the experiment takes.
-
-    firmware: an ardurover to start, None for the one that is found. real: a log of a real boat (4.1), from_s and
-    until_s: what of it, in seconds of its own clock. vehicle: a profile, what the recorded outputs drive. board: the
-    URL of an agent on a board (4.3). tell: called with a line on what goes on.
-    """
+    """Settings of an experiment."""
 
     out: Path
+    """Directory of its runs."""
     seed: int = 1
     duration_s: float | None = None
+    """Limit for each run; None for the experiment's duration."""
     overwrite: bool = False
     firmware: str | None = None
+    """Path of an ardurover to start; None to search for one."""
     real: Path | None = None
+    """Log of a real boat (4.1)."""
     from_s: float | None = None
+    """Start of the used part of `real`, in seconds of its clock."""
     until_s: float | None = None
+    """End of the used part of `real`, in seconds of its clock."""
     vehicle: str = "vehicles/asv-third"
+    """Profile that the recorded outputs drive."""
     board: str | None = None
+    """URL of an agent on a board (4.3)."""
     tell: Callable[[str], None] = lambda line: None
+    """Called with a line on the progress."""
 
     def run_profile(
         self, name: str, text: str, overrides: Mapping[str, Any] | None = None, timed: bool = False
     ) -> Result:
-        """A run of this profile in `out`/`name`, the profile beside it.
+        """Run this profile in `out`/`name`, and write the profile next to it.
 
-        timed: reaching its duration is what is wanted. Raises UserError where it cannot be made, InterruptedRunError.
+        timed: a run that reaches its duration has done what was asked. Raises UserError when the run is not possible,
+        and InterruptedRunError.
         """
         profile = write_profile(self.out / f"{name}.yaml", text, self.overwrite)
         given = [f"{key}={value}" for key, value in (overrides or {}).items() if value is not None]
@@ -60,12 +65,12 @@ class ExperimentSetup:
 
 
 def default_directory(section: str = "") -> Path:
-    """Where runs of a section go when nobody says: runs/paper-<section>-<time>."""
+    """Return the default directory for the runs of a section: runs/paper-<section>-<time>."""
     return Path("runs") / "-".join(filter(None, ("paper", section, datetime.now(UTC).strftime("%Y%m%d-%H%M%S"))))
 
 
 def write_profile(path: Path, text: str, overwrite: bool) -> Path:
-    """`path`. Raises UserError where another profile is there, or nothing can be written."""
+    """Write the profile and return `path`. Raises UserError for another profile there, or when it cannot be written."""
     try:
         if not overwrite and path.exists() and path.read_text(encoding="utf-8") != text:
             raise UserError(f"{path}: exists, and is another profile; choose another --out or add --overwrite")
@@ -75,7 +80,7 @@ def write_profile(path: Path, text: str, overwrite: bool) -> Path:
 
 
 def write_file(path: Path, data: str | bytes) -> Path:
-    """`path`, replaced where it is there. Raises UserError where it cannot be written."""
+    """Write the file, replace an earlier one, and return `path`. Raises UserError when it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data.encode() if isinstance(data, str) else data)

@@ -1,7 +1,7 @@
 """The firmware cache, CACHE/firmware/VEHICLE/VERSION/BOARD/, and the search for a program that runs here.
 
-CACHE is that of xitl_cli.cache. VERSION is what was asked for: `stable`, `beta`,
-`latest` or numbers. Beside the file lies a record of where it is from. A file that was put there by hand counts too.
+CACHE is that of xitl_cli.cache. VERSION is the requested version: `stable`, `beta`, `latest` or numbers. A record of
+the file's origin is in the same folder. A file that the user copied there counts too.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from xitl_cli.cache import cache_root
 from xitl_cli.errors import UserError
 
 PROGRAMS = {"rover": "ardurover", "plane": "arduplane", "copter": "arducopter", "sub": "ardusub"}
-"""By vehicle, what its firmware is called on machines that run it as a program; images for boards add a suffix."""
+"""Name of the firmware as a program, by vehicle. Images for boards add a suffix."""
 
 SITL, SITL_ARMHF = "sitl", "sitl-armhf"
 SIMULATED = (SITL, SITL_ARMHF)
@@ -30,17 +30,17 @@ RECORD = "firmware.json"
 FIND = "find"
 PX4_VARIABLE = "XITL_PX4"
 ROVER_VARIABLES = {"sitl": "XITL_ARDUROVER", "linux": "XITL_ARDUROVER_LINUX"}
-"""Environment variables that may name the program, by build."""
+"""Environment variables for the program, by build."""
 IMAGE_SUFFIX = ".apj"
 _MOVING = {"stable": 3, "beta": 1, "latest": 0}
 _NUMBERED = re.compile(r"\d+\.\d+\.\d+")
-# ELF: machines that a processor runs, by what the kernel calls the processor.
+# ELF machines that a processor runs, by the kernel's name of the processor.
 _MACHINES = {"x86_64": (62, 3), "aarch64": (183, 40), "armv7l": (40,), "armv6l": (40,), "i686": (3,)}
 
 
 @dataclass(frozen=True, slots=True)
 class FirmwareRecord:
-    """Where a file is from. Empty strings are unknown; `verified` says in words what was checked."""
+    """Origin of a file. Empty strings are unknown."""
 
     url: str = ""
     sha256: str = ""
@@ -48,6 +48,7 @@ class FirmwareRecord:
     version: str = ""
     git: str = ""
     verified: tuple[str, ...] = ()
+    """Checks that the file passed, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,23 +68,23 @@ class CachedFirmware:
 
 
 def firmware_root() -> Path:
-    """The folder that holds all; it need not exist."""
+    """Return the root folder, which need not exist."""
     return cache_root() / "firmware"
 
 
 def cache_folder(vehicle: str, version: str, board: str) -> Path:
-    """Where the one firmware belongs; it need not exist."""
+    """Return the folder for a firmware, which need not exist."""
     return firmware_root() / vehicle / version / board
 
 
 def file_names(vehicle: str, board: str) -> tuple[str, ...]:
-    """What the file may be called there: a program, or an image for a board that runs no programs."""
+    """Return the possible file names: a program, or an image for a board that runs no programs."""
     program_name = PROGRAMS[vehicle]
     return (program_name,) if board in SIMULATED else (program_name + IMAGE_SUFFIX, program_name)
 
 
 def list_cached(vehicle: str | None = None) -> list[CachedFirmware]:
-    """All that is there, of one vehicle or of all; a stable version first, then the newest numbers."""
+    """Return all cached firmware of one vehicle or of all. Stable versions are first, then the newest numbers."""
     found = [
         CachedFirmware(at.parent.parent.name, at.parent.name, at.name, file, read_record(at))
         for at in sorted(firmware_root().glob(f"{vehicle or '*'}/*/*"))
@@ -93,12 +94,12 @@ def list_cached(vehicle: str | None = None) -> list[CachedFirmware]:
 
 
 def find_cached(vehicle: str, version: str, board: str) -> CachedFirmware | None:
-    """One firmware of the cache, None where it is not there."""
+    """Return one firmware of the cache, or None."""
     return next((one for one in list_cached(vehicle) if (one.version, one.board) == (version, board)), None)
 
 
 def find_program(vehicle: str, build: str) -> Path | None:
-    """The program to start for a build, `sitl` or `linux`, that this machine can run; None when there is none.
+    """Return the program for a build, `sitl` or `linux`, that this machine can run; None when there is none.
 
     Raises UserError for a program that changed since it was downloaded.
     """
@@ -114,17 +115,17 @@ def find_program(vehicle: str, build: str) -> Path | None:
 
 
 def sha256(file: Path) -> str:
-    """Hexadecimal digest of a file."""
+    """Return the hexadecimal digest of a file."""
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:
-    """The program of `vehicle` (`rover`) for `build`, `sitl` or `linux`.
+    """Return the program of `vehicle` (`rover`) for `build`, `sitl` or `linux`.
 
-    `given` is its path, or `find` for the one that XITL_ARDUROVER names (XITL_ARDUROVER_LINUX for a Linux build), else
-    on the PATH, else in the cache. On the PATH a Linux build is the one whose name ends in `-linux`. Raises UserError
-    when there is none that runs here.
+    `given` is its path, or `find`. `find` searches XITL_ARDUROVER (XITL_ARDUROVER_LINUX for a Linux build), then the
+    PATH, then the cache. On the PATH, the name of a Linux build ends in `-linux`. Raises UserError when no program runs
+    here.
     """
     if given != FIND:
         return _checked_program(Path(given).expanduser())
@@ -148,16 +149,16 @@ def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:
 
 
 def named_by(vehicle: str, build: str) -> str | None:
-    """The environment variable that names the program of `vehicle`; None where none is set."""
+    """Return the environment variable with the program of `vehicle`; None when none is set."""
     variable = ROVER_VARIABLES[build] if vehicle == "rover" else ""
     return variable if os.environ.get(variable) else None
 
 
 def find_px4(given: str = FIND) -> tuple[Path, Path]:
-    """A PX4 built for simulation and the folder of its start scripts, `etc` beside the one that the program is in.
+    """Return a PX4 for simulation and the folder of its start scripts: `etc`, next to the folder of the program.
 
-    `given` is the program's path, or `find` for the one that XITL_PX4 names or that is on the PATH. Raises UserError
-    when there is none that runs here.
+    `given` is the program's path, or `find`. `find` searches XITL_PX4, then the PATH. Raises UserError when no program
+    runs here.
     """
     variable = os.environ.get(PX4_VARIABLE) if given == FIND else None
     named = variable or shutil.which("px4") if given == FIND else given
@@ -195,7 +196,7 @@ def runs_here(file: Path) -> bool:
 
 
 def read_record(at: Path) -> FirmwareRecord:
-    """The record in a folder; an empty one where there is none, or none that can be read."""
+    """Return the record in a folder; an empty record when it is missing or unreadable."""
     try:
         read = json.loads((at / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -210,7 +211,7 @@ def read_record(at: Path) -> FirmwareRecord:
 
 
 def record_text(record: FirmwareRecord) -> str:
-    """The record as it is written."""
+    """Return the text of the record's file."""
     written: dict[str, Any] = asdict(record)
     return json.dumps(written, indent=2, ensure_ascii=False) + "\n"
 
@@ -223,7 +224,7 @@ def _files(at: Path) -> Iterator[Path]:
 
 
 def _rank(version: str) -> tuple[int, int, int, int]:
-    """The larger the better: stable, then numbers, then what is being tried out."""
+    """Return a rank, the larger the better: stable, then numbers, then beta and latest."""
     if _NUMBERED.fullmatch(version):
         major, minor, patch = (int(part) for part in version.split("."))
         return (2, major, minor, patch)
@@ -234,7 +235,10 @@ _KEY = "autopilot.firmware"
 
 
 def _checked_program(path: Path, key: str = _KEY) -> Path:
-    """key: what names it. Raises UserError for what is no program of this machine."""
+    """Return the path of a program.
+
+    key: its source, for errors. Raises UserError for a file that this machine cannot run.
+    """
     if path.is_dir():
         raise UserError(f"{key}: {path} is a directory; give the path of the program in it")
     if not path.exists():
@@ -252,7 +256,7 @@ def _checked_program(path: Path, key: str = _KEY) -> Path:
 
 
 def _looks_like_program(path: Path) -> bool:
-    """Whether it begins as an ELF program or a script does; True for one that cannot be read."""
+    """Whether it begins as an ELF program or a script; True for an unreadable file."""
     try:
         with path.open("rb") as opened:
             return opened.read(4).startswith((b"#!", b"\x7fELF"))

@@ -1,4 +1,4 @@
-"""An autopilot as a process of its own on this machine: started, watched, stopped, its log found."""
+"""An autopilot as a separate process on this machine: starts, monitors and stops it, and finds its log."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ROUTINE = re.compile(
     r"Skipping port|Starting|Setting |Suggested |Using |Home: |bind port|SERIAL\d+ on |JSON control interface|"
     r"Creating model|validate_structures|Loaded defaults|Waiting for |Connection on |Exitting$"
 )
-"""What ArduPilot says at every start, and at an end in order."""
+"""Output of ArduPilot at every start, and at a normal end."""
 _TROUBLE = re.compile(
     r"panic|error|fail|fault\b|abort|assert|exception|unable|cannot|can't|could not|unknown|invalid|unrecogni[sz]ed|"
     r"not found|no such|denied|in use|out of|bad ",
@@ -35,9 +35,9 @@ _PR_SET_PDEATHSIG = 1
 
 
 class FirmwareProcess:
-    """`program` running in `directory`, where its output goes to console.txt. It ends with this process at the latest.
+    """`program` running in `directory`, with its output in console.txt. It ends with this process at the latest.
 
-    environment: its own, None for ours. Raises UserError when it cannot be started.
+    environment: its environment, None for that of this process. Raises UserError when it cannot be started.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class FirmwareProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid
 
     @property
@@ -76,7 +76,7 @@ class FirmwareProcess:
         return self._process.poll() == 0
 
     def check(self) -> None:
-        """Raise UserError when it has ended by itself, with the last that it said of the cause."""
+        """Raise UserError when it has ended by itself, with its last lines on the cause."""
         code = self._process.poll()
         if code is None or self._stopped:
             return
@@ -89,7 +89,10 @@ class FirmwareProcess:
         )
 
     def wait_for(self, *words: str, timeout_s: float) -> bool:
-        """Whether one of the words has appeared on its console in time. UserError when it ends meanwhile."""
+        """Return True once one of the words is on its console, False after the timeout.
+
+        Raises UserError if it ends before.
+        """
         until_s = time.monotonic() + timeout_s
         while True:
             text = self.console_text()
@@ -101,25 +104,25 @@ class FirmwareProcess:
             time.sleep(_POLL_S)
 
     def console_text(self) -> str:
-        """All it has said."""
+        """Return the whole output."""
         return self._console.read_text(errors="replace")
 
     def last_line(self) -> str:
-        """The last thing it said; empty when it said nothing."""
+        """Return the last line of output; empty without any."""
         return next(iter(self._last_lines()), "")
 
     def telling_lines(self) -> list[str]:
-        """The last lines that tell of trouble, oldest first; else the last line that is not said at every start.
+        """Return the last lines that report trouble, oldest first; otherwise the last line that is not routine.
 
-        The last line of all seldom tells the cause: ArduPilot's standard output reaches the console only at its end,
-        behind its standard error.
+        The very last line seldom has the cause. ArduPilot's standard output reaches the console only at its end, after
+        its standard error.
         """
         lines = [line for line in self._last_lines() if not _ROUTINE.match(line)]
         trouble = list(dict.fromkeys(line for line in lines if _TROUBLE.search(line)))[:_MOST_LINES]
         return trouble[::-1] or lines[:1]
 
     def _last_lines(self) -> list[str]:
-        """The newest first, without empty ones."""
+        """Return the last lines, newest first, without empty ones."""
         try:
             with self._console.open("rb") as console:
                 console.seek(0, os.SEEK_END)
@@ -130,9 +133,9 @@ class FirmwareProcess:
         return [line.strip() for line in reversed(lines) if line.strip()]
 
     def stop(self, patience_s: float = STOP_S, meanwhile: Callable[[float], object] = time.sleep) -> None:
-        """End it, gently first, and for good after `patience_s`. Safe to call again.
+        """End the process, first with SIGTERM, and with SIGKILL after `patience_s`. Safe to call again.
 
-        meanwhile: called with seconds to spend until it has ended, for a program that hears only while it is served.
+        meanwhile: called with seconds to wait until it has ended, for a program that reacts only while it is served.
         """
         self._stopped = True
         if self._process.poll() is None:
@@ -140,7 +143,7 @@ class FirmwareProcess:
             until_s = time.monotonic() + patience_s
             while self._process.poll() is None and time.monotonic() < until_s:
                 meanwhile(_LOOK_S)
-        self._signal(signal.SIGKILL)  # what it may have started
+        self._signal(signal.SIGKILL)  # for its child processes
         self._process.wait()
 
     def _signal(self, number: signal.Signals) -> None:
@@ -149,14 +152,14 @@ class FirmwareProcess:
 
 
 def newest_log(directory: Path, suffix: str = ".bin") -> Path | None:
-    """The latest log under the directory, with a number or a time for a name; None when there is none."""
+    """Return the latest log under the directory, with a number or a time as its name; None when there is none."""
     logs = [path for path in directory.rglob("*") if path.suffix.lower() == suffix and path.stem[:1].isdigit()]
     logs = [path for path in logs if path.stat().st_size]
     return max(logs, key=lambda path: (path.stat().st_mtime_ns, path.name), default=None)
 
 
 def _dies_with_parent() -> Callable[[], None] | None:
-    """Called in the new process: when the host dies, however, it ends too. Linux knows how."""
+    """Return a function for the new process that ends it when the host ends. None on other systems than Linux."""
     if sys.platform != "linux":
         return None
     prctl = ctypes.CDLL(None).prctl

@@ -1,9 +1,9 @@
-"""Whether a file that was downloaded is what it should be, as far as it can be told.
+"""Verification of a downloaded file.
 
-The server publishes no checksum beside a program. What a program or image says of itself is held against what the
-server says: the processor and the length in the ELF header, the commit that is compiled in; in an image for a board the
-length and the two CRC-32 that its bootloader checks (the descriptor of ArduPilot's Tools/ardupilotwaf/chibios.py).
-Where a mirror puts a .sha256 beside the file, that too.
+The server publishes no checksums of programs. The content of a program or image is compared with the server's data:
+processor and length in the ELF header, and the compiled-in commit. For an image these are the length and the two CRC-32
+that its bootloader checks (the descriptor of ArduPilot's Tools/ardupilotwaf/chibios.py). If a mirror has a .sha256 of
+the file, it is checked too.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _MOST_IMAGE_BYTES = 64_000_000
 
 
 class DamagedError(ValueError):
-    """The file is not what it should be; the text says what is wrong with it."""
+    """The file is damaged or wrong; the text gives the problem."""
 
 
 def verify(file: Path, image: bool, board: str, git: str, published: str | None) -> tuple[str, ...]:
-    """What was checked, in words.
+    """Return the checks that the file passed, in words.
 
-    `image`: for a board, not a program. `git` is the commit or empty, `published` the text of a .sha256 or None.
-    Raises DamagedError. A commit that is not found in the file is no damage; it is only not told of as checked.
+    `image`: for a board, not a program. `git`: the commit, or empty. `published`: the text of a .sha256, or None.
+    Raises DamagedError. A commit that is missing in the file is no damage; it is only not listed as checked.
     """
     data = file.read_bytes()
     checked = [f"{len(data)} bytes"]
@@ -48,7 +48,7 @@ def verify(file: Path, image: bool, board: str, git: str, published: str | None)
 
 
 def check_pin(file: Path, pinned: str) -> list[str]:
-    """Compare a file with a pinned SHA-256; raises DamagedError for another file. Nothing is checked without a pin."""
+    """Compare a file with a pinned SHA-256; raises DamagedError for another file. Without a pin, check nothing."""
     if not pinned:
         return []
     found = sha256(file)
@@ -106,7 +106,7 @@ def _image(data: bytes) -> list[str]:
 
 
 def _crc(data: bytes) -> int:
-    """CRC-32 as the bootloader computes it: from 0 and without a final complement."""
+    """Return the CRC-32 of the bootloader: from 0 and without a final complement."""
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 

@@ -1,1 +1,1 @@
-"""The node graph of a simulation and its realism index (WDRI): graph.py, wdri.py; measured.py of what a run carried."""
+"""The node graph of a simulation (graph.py), its realism index (wdri.py) and the measured graph (measured.py)."""

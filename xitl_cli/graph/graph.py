@@ -10,13 +10,15 @@ from xitl_cli.profile.schema.graph import architecture
 
 @dataclass(frozen=True, slots=True)
 class Vertex:
-    """One node: what it is, where it runs, what it does and what it weighs (1 real, 0.5 virtual, 0 absent)."""
+    """One node."""
 
     name: str
     kind: str
     weight: float
+    """1 real, 0.5 virtual, 0 absent."""
     runs_on: str = ""
     does: str = ""
+    """Its task."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +33,11 @@ class Graph:
         return tuple(sum(row) for row in self.adjacency)
 
     def present(self) -> int:
-        """How many vertices weigh more than 0."""
+        """Return the number of vertices with a weight above 0."""
         return sum(vertex.weight > 0 for vertex in self.vertices)
 
     def link_names(self) -> list[str]:
-        """Every link once, as `PS1-LS`, in the architecture's order."""
+        """Return every link once, as `PS1-LS`, in the architecture's order."""
         names = [vertex.name for vertex in self.vertices]
         return [
             f"{name}-{other}"
@@ -45,7 +47,7 @@ class Graph:
         ]
 
     def weighted_degree(self, n: int) -> float:
-        """Weighted average degree `sum(w (d - 1)) / n` over `n` vertices (eq 22 of the paper)."""
+        """Return the weighted average degree `sum(w (d - 1)) / n` over `n` vertices (eq 22 of the paper)."""
         if n < 1:
             raise ValueError(f"a weighted degree over n = {n} vertices is undefined; n must be at least 1")
         pairs = zip(self.vertices, self.degrees(), strict=True)
@@ -53,9 +55,9 @@ class Graph:
 
 
 def build_graph(vertices: Iterable[Vertex], links: Iterable[tuple[str, str]]) -> Graph:
-    """The graph of `vertices` (those the architecture has besides are absent) joined by `links`, in any direction.
+    """Return the graph of `vertices` joined by `links`, in any direction. Other nodes of the architecture are absent.
 
-    Raises ValueError for a vertex given twice or a link to a name that is no vertex.
+    Raises ValueError for a duplicate vertex or a link to an unknown name.
     """
     given: dict[str, Vertex] = {}
     for vertex in vertices:
@@ -78,7 +80,7 @@ def build_graph(vertices: Iterable[Vertex], links: Iterable[tuple[str, str]]) ->
 
 
 def complete_graph(names: Iterable[str]) -> Graph:
-    """Every vertex real and joined to every vertex, itself included: weighted degree n - 1."""
+    """Return a graph with every vertex real and joined to every vertex, itself included: weighted degree n - 1."""
     names = tuple(names)
     vertices = tuple(Vertex(name, "real", 1.0) for name in names)
     return Graph(vertices, tuple((1,) * len(names) for _ in names))

@@ -1,4 +1,4 @@
-"""The graph that a run had: the nodes that were there, and the links that carried something."""
+"""The measured graph of a run: the nodes that were present, and the links that carried traffic."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def _table(rows: Iterable[tuple[list[int], tuple[Pair, ...]]]) -> dict[int, tupl
 SENSORS = _ids("XITL_IMU", "XITL_GNSS", "XITL_MAGNETOMETER", "XITL_BAROMETER", "XITL_TRUTH")
 ACTUATORS = dialect.MAVLINK_MSG_ID_XITL_ACTUATORS
 
-# S, C and A are sensing, control and actuation of the level that the agent runs. What only keeps the link going (run,
-# tick, time stamps, status, parameters, the transfer of a mission) is no traffic of the simulated system.
+# S, C and A are sensing, control and actuation of the agent's level. Messages that only maintain the link (run, tick,
+# time stamps, status, parameters, mission transfer) are not traffic of the simulated system.
 TO_AGENT = _table(
     [
         (SENSORS, (("PS1", "S"),)),
@@ -38,7 +38,7 @@ TO_AGENT = _table(
             ),
             (("D", "C"),),
         ),
-        # To a companion alone: what it sees, and what the autopilot says of itself.
+        # Only to a companion: its sensor data, and the autopilot's reports.
         (_ids("XITL_CLOUD", "XITL_PING"), (("PS1", "S"),)),
         (_ids("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"), (("LS", "C"),)),
         (_ids("MISSION_CURRENT", "MISSION_ITEM_REACHED"), (("LC", "C"),)),
@@ -46,7 +46,7 @@ TO_AGENT = _table(
 )
 FROM_AGENT = _table(
     [
-        # The commands move the vessel, and the recording keeps them.
+        # The commands move the vessel, and they are recorded.
         ([ACTUATORS], (("A", "PS1"), ("A", "M"))),
         (_ids("SERVO_OUTPUT_RAW"), (("A", "M"),)),
         (
@@ -63,7 +63,7 @@ FROM_AGENT = _table(
             ),
             (("C", "M"),),
         ),
-        # Of a companion alone: what it found, what the autopilot is told of it, and its orders.
+        # Only from a companion: its results, its messages to the autopilot, and its orders.
         (_ids("ODOMETRY", "XITL_CLOUD", "XITL_OBSTACLE"), (("S", "M"),)),
         (_ids("XITL_COMPANION_STATUS"), (("C", "M"),)),
         (_ids("OBSTACLE_DISTANCE", "DISTANCE_SENSOR"), (("S", "LC"),)),
@@ -77,26 +77,28 @@ FROM_AGENT = _table(
 
 @dataclass(frozen=True, slots=True)
 class AgentTraffic:
-    """What was seen of one agent in a run.
-
-    nodes: the kinds it announced, as `LS,LC,LA`; kind: `real` or `virtual`. to_agent, from_agent: frames received at
-    their end, by message id. estimates, efforts: what went inside it from sensing to control and on to actuation.
-    """
+    """Traffic of one agent in a run."""
 
     nodes: str
+    """Announced node kinds, as `LS,LC,LA`."""
     kind: str
+    """`real` or `virtual`."""
     machine: str
     to_agent: Mapping[int, int]
+    """Frames that the agent received, by message id."""
     from_agent: Mapping[int, int]
+    """Frames that the host received, by message id."""
     estimates: int = 0
+    """Estimates passed from sensing to control inside the agent."""
     efforts: int = 0
+    """Efforts passed from control to actuation inside the agent."""
 
 
 def measured_graph(agents: Sequence[AgentTraffic], host: Iterable[Pair]) -> Graph:
-    """The graph of what was seen. `host`: links inside this machine that carried something, as PS1-M.
+    """Return the graph of the observed traffic. `host`: links inside this machine that carried traffic, as PS1-M.
 
-    Nodes of the host are virtual and there when one of their links was used; those of an agent are there when it
-    announced them. Of two agents that run the same node, the one that weighs more counts.
+    Nodes of the host are virtual and are present when one of their links was used. Nodes of an agent are present when
+    it announced them. If two agents run the same node, the larger weight counts.
     """
     links = set(host)
     vertices: dict[str, Vertex] = {}

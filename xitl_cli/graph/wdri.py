@@ -1,4 +1,4 @@
-"""WDRI: how close the weighted degree of a simulation's graph comes to that of a reference."""
+"""WDRI: closeness of the weighted degree of a simulation's graph to that of a reference, from 0 to 1."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.schema.graph import COMPLETE, KIND_WEIGHTS, NodeGraph
 
 VertexCount: TypeAlias = Literal["architecture", "present"] | int
-"""Which count of vertices averages the degrees: all of the architecture, those that weigh, or a number."""
+"""Number of vertices for the average degree: all of the architecture, the present ones, or a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,36 +55,38 @@ class Wdri:
 
 @dataclass(frozen=True, slots=True)
 class FleetWdri:
-    """The indices of the vessels of a fleet, by name; scripted ones have no graph.
+    """The indices of the vessels of a fleet, by name; scripted vessels have no graph.
 
-    The fleet's is their mean: each vessel counts alike, one on a board lifts it by its share, and none makes up for
-    another, as degrees averaged over all nodes would let it.
+    The fleet's index is their mean, so each vessel counts equally. A vessel on a board raises the index by its share.
+    No vessel compensates for another, as it could with degrees averaged over all nodes.
     """
 
     vessels: dict[str, Wdri]
 
     @property
     def wdri(self) -> float:
-        """Of the fleet."""
+        """Index of the fleet."""
         return sum(one.wdri for one in self.vessels.values()) / len(self.vessels)
 
     def as_json(self) -> dict[str, object]:
-        """The same as plain values for `--json`."""
+        """Return plain values for `--json`."""
         return {"wdri": self.wdri, "vessels": {name: one.as_json() for name, one in self.vessels.items()}}
 
 
 def fleet_wdri(profile: Profile, reference: str | None = None, vertices: VertexCount | None = None) -> FleetWdri:
-    """The WDRI of each vessel of a fleet; as `profile_wdri`, with its name in errors."""
+    """Return the WDRI of each vessel of a fleet, as `profile_wdri`, with its name in errors."""
     return FleetWdri({name: profile_wdri(one, reference, vertices) for name, one in profile.sailed.items()})
 
 
 def profile_wdri(
     profile: Profile | RunProfile, reference: str | None = None, vertices: VertexCount | None = None
 ) -> Wdri:
-    """The WDRI of `profile` against `reference`: a profile's name or path, or `complete` (default: the profile's own).
+    """Return the WDRI of `profile` against `reference`: a profile's name or path, or `complete`.
 
-    `vertices` is the count that averages the degrees of `profile` (default: as the profile says); a reference profile
-    keeps its own. Raises UserError where a graph is missing or the index is undefined.
+    Default: the profile's own.
+
+    `vertices`: number of vertices for the average degree of `profile`; default: that of the profile. A reference
+    profile keeps its own number. Raises UserError when a graph is missing or the index is undefined.
     """
     if isinstance(profile, Profile) and profile.vessels is not None:
         raise UserError(f"{profile.name}: has several vessels, each with a graph of its own; name one of them")
@@ -96,7 +98,7 @@ def profile_wdri(
 
 
 def graph_wdri(graph: Graph, reference: str, vertices: VertexCount, name: str) -> Wdri:
-    """The WDRI of a graph, called `name` in errors, against `reference`; see profile_wdri."""
+    """Return the WDRI of a graph, called `name` in errors, against `reference`; see profile_wdri."""
     n = count_vertices(graph, vertices, name)
     if reference == COMPLETE:
         names = tuple(vertex.name for vertex in graph.vertices)
@@ -113,7 +115,7 @@ def graph_wdri(graph: Graph, reference: str, vertices: VertexCount, name: str) -
 
 
 def _reference_graph(reference: str) -> tuple[str, Graph, int]:
-    """The name, the graph and the count of vertices of the profile that is held against."""
+    """Return name, graph and number of vertices of the reference profile."""
     other = load_profile(reference)
     if other.graph is None:
         raise UserError(f"{other.name}: has no graph to be held against; name a profile that has, or {COMPLETE!r}")
@@ -121,11 +123,11 @@ def _reference_graph(reference: str) -> tuple[str, Graph, int]:
     return other.name, graph, count_vertices(graph, other.graph.vertices, other.name)
 
 
-_shipped_reference = lru_cache(_reference_graph)  # asked for by each vessel of a fleet, three times
+_shipped_reference = lru_cache(_reference_graph)  # each vessel of a fleet needs it three times
 
 
 def graph_from_profile(group: NodeGraph) -> Graph:
-    """The graph that a profile's `graph` group describes."""
+    """Return the graph of a profile's `graph` group."""
     vertices = []
     for name, node in group.nodes.items():
         kind = node.kind or "absent"
@@ -135,7 +137,7 @@ def graph_from_profile(group: NodeGraph) -> Graph:
 
 
 def count_vertices(graph: Graph, vertices: VertexCount, name: str) -> int:
-    """`vertices` as a number for `graph`; UserError, naming the graph, for one that makes no sense."""
+    """Return `vertices` as a number for `graph`. Raises UserError, with the name, for an invalid number."""
     present = graph.present()
     if present == 0:
         raise UserError(f"{name}: no node of its graph is present; give one under graph.nodes a kind: real or virtual")
@@ -149,7 +151,7 @@ def count_vertices(graph: Graph, vertices: VertexCount, name: str) -> int:
 
 
 def realism_index(d_w_sim: float, d_w_ref: float) -> float:
-    """`1 - |d_w_sim - d_w_ref| / d_w_ref`, not below 0 (eq 23 of the paper); `d_w_ref` must be positive."""
+    """Return `1 - |d_w_sim - d_w_ref| / d_w_ref`, at least 0 (eq 23 of the paper); `d_w_ref` must be positive."""
     if not d_w_ref > 0:
         raise ValueError(f"the reference's weighted degree is {d_w_ref:g}; the index needs one above 0")
     return max(0.0, 1.0 - abs(d_w_sim - d_w_ref) / d_w_ref)

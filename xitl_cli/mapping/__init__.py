@@ -1,1 +1,1 @@
-"""Odometry and map of a companion computer: made anew from a recording, measured against the truth, kept as files."""
+"""Odometry and map of a companion computer: rebuilt from a recording, compared with the truth, saved as files."""

@@ -1,7 +1,7 @@
-"""How good an odometry and a map are, held against the truth: what the summary of a run and `xitl map` say of them.
+"""Accuracy of an odometry and a map against the truth, for the summary of a run and `xitl map`.
 
-Errors of trajectories are those of Sturm et al. (IROS 2012), as evo counts them: after Umeyama's rigid alignment, which
-spreads a drift over the way, and with the first poses laid on each other, as one sees it who starts at the truth.
+Trajectory errors are those of Sturm et al. (IROS 2012), as evo computes them. They are given after Umeyama's rigid
+alignment, which spreads a drift over the path, and with the first poses aligned, as for a user who starts at the truth.
 """
 
 from __future__ import annotations
@@ -29,28 +29,29 @@ from xitl_cli.mapping.clouds import SeenPoints, at
 Array = NDArray[np.float64]
 
 NEAR_M = 1.0
-"""From the true boom: farther points are of something else."""
+"""Largest distance from the true boom: farther points belong to other objects."""
 PASSED_M = 30.0
-"""A float is passed that was no farther from the vessel."""
+"""Largest distance at which the vessel has passed a float."""
 SEEN_POINTS = 5
 LEVER_M = 10.0
-"""About how far from the vessel what it maps is."""
+"""Typical distance from the vessel to mapped objects."""
 RPE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """moving: from the odometry's frame onto NED by its places, None where the truth leaves it open."""
+    """Accuracy of odometry and map."""
 
     odometry: dict[str, Any]
     mapping: dict[str, Any]
     moving: Similarity | None
+    """Transform from the odometry's frame to NED by its positions; None when the truth does not determine it."""
 
 
 def perception_sections(
     truth: Trajectory | None, odometry: Trajectory | None, seen: SeenPoints, boom: LogBoom | None
 ) -> Accuracy:
-    """What a run's odometry (FRD where it began) and map in its frame are worth; None is what cannot be told."""
+    """Return the accuracy of a run's odometry (FRD at its start) and of the map in its frame. None: unknown."""
     count = 0 if odometry is None else len(odometry.stamp_ns)
     errors: dict[str, Any] = {
         "poses": count, "rate_hz": None, "path_m": None, "ate_rms_m": None, "ate_max_m": None,
@@ -78,17 +79,17 @@ def perception_sections(
 
 
 def matched(truth: Trajectory, odometry: Trajectory) -> tuple[Trajectory, Trajectory]:
-    """The truth at the odometry's instants, and the odometry where there is a truth."""
+    """Return the truth at the odometry's instants, and the odometry at instants with a truth."""
     reference = at(truth, odometry.stamp_ns)
     kept = np.isin(odometry.stamp_ns, reference.stamp_ns)
     return reference, Trajectory(odometry.stamp_ns[kept], odometry.pos_m[kept], odometry.quat_wxyz[kept])
 
 
 def laid(reference: Trajectory, other: Trajectory) -> Similarity | None:
-    """How the map that belongs to `other` is laid: its poses, of the same stamps, onto the reference as frames.
+    """Return the transform of the map that belongs to `other`: its poses, with the same stamps, onto the reference.
 
-    Each is its place and a point LEVER_M along each of its axes. Places alone leave a roll about the way open, or to
-    chance, where that is nearly straight.
+    Each pose gives its position and a point LEVER_M along each of its axes. Positions alone would leave the roll about
+    a nearly straight path open or random.
     """
     return umeyama(_corners(other), _corners(reference))
 
@@ -99,7 +100,7 @@ def _corners(trajectory: Trajectory) -> Array:
 
 
 def truly_placed(reference: Trajectory, other: Trajectory, seen: SeenPoints) -> Array:
-    """(n, 3) where points would be in NED, had they been placed by the true pose of when they were seen."""
+    """Return where points (n, 3) would be in NED, placed by the true pose at the time when they were seen."""
     stamps = reference.stamp_ns
     after = np.clip(np.searchsorted(stamps, seen.seen_ns), 1, len(stamps) - 1)
     nearest = after - (seen.seen_ns - stamps[after - 1] < stamps[after] - seen.seen_ns)
@@ -110,9 +111,10 @@ def truly_placed(reference: Trajectory, other: Trajectory, seen: SeenPoints) -> 
 
 
 def uncut_boom_section(points_ned_m: Array, true_ned_m: Array, boom: LogBoom) -> dict[str, Any]:
-    """How far the map (n, 3) of what is the boom is from its surface, however far that is.
+    """Return the distance of the boom's map points (n, 3) from its surface, without a limit.
 
-    What is the boom is told by where points truly are (n, 3): a map that drifted by metres does not lose them.
+    The true positions of the points (n, 3) decide which belong to the boom. A map that drifted by metres therefore
+    loses none.
     """
     around = _around(true_ned_m, boom)
     near = np.abs(boom.distance_m(true_ned_m[around])) <= NEAR_M if len(around) else np.empty(0, dtype=bool)
@@ -124,7 +126,7 @@ def uncut_boom_section(points_ned_m: Array, true_ned_m: Array, boom: LogBoom) ->
 
 
 def _around(points_ned_m: Array, boom: LogBoom) -> NDArray[np.intp]:
-    """Which points are in the box of a boom, 10 m wider."""
+    """Return the numbers of the points in the bounding box of a boom, 10 m wider."""
     piles = np.array([[*pile.place_ne_m, 0.0] for pile in boom.piles]).reshape(-1, 3)
     bounds = np.concatenate([boom.ends_ned_m.reshape(-1, 3), piles])
     inside = (points_ned_m > bounds.min(axis=0) - 10.0) & (points_ned_m < bounds.max(axis=0) + 10.0)
@@ -132,7 +134,10 @@ def _around(points_ned_m: Array, boom: LogBoom) -> NDArray[np.intp]:
 
 
 def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict[str, Any]:
-    """How far points (n, 3) near a boom are from its surface, and how much of it, passed on a track (m, 3), has any."""
+    """Return the distance of points (n, 3) near a boom from its surface, and the mapped share of its passed part.
+
+    The passed part is next to a track (m, 3).
+    """
     around = points_ned_m[_around(points_ned_m, boom)]
     off_m = boom.distance_m(around) if len(around) else np.empty(0)
     near = np.abs(off_m) <= NEAR_M
@@ -147,8 +152,8 @@ def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict
 
 
 def apart(one: Trajectory, other: Trajectory) -> dict[str, Any]:
-    """How far two odometries of the same clouds are from each other at the same instants, neither moved."""
-    # the wire tells instants in whole microseconds
+    """Return the distance between two odometries of the same clouds at the same instants, without alignment."""
+    # the wire format has instants in whole microseconds
     common, here, there = np.intersect1d(one.stamp_ns // 1000, other.stamp_ns // 1000, return_indices=True)
     off_m = np.linalg.norm(one.pos_m[here] - other.pos_m[there], axis=1)
     found = error_statistics(off_m)
@@ -174,8 +179,9 @@ def _errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
 
 
 def _anchored_errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
-    """With the first poses laid on each other; level is without the height, which a degree of tilt at the start carries
-    off by a metre in sixty.
+    """Return errors with the first poses aligned.
+
+    The level error leaves out the height: a degree of tilt at the start changes it by a metre in sixty.
     """
     moved, _ = align_trajectory(reference, other, "origin")
     absolute = error_statistics(absolute_errors_m(reference, moved))
@@ -195,7 +201,7 @@ def _rate_hz(odometry: Trajectory) -> float:
 
 
 def _passed(track_ned_m: Array, boom: LogBoom) -> NDArray[np.bool_]:
-    """(K,) which floats were passed: near enough to the track, and beside a place of it rather than before its end."""
+    """(K,): whether a float was passed, near enough to the track and not beyond one of its ends."""
     middle = boom.centre_ned_m[:, :2]
     step = max(len(track_ned_m) // 1000, 1)
     track = track_ned_m[::step, :2]
@@ -207,7 +213,7 @@ def _passed(track_ned_m: Array, boom: LogBoom) -> NDArray[np.bool_]:
 
 
 def _floats_seen(points_ned_m: Array, boom: LogBoom) -> NDArray[np.bool_]:
-    """(K,) which floats have points: each counts for the float whose middle is nearest."""
+    """(K,): whether a float has points. Each point counts for the float with the nearest middle."""
     count = np.zeros(len(boom.centre_ned_m), dtype=np.int64)
     for first in range(0, len(points_ned_m), 10_000):
         part = points_ned_m[first : first + 10_000, :2]

@@ -1,4 +1,4 @@
-"""Clouds, pings and poses of a recording, in the axes they were recorded from: forward, right, down, and NED."""
+"""Clouds, pings and poses of a recording, converted back to body FRD and NED."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ODOMETRY, TRUTH = "/companion/odometry", "/truth/state"
 
 _AT_ONCE = 512
 _FRD = np.array([1.0, -1.0, -1.0], dtype=np.float32)
-# Body axes change with those of the frame: a turn about x by half a circle, on both sides.
+# Body and frame axes both change: half a turn about x on both sides.
 _QUAT_FRD = np.array([1.0, 1.0, -1.0, -1.0])
 
 Points = NDArray[np.float32]
@@ -36,16 +36,18 @@ Points = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class SeenPoints:
-    """Points (n, 3) of a map in the odometry's frame, and about when each was seen (n,)."""
+    """Points of a map in the odometry's frame."""
 
     points_odom_m: NDArray[np.float32]
+    """(n, 3)."""
     seen_ns: NDArray[np.int64]
+    """Approximate time at which each was seen, (n,)."""
 
 
 def clouds(log: Log) -> Iterator[PointCloud]:
-    """Frames of the lidar in the order of the file; of a bag its PointCloud2.
+    """Yield frames of the lidar in the order of the file; for a bag its PointCloud2.
 
-    Raises UserError when there are none or of another make.
+    Raises UserError when there are none, or with another layout.
     """
     if LIDAR not in log.tables:
         if (table := cloud_topic(log)) is not None:
@@ -66,7 +68,7 @@ def clouds(log: Log) -> Iterator[PointCloud]:
 
 
 def pings(log: Log) -> list[SonarPing]:
-    """Echoes of the sonar; none where nothing was recorded of it."""
+    """Return echoes of the sonar; empty when none were recorded."""
     table = log.tables.get(PING)
     if table is None:
         return []
@@ -83,7 +85,7 @@ def pings(log: Log) -> list[SonarPing]:
 
 
 def read_autopilot_messages(log: Log) -> Iterator[tuple[int, Message]]:
-    """What the autopilot said to the companion, and when it went out, in the order of the file."""
+    """Yield the autopilot's messages to the companion with their times of sending, in the order of the file."""
     table = log.tables.get(AUTOPILOT)
     for first in range(0, 0 if table is None else len(table), _AT_ONCE):
         assert table is not None
@@ -95,7 +97,7 @@ def read_autopilot_messages(log: Log) -> Iterator[tuple[int, Message]]:
 
 
 def map_points(log: Log) -> dict[MapSource, SeenPoints]:
-    """What the companion said of its map during the run, FRD of its odometry's frame, by source."""
+    """Return the companion's map points of the run, FRD of its odometry's frame, by source."""
     parts: dict[MapSource, list[Points]] = {source: [] for source in MAP_SOURCES}
     stamps: dict[MapSource, list[NDArray[np.int64]]] = {source: [] for source in MAP_SOURCES}
     if MAP in log.tables:
@@ -113,7 +115,7 @@ def map_points(log: Log) -> dict[MapSource, SeenPoints]:
 
 
 def online(log: Log) -> Trajectory | None:
-    """Poses of the odometry during the run, body FRD to FRD where it began; None without any."""
+    """Return the odometry's poses during the run, body FRD to FRD at its start; None without any."""
     table = log.tables.get(ODOMETRY)
     if table is None:
         return None
@@ -123,7 +125,7 @@ def online(log: Log) -> Trajectory | None:
 
 
 def truth(log: Log) -> Trajectory | None:
-    """True poses, body FRD to NED; None without any."""
+    """Return true poses, body FRD to NED; None without any."""
     table = log.tables.get(TRUTH)
     if table is None:
         return None
@@ -131,9 +133,10 @@ def truth(log: Log) -> Trajectory | None:
 
 
 def at(trajectory: Trajectory, stamp_ns: NDArray[np.int64]) -> Trajectory:
-    """Poses in between, at instants within the trajectory's own; others are left out.
+    """Interpolate poses at instants within the trajectory; other instants are left out.
 
-    Places go linearly, and so do quaternions between neighbours, which are 20 ms apart: a share of 1e-5 of the turn.
+    Positions and quaternions are interpolated linearly. Neighbours are 20 ms apart, so the error is a share of 1e-5 of
+    the turn.
     """
     inside = (stamp_ns >= trajectory.stamp_ns[0]) & (stamp_ns <= trajectory.stamp_ns[-1])
     wanted = stamp_ns[inside]
@@ -177,7 +180,7 @@ def _frd(packed: NDArray[Any]) -> Points:
 
 
 def _decoded(frame: bytes) -> Message | None:
-    """None for a frame that is not of MAVLink 2 or of no message known here."""
+    """Return the message, or None for a frame that is not MAVLink 2 or is unknown."""
     if len(frame) < HEADER_BYTES + CHECKSUM_BYTES or frame[0] != MAGIC:
         return None
     try:
@@ -187,7 +190,7 @@ def _decoded(frame: bytes) -> Message | None:
 
 
 def _bytes(echo: Any) -> NDArray[np.uint8]:
-    """Of a sequence as the reader has it: bytes, or numbers padded with NaN."""
+    """Return the bytes of a sequence as the reader gives it: bytes, or numbers padded with NaN."""
     if isinstance(echo, bytes):
         return np.frombuffer(echo, dtype=np.uint8)
     numbers = np.asarray(echo, dtype=np.float64)

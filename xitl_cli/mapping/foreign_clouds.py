@@ -1,4 +1,4 @@
-"""Clouds of a bag: sensor_msgs/PointCloud2, turned into the vessel's axes by what tf_static says."""
+"""Clouds of a bag: sensor_msgs/PointCloud2, rotated into the vessel's axes by tf_static."""
 
 from __future__ import annotations
 
@@ -23,18 +23,21 @@ _FRD = np.array([1.0, -1.0, -1.0], dtype=np.float32)
 _MOST_LINKS = 10
 
 Turn = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Rotation (3, 3) and translation (3,) into the frame above."""
+"""Rotation (3, 3) and translation (3,) into the parent frame."""
 
 
 def cloud_topic(log: Log) -> Table | None:
-    """The topic of the lidar: of several PointCloud2 the one with most points. None without any."""
+    """Return the topic of the lidar: the PointCloud2 topic with the most points. None without any."""
     found = [table for table in log.tables.values() if set(table.columns) >= CLOUD_COLUMNS and len(table)]
     sizes = [float(np.median(table.values("width").astype(float) * table.values("height"))) for table in found]
     return found[int(np.argmax(sizes))] if found else None
 
 
 def foreign_clouds(log: Log, table: Table) -> Iterator[PointCloud]:
-    """In the order of the file, forward, right, down of the vessel. Raises UserError for points without x, y and z."""
+    """Yield clouds in the order of the file, forward, right, down of the vessel.
+
+    Raises UserError for points without x, y, z.
+    """
     kind = _point_type(log, table)
     intensity = next((name for name in ("intensity", "reflectivity") if name in (kind.names or ())), None)
     time = next((name for name in TIMES if name in (kind.names or ())), None)
@@ -49,7 +52,7 @@ def foreign_clouds(log: Log, table: Table) -> Iterator[PointCloud]:
         if not len(points):
             continue
         offset = np.zeros(len(packed), np.float32) if time is None else packed[time].astype(np.float64)
-        if time is not None and kind[time].kind in "iu":  # Ouster and Livox count nanoseconds
+        if time is not None and kind[time].kind in "iu":  # Ouster and Livox use nanoseconds
             offset = offset * 1e-9
         strength = np.zeros(len(packed)) if intensity is None else packed[intensity].astype(np.float64)
         yield PointCloud(
@@ -63,7 +66,10 @@ def foreign_clouds(log: Log, table: Table) -> Iterator[PointCloud]:
 
 
 def mounting(log: Log, frame: str) -> Turn:
-    """Where a frame is on the vessel, by transforms that stand still; at its origin where they do not lead there."""
+    """Return the pose of a frame on the vessel by static transforms.
+
+    It is the vessel's origin if they do not lead to it.
+    """
     above = _static_transforms(log)
     turn, shift_m = np.eye(3), np.zeros(3)
     for _ in range(_MOST_LINKS):
@@ -75,7 +81,7 @@ def mounting(log: Log, frame: str) -> Turn:
 
 
 def _static_transforms(log: Log) -> dict[str, tuple[str, Turn]]:
-    """By frame, the frame above it and the way there."""
+    """Return the parent of each frame and the transform to it."""
     found: dict[str, tuple[str, Turn]] = {}
     for name, table in log.tables.items():
         if not name.endswith("/tf_static"):
@@ -91,7 +97,7 @@ def _static_transforms(log: Log) -> dict[str, tuple[str, Turn]]:
 
 
 def _point_type(log: Log, table: Table) -> np.dtype[np.void]:
-    """Of one point, by the first cloud."""
+    """Return the dtype of one point, from the first cloud."""
     first = slice(1)
     order = ">" if "is_bigendian" in table.columns and table.values("is_bigendian", first)[0] else "<"
     names, formats, offsets = list[str](), list[str](), list[int]()

@@ -1,4 +1,4 @@
-"""Odometry and map rebuilt from a recording, measured against the truth and the run's own, and written to files.
+"""Odometry and map rebuilt from a recording, compared with the truth and the run's result, and saved to files.
 
 PLY: Turk, The PLY Polygon File Format, 1994. PCD: "The PCD (Point Cloud Data) file format", Point Cloud Library,
 version 0.7. TUM: the trajectory format of the RGB-D benchmark of TU Munich, as evo reads it.
@@ -48,7 +48,7 @@ _PLY_TYPES = {"f": "float", "u": "uchar"}
 def points_of(
     points_frd_m: NDArray[np.float32], intensity: NDArray[np.uint8], source: NDArray[np.uint8]
 ) -> NDArray[Any]:
-    """(n,) POINT in axes forward, left, up, of points (n, 3) forward, right, down."""
+    """Return (n,) POINT in axes forward, left, up, from points (n, 3) forward, right, down."""
     packed = np.zeros(len(points_frd_m), dtype=POINT)
     for axis, name in enumerate("xyz"):
         packed[name] = points_frd_m[:, axis] * _FLU[axis]
@@ -57,23 +57,23 @@ def points_of(
 
 
 def map_bytes(packed: NDArray[Any], kind: MapFormat) -> bytes:
-    """The whole file, binary."""
+    """Return the whole binary file."""
     header = _ply_header(packed) if kind == "ply" else _pcd_header(packed)
     return header.encode("ascii") + packed.tobytes()
 
 
 def write_map(path: Path, packed: NDArray[Any], kind: MapFormat) -> None:
-    """Replaces an earlier one. Raises UserError when the place takes no file."""
+    """Write the map and replace an earlier one. Raises UserError when the file cannot be written."""
     _write(path, map_bytes(packed, kind))
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Replaces an earlier one. Raises UserError when the place takes no file."""
+    """Write the trajectory and replace an earlier one. Raises UserError when the file cannot be written."""
     _write(path, tum_text(trajectory).encode("ascii"))
 
 
 def write_text(path: Path, text: str) -> None:
-    """Replaces an earlier one. Raises UserError when the place takes no file."""
+    """Write the text and replace an earlier one. Raises UserError when the file cannot be written."""
     _write(path, text.encode())
 
 
@@ -115,16 +115,17 @@ def _pcd_header(packed: NDArray[Any]) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rebuilt:
-    """The odometry (FRD where it began), the map (n, 3) in its frame, and what could not be used.
-
-    source (n,): 0 lidar, 1 sonar. seen_ns (m,): stamps of the clouds of the points by lidar.
-    """
+    """The odometry, the map in its frame, and counts of unusable data."""
 
     trajectory: Trajectory
+    """FRD at its start."""
     points_odom_m: NDArray[np.float32]
+    """(n, 3)."""
     intensity: NDArray[np.uint8]
     source: NDArray[np.uint8]
+    """(n,): 0 lidar, 1 sonar."""
     seen_ns: NDArray[np.int64]
+    """(m,): stamps of the clouds of the lidar points."""
     clouds: int
     pings: int
     poses_refused: int
@@ -132,10 +133,10 @@ class Rebuilt:
 
 
 def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
-    """From /lidar/points and /sonar/ping, with the settings of the run's companion.
+    """Rebuild odometry and map from /lidar/points and /sonar/ping, with the settings of the run's companion.
 
-    Clouds go through the coding of the wire first, so that the odometry is given what it was given in the run, as it is
-    what the autopilot said of its motion. Raises UserError without clouds and without KISS-ICP.
+    Clouds are first encoded as on the wire, so that the odometry gets the same input as in the run. It also gets the
+    autopilot's motion messages. Raises UserError without clouds and without KISS-ICP.
     """
     settings = _settings(profile)
     autopilot = _Autopilot(read_autopilot_messages(log) if settings["ODO_AIDED"] else iter(()), profile)
@@ -175,9 +176,10 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
 
 
 class _Autopilot:
-    """What it said in the run, heard again as the companion heard it.
+    """The autopilot's messages of the run, in the timing of the companion.
 
-    That begins to listen with its first cloud. In lockstep its clock still shows the exchange before when it hears.
+    The companion begins to listen with its first cloud. In lockstep its clock still shows the previous exchange when a
+    message arrives.
     """
 
     def __init__(self, said: Iterator[tuple[int, Message]], profile: RunProfile | None) -> None:
@@ -190,7 +192,7 @@ class _Autopilot:
         self._behind_ns = round(1e9 / profile.clock.exchange_rate_hz) if profile is not None and lockstep else 0
 
     def hear(self, end_ns: int) -> None:
-        """Until it has told of this instant, as long as a companion waits for it."""
+        """Handle messages until they reach this instant, with the companion's limit on the wait."""
         history = self._view.history
         while self._next is not None and self._next[0] <= end_ns + PATIENCE_NS:
             late_ns = 0 if history.newest_ns is None else end_ns - history.newest_ns
@@ -204,7 +206,7 @@ class _Autopilot:
 
 
 def trajectory_of(placed: list[RegisteredCloud]) -> Trajectory:
-    """Poses by their instants."""
+    """Return the poses by their instants."""
     if not placed:
         return Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
     poses = np.array([one.pose_odom for one in placed])
@@ -213,7 +215,7 @@ def trajectory_of(placed: list[RegisteredCloud]) -> Trajectory:
 
 
 def profile_of(log: Log) -> RunProfile | None:
-    """The profile kept in the recording; None where there is none that this version understands."""
+    """Return the profile in the recording, or None when this version cannot read it."""
     return next((one for one in recorded_profiles(log.attachment(PROFILE)) if one.vessel == log.vessel), None)
 
 
@@ -239,16 +241,19 @@ def _hear(cloud_map: CloudMap, odometry: LidarOdometry, ping: SonarPing) -> None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """report: for JSON. truth: body FRD to NED; online: as the companion said it in the run."""
+    """Result of `measure`."""
 
     report: dict[str, Any]
+    """Values for JSON."""
     rebuilt: Rebuilt
     truth: Trajectory | None
+    """Body FRD to NED."""
     online: Trajectory | None
+    """Poses that the companion sent in the run."""
 
 
 def measure(log: Log) -> Measured:
-    """Raises UserError without clouds and without KISS-ICP."""
+    """Rebuild odometry and map and compare them. Raises UserError without clouds and without KISS-ICP."""
     from xitl_cli.scenery import Scenery
 
     profile = profile_of(log)
@@ -277,7 +282,7 @@ def measure(log: Log) -> Measured:
 
 
 def written(found: Measured, directory: Path, kind: MapFormat) -> list[Path]:
-    """The files; earlier ones are replaced. Raises UserError when the place takes none."""
+    """Write the files and return them; earlier ones are replaced. Raises UserError when they cannot be written."""
     make_directory(directory)
     rebuilt = found.rebuilt
     packed = points_of(rebuilt.points_odom_m, rebuilt.intensity, rebuilt.source)
@@ -294,7 +299,7 @@ def written(found: Measured, directory: Path, kind: MapFormat) -> list[Path]:
 
 
 def _maps_apart(one: NDArray[np.float32], other: NDArray[np.float32]) -> dict[str, Any]:
-    """Root mean square, over the points of one map, of the distance to the nearest of the other."""
+    """Return the root mean square distance from the points of one map to the nearest points of the other."""
     if not len(one) or not len(other):
         return {"map_rms_m": None}
     from scipy.spatial import KDTree  # type: ignore[import-untyped]

@@ -1,7 +1,7 @@
 """Parameters of an autopilot in a file or on a live vehicle.
 
-vehicle.py  a vehicle of ArduPilot or the embedded autopilot: parameters, commands, files
-values.py   what a user names: a .parm file, a shipped one, `defaults`, or a vehicle's URL; differences; text
-check.py    how a vehicle stands to what it should have, with names that changed between versions
-push.py     pushing over restarts, with the script for HIL messages
+vehicle.py  a vehicle with ArduPilot or the embedded autopilot: parameters, commands, files
+values.py   sources (a .parm file, a shipped one, `defaults`, or a vehicle's URL), differences, text
+check.py    compares a vehicle with its wanted parameters, with names that changed between versions
+push.py     pushes parameters over restarts, with the script for HIL messages
 """

@@ -1,4 +1,4 @@
-"""Sets of parameters: from a file, the defaults of the embedded autopilot or a vehicle; what differs; as text."""
+"""Sets of parameters from a file, the embedded autopilot's defaults or a vehicle; their differences; as text."""
 
 from __future__ import annotations
 
@@ -21,30 +21,33 @@ TABLE_BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet:
-    """Named values. `complete`: what is not in it does not exist there, while a file leaves the rest as it is.
-
-    types, target: of a vehicle, MAV_PARAM_TYPE by name and its system and component.
-    """
+    """Named values of a source."""
 
     source: str
     values: Mapping[str, float]
     complete: bool
+    """Missing names do not exist in the source. A file is not complete: it leaves other parameters unchanged."""
     types: Mapping[str, int] = field(default_factory=dict)
+    """MAV_PARAM_TYPE by name, for a vehicle."""
     target: Target = (1, 1)
+    """System and component, for a vehicle."""
 
     @property
     def described(self) -> bool:
-        """Whether the embedded autopilot's table speaks of these: a vehicle with others is no embedded autopilot."""
+        """Whether the embedded autopilot's table describes these.
+
+        A vehicle with other names is no embedded autopilot.
+        """
         return not self.complete or set(self.values) <= set(TABLE_BY_NAME)
 
 
 def is_vehicle(source: str) -> bool:
-    """Whether the user named a vehicle."""
+    """Whether the source is a vehicle."""
     return "://" in source
 
 
 def read_source(source: str, key: bytes | None = None) -> ParameterSet:
-    """The parameters of a file, a shipped file's name, `defaults` or a vehicle's URL. Raises UserError."""
+    """Return the parameters of a file, a shipped file's name, `defaults` or a vehicle's URL. Raises UserError."""
     if source == DEFAULTS:
         return ParameterSet("defaults", {row.name: float(row.default) for row in TABLE}, complete=True)
     if is_vehicle(source):
@@ -54,7 +57,10 @@ def read_source(source: str, key: bytes | None = None) -> ParameterSet:
 
 
 def read_file(source: str) -> ParameterSet:
-    """The parameters of a file (.parm, or QGroundControl's .params) or a shipped file's name. Raises UserError."""
+    """Return the parameters of a file (.parm, or QGroundControl's .params) or a shipped file's name.
+
+    Raises UserError.
+    """
     try:
         find_parameter_file(source)
     except UserError as error:
@@ -64,7 +70,7 @@ def read_file(source: str) -> ParameterSet:
 
 
 def read_wanted(source: str) -> Mapping[str, float]:
-    """The parameters that a .parm file, a shipped one or a profile's autopilot asks for. Raises UserError."""
+    """Return the parameters of a .parm file, a shipped one or a profile's autopilot. Raises UserError."""
     if source.endswith(SUFFIXES):
         return read_file(source).values
     try:
@@ -101,7 +107,7 @@ def _is_profile(source: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ParameterDifference:
-    """One parameter on both sides; None where that side has no such parameter."""
+    """One parameter on both sides; None when that side has no such parameter."""
 
     name: str
     one: float | None
@@ -109,7 +115,7 @@ class ParameterDifference:
 
 
 def differences(one: ParameterSet, other: ParameterSet) -> list[ParameterDifference]:
-    """By name. A name that only one side has counts where the other side would have to have it."""
+    """Return the differences by name. A name on one side only counts if the other side is complete."""
     found: list[ParameterDifference] = []
     for name in sorted({*one.values, *other.values}):
         a, b = one.values.get(name), other.values.get(name)
@@ -122,7 +128,7 @@ def differences(one: ParameterSet, other: ParameterSet) -> list[ParameterDiffere
 
 
 def format_value(value: float) -> str:
-    """The shortest decimal that is this 32-bit float."""
+    """Return the shortest decimal that gives this 32-bit float."""
     for digits in (7, 8):
         text = f"{value:.{digits}g}"
         if same_value(float(text), value):
@@ -131,14 +137,14 @@ def format_value(value: float) -> str:
 
 
 def file_text(found: ParameterSet, name: str) -> str:
-    """What a file of this name holds of them: QGroundControl's columns in .params, NAME value in any other."""
+    """Return the content for a file of this name: QGroundControl's columns in .params, NAME value in any other."""
     if name.endswith(STATION_SUFFIX):
         return station_file_text(found.values, found.types, found.target, found.source, format_value)
     return parm_text(found.values, found.source)
 
 
 def parm_text(values: Mapping[str, float], source: str, now: datetime | None = None) -> str:
-    """A .parm file that any ground station reads: a heading, then NAME value and, where known, what it means."""
+    """Return a .parm file for any ground station: a heading, then NAME value and, if known, the meaning."""
     stamp = (now or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
     lines = [f"# {len(values)} parameters of {source}, {stamp}"]
     described = set(values) <= set(TABLE_BY_NAME)

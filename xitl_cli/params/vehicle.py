@@ -21,14 +21,14 @@ from agent.wire.signing import Signing
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
 
-SYSTEM_ID = 254  # not a ground station's 255: coming and going must not look like one that was lost
+SYSTEM_ID = 254  # not a ground station's 255: a vehicle must not report a lost station when this program ends
 COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 CONNECT_S = 8.0
 HEARTBEAT_S = 0.5
 ANSWER_S = 1.0
 TRIES = 4
 REASON_S = 0.3
-OTHERS_S = 1.2  # every autopilot speaks once a second
+OTHERS_S = 1.2  # every autopilot sends a heartbeat once a second
 LOCAL_HOSTS = ("127.0.0.1", "0.0.0.0", "localhost", "[::1]", "[::]")
 
 Result = TypeVar("Result")
@@ -36,24 +36,26 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class SetResult:
-    """What a vehicle answered to a new value: what it now keeps (None when it did not answer) and its sentences."""
+    """A vehicle's answer to a new value."""
 
     kept: float | None
+    """Value that the vehicle now has; None without an answer."""
     texts: tuple[str, ...] = ()
+    """Its text messages."""
 
     def accepts(self, value: float) -> bool:
-        """Whether it keeps what was asked for."""
+        """Whether the vehicle has the requested value."""
         return self.kept is not None and same_value(self.kept, value)
 
 
 @contextmanager
 def connect(url: str, key: bytes | None = None, wait_s: float | None = None) -> Iterator[VehicleConnection]:
-    """The vehicle at `url`, heard and ready to be asked. Raises UserError when none is there.
+    """Connect to the vehicle at `url`, after its first heartbeat. Raises UserError when none is there.
 
-    `?system=3` behind it says which where several are heard, such as at the port of a fleet.
+    `?system=3` at the end selects one of several, such as at the port of a fleet.
 
-    `serial:///dev/…` opens a line, `tcp://host:port` connects. `udp://host:port` waits for the vehicle where the host
-    is this machine, as a ground station does, and goes to it elsewhere; `udpin://` and `udpout://` say which.
+    `serial:///dev/…` opens a line, and `tcp://host:port` connects. `udp://host:port` listens if the host is this
+    machine, as a ground station does, and sends to another machine. `udpin://` and `udpout://` select one of them.
     """
     place, wanted = _system_of(url)
     plain, listen = _direction(place)
@@ -68,11 +70,11 @@ def connect(url: str, key: bytes | None = None, wait_s: float | None = None) -> 
 
 
 class VehicleConnection:
-    """One vehicle: the one whose heartbeat is heard, of several that with `system_id`.
+    """One vehicle: the first with a heartbeat, or the vehicle with `system_id`.
 
-    target: its system and component; kind: its MAV_TYPE; px4: whether it is a PX4, with whole numbers of its own.
+    target: its system and component. kind: its MAV_TYPE. px4: whether it is a PX4, which has its own integer encoding.
 
-    Everything waits for the answer, and raises UserError where the vehicle falls silent.
+    Every method waits for the answer, and raises UserError when the vehicle becomes silent.
     """
 
     def __init__(self, transport: Transport, url: str, signing: Signing | None, system_id: int | None = None) -> None:
@@ -89,7 +91,7 @@ class VehicleConnection:
         self._text = StatusTextReceiver()
 
     def wait_for_heartbeat(self, timeout_s: float) -> None:
-        """Until an autopilot's is heard."""
+        """Wait for the heartbeat of an autopilot."""
         deadline_s = time.monotonic() + timeout_s
         while self._target is None:
             if time.monotonic() > deadline_s:
@@ -103,12 +105,12 @@ class VehicleConnection:
             raise UserError(f"{self._url}: systems {self._all_heard} are heard there; add ?system= and one of them")
 
     def _settle(self) -> None:
-        """Before anything is changed: whether another one would have been heard."""
+        """Wait before a change until any other vehicle would have sent a heartbeat."""
         while self._wanted is None and (left_s := self._adopted_s + OTHERS_S - time.monotonic()) > 0.0:
             self._receive(left_s)
 
     def _adopt(self, heartbeat: Any) -> None:
-        """The first, or the first that is wanted."""
+        """Use the first vehicle, or the first with the wanted system id."""
         system_id = heartbeat.get_srcSystem()
         if self._target is not None or self._wanted not in (None, system_id):
             return
@@ -131,18 +133,18 @@ class VehicleConnection:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Its latest sentences."""
+        """Its latest text messages."""
         return tuple(self._texts)
 
-    # -- parameters
+    # -- Parameters
 
     @property
     def types(self) -> Mapping[str, int]:
-        """MAV_PARAM_TYPE by name, of the parameters that have come."""
+        """MAV_PARAM_TYPE by name, of the parameters received so far."""
         return self._parameters.types
 
     def read_all(self) -> dict[str, float]:
-        """Every parameter by name, in the vehicle's order."""
+        """Return every parameter by name, in the vehicle's order."""
         found = self._parameters.read_all()
         self._complete(found)
         if found.count is None:
@@ -154,13 +156,13 @@ class VehicleConnection:
         return found.values
 
     def read(self, name: str) -> float | None:
-        """One parameter, None when the vehicle does not answer for it."""
+        """Return one parameter, or None when the vehicle does not answer."""
         request = self._parameters.read(name)
         self._complete(request)
         return None if request.answer is None else self._parameters.value(request.answer)
 
     def set(self, name: str, value: float) -> SetResult:
-        """Set one parameter and hear what it is now."""
+        """Set one parameter and return the vehicle's new value."""
         self._settle()
         self._texts.clear()
         if self.px4 and name not in self.types:
@@ -177,17 +179,17 @@ class VehicleConnection:
                 self._receive(0.05)
         return SetResult(kept, tuple(text for text in self._texts if name in text) or self.texts)
 
-    # -- commands and messages
+    # -- Commands and messages
 
     def command(self, number: int, *values: float) -> int | None:
-        """A MAV_CMD with its parameters: the MAV_RESULT, None when it does not answer."""
+        """Send a MAV_CMD with its parameters. Returns the MAV_RESULT, or None without an answer."""
         self._settle()
         request = self._commands.command(number, *values)
         self._complete(request)
         return None if request.answer is None else int(request.answer.result)
 
     def request_message(self, number: int) -> Any:
-        """One message of that number, None when it does not come."""
+        """Return one message of that number, or None when it does not arrive."""
         request = self._commands.request_message(number)
         self._complete(request)
         return request.answer
@@ -197,7 +199,7 @@ class VehicleConnection:
         return self._link.send(message)
 
     def receive(self, timeout_s: float) -> list[Any]:
-        """What it has sent, waiting for it at most `timeout_s`."""
+        """Return the messages that have arrived, after at most `timeout_s`."""
         return [message for message in self._receive(timeout_s) if self._is_ours(message)]
 
     def _complete(self, exchange: Exchange) -> None:
@@ -241,7 +243,7 @@ class VehicleFiles:
         self._client = FtpClient(vehicle.target)
 
     def run(self, steps: FtpSteps[Result]) -> Result:
-        """Its result. Raises UserError when the vehicle does not answer, FtpRefusedError when it says no."""
+        """Return the result. Raises UserError when the vehicle does not answer, FtpRefusedError when it refuses."""
         operation = self._client.start(steps)
         complete(operation, self._vehicle.send, self._vehicle.receive)
         try:
@@ -251,7 +253,7 @@ class VehicleFiles:
 
 
 def _system_of(url: str) -> tuple[str, int | None]:
-    """The URL without `system=`, and its value. Raises UserError for one that is no system."""
+    """Return the URL without `system=`, and its value. Raises UserError for an invalid system."""
     place, _, query = url.partition("?")
     words = query.split("&") if query else []
     given = [word.removeprefix("system=") for word in words if word.startswith("system=")]
@@ -264,7 +266,7 @@ def _system_of(url: str) -> tuple[str, int | None]:
 
 
 def _direction(url: str) -> tuple[str, bool]:
-    """The URL for the transport, and whether to wait there."""
+    """Return the URL for the transport, and whether to listen there."""
     scheme, separator, place = url.partition("://")
     if scheme in ("udpin", "udpout"):
         return f"udp{separator}{place}", scheme == "udpin"

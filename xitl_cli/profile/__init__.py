@@ -1,4 +1,4 @@
-"""Profiles: YAML files, composed, overridden and checked, with the file and line of everything that is wrong."""
+"""Profiles: YAML files, composed, overridden and checked. Every problem is reported with its file and line."""
 
 from xitl_cli.profile.files.entry import Problem, ProfileError
 from xitl_cli.profile.load import LoadedProfile, load_profile, load_with_origins

@@ -1,4 +1,4 @@
-"""`vessels`: each entry laid on the profile's own groups and read as a profile of its own, and one for many unfolded.
+"""`vessels`: each entry is laid on the profile's groups, read as a profile, and repeated by its count.
 
 shared groups ── laid under ──> entry ── read, checked ──> Profile ── unfolded by count ──> follower_1, follower_2 …
 """
@@ -41,32 +41,36 @@ Problems = list[Problem]
 
 @dataclass(frozen=True, slots=True)
 class FleetEntry:
-    """An entry of `vessels`: what is written of it, the same laid on the shared groups, and what both say."""
+    """An entry of `vessels`."""
 
     name: str
     written: Entry
+    """The entry with the parts that it extends."""
     entry: Entry
+    """`written` laid on the shared groups."""
     profile: Profile
+    """The profile that `entry` gives."""
     several: SeveralSpec
+    """The keys for several vessels in one entry."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the vessels that it makes."""
+        """Names of the vessels that the entry creates."""
         if self.several.count is None:
             return (self.name,)
         return tuple(f"{self.name}_{number}" for number in range(1, self.several.count + 1))
 
     @property
     def key(self) -> str:
-        """Its path in the profile."""
+        """Path of the entry in the profile."""
         return f"vessels.{self.name}"
 
     def says(self, *path: str) -> bool:
-        """Whether the entry itself gives a key, or what it extends does."""
+        """Whether the entry, or a part that it extends, has a key."""
         return self.written.nearest(path)[1] == len(path)
 
     def gives(self, *path: str) -> bool:
-        """The same, also by what the vessels share."""
+        """Whether the entry or the shared groups have a key."""
         return self.entry.nearest(path)[1] == len(path)
 
 
@@ -77,7 +81,7 @@ def is_fleet(entry: Entry) -> bool:
 
 
 def read_fleet(entry: Entry, name: str) -> tuple[Profile, list[FleetEntry]]:
-    """What the vessels share and the entries of `vessels`, each right in itself; `name` is what the profile is called.
+    """Return the shared profile and the entries of `vessels`, each valid by itself. `name`: name of the profile.
 
     Raises ProfileError with all problems.
     """
@@ -93,7 +97,7 @@ def read_fleet(entry: Entry, name: str) -> tuple[Profile, list[FleetEntry]]:
 
 
 def _written(vessels: Entry, name: str) -> dict[str, Entry]:
-    """What is written of each vessel: the keys of one, nothing that is the same for all."""
+    """Return the written entry of each vessel, and check that it has no keys of the whole fleet."""
     if not isinstance(vessels.value, dict):
         what = "vessels is not a group; write vessels: {leader: {}, other: {}}, each with what it has of its own"
         raise ProfileError([Problem(vessels.origin, what)], name)
@@ -102,7 +106,7 @@ def _written(vessels: Entry, name: str) -> dict[str, Entry]:
     for vessel, own in vessels.value.items():
         path = dotted(("vessels", vessel))
         if own.value is None and own.replaced is not None:
-            continue  # null laid upon a vessel takes it away
+            continue  # null removes an inherited vessel
         own = Entry({}, own.origin) if own.value is None else own
         if not _NAME.fullmatch(vessel):
             what = "is no name of a vessel; use small letters, digits and _, a letter first: its topics begin with it"
@@ -120,7 +124,7 @@ def _written(vessels: Entry, name: str) -> dict[str, Entry]:
 
 
 def _foreign_keys(own: Entry, path: str) -> Iterator[Problem]:
-    """Keys that are the same for all, and what a scripted vessel has not."""
+    """Yield keys that are the same for all vessels, and keys that a scripted vessel does not have."""
     assert isinstance(own.value, dict)
     scripted = _is_scripted(own)
     of_all = {key: value for key, value in own.value.items() if key in (*_OF_ALL, *OWN_KEYS, "vessels")}
@@ -172,16 +176,16 @@ def _is_scripted(written: Entry) -> bool:
 
 
 def unfold(entries: list[FleetEntry], name: str) -> dict[str, Profile]:
-    """The vessels that the entries stand for, by name and in their order, each at its place and with its ids.
+    """Return the vessels of the entries, by name and in their order, with their places and ids.
 
-    Raises ProfileError for names that are there twice, for a vessel that follows none or itself, for places that cannot
-    be found, and for ids that are there twice or too high.
+    Raises ProfileError for duplicate names, for a vessel that follows none or itself, for places without space, and for
+    duplicate or too high ids.
     """
     _refuse(_twice(entries), name)
     by_name = {vessel: one for one in entries for vessel in one.names}
     _refuse(_followed(entries, by_name), name)
     placed: dict[str, Profile] = {}
-    for one in sorted(entries, key=lambda one: one.several.spread is not None):  # drawn places avoid the others
+    for one in sorted(entries, key=lambda one: one.several.spread is not None):  # random places avoid the others
         _place(one, by_name, placed, name)
     ordered = {vessel: placed[vessel] for vessel in by_name}
     return _numbered(entries, ordered, name)
@@ -206,7 +210,7 @@ def _twice(entries: list[FleetEntry]) -> Iterator[Problem]:
 
 
 def _followed(entries: list[FleetEntry], by_name: Mapping[str, FleetEntry]) -> Iterator[Problem]:
-    """Leaders that are not there, are scripted, or follow in their turn the one that follows them."""
+    """Yield leaders that are missing, scripted, or followers of their follower."""
     for one in entries:
         vessel = _leader(one)
         if vessel is None:
@@ -249,7 +253,7 @@ def _listed(words: list[str], between: str = "and") -> str:
 
 
 def _place(one: FleetEntry, by_name: Mapping[str, FleetEntry], placed: dict[str, Profile], name: str) -> None:
-    """Puts the vessels of an entry into `placed`, after those that they follow."""
+    """Add the vessels of an entry to `placed`, after the vessels that they follow."""
     if one.names[0] in placed:
         return
     profile, driver = one.profile, one.profile.driver
@@ -272,7 +276,10 @@ def _place(one: FleetEntry, by_name: Mapping[str, FleetEntry], placed: dict[str,
 def _offsets(
     one: FleetEntry, profile: Profile, heading_deg: float, placed: Mapping[str, Profile], name: str
 ) -> list[Offset]:
-    """Of each vessel from the entry's place, north and east. Raises ProfileError where there is no room."""
+    """Return the offset of each vessel from the entry's place, north and east.
+
+    Raises ProfileError without enough space.
+    """
     count, formation, spread = one.several.count or 1, one.several.formation, one.several.spread
     if formation is not None:
         ahead = formation_offsets(formation.shape, count, formation.spacing_m)
@@ -300,7 +307,7 @@ def _offsets(
 
 
 def _heading_deg(profile: Profile) -> float:
-    """At the start; of a scripted vessel that of the first leg of its track."""
+    """Return the heading at the start. For a scripted vessel, it is that of the first leg of its track."""
     if profile.traffic is None:
         return (profile.mission or MissionSpec()).start.heading_deg
     if len(profile.traffic.track_ned_m) == 1:
@@ -314,12 +321,15 @@ def _moved(place: Offset, by: Offset) -> Offset:
 
 
 def _to_mm(coordinate_m: float) -> float:
-    """As it is written down; not -0."""
+    """Round to written precision; never -0."""
     return round(coordinate_m, 3) + 0.0
 
 
 def _shifted(profile: Profile, offset_ne_m: Offset, heading_deg: float, with_waypoints: bool) -> Profile:
-    """The vessel that lies at an offset from the entry's; waypoints, or its place beside the leader, go with it."""
+    """Return the vessel at an offset from the entry's place.
+
+    Its waypoints, or its place relative to the leader, move along.
+    """
 
     def moved(place: Offset) -> Offset:
         north_m, east_m = _moved(place, offset_ne_m)
@@ -343,7 +353,7 @@ def _shifted(profile: Profile, offset_ne_m: Offset, heading_deg: float, with_way
 
 
 def _numbered(entries: list[FleetEntry], placed: Mapping[str, Profile], name: str) -> dict[str, Profile]:
-    """With system ids and MMSI: given ones count on within an entry, the other ids are the lowest that are free."""
+    """Add system ids and MMSI. Given ids count up within an entry; the other ids are the lowest free ones."""
     given: dict[str, int] = {}
     mmsi: dict[str, int] = {}
     for one in entries:
@@ -365,7 +375,7 @@ def _numbered(entries: list[FleetEntry], placed: Mapping[str, Profile], name: st
 def _wrong_ids(
     ids: Mapping[str, int], path: tuple[str, str], most: int, by_name: Mapping[str, FleetEntry]
 ) -> Iterator[Problem]:
-    """Ids that two vessels have, and those that go beyond the last there is."""
+    """Yield ids of two vessels, and ids beyond the largest possible one."""
     seen: dict[int, str] = {}
     for vessel, number in ids.items():
         origin = by_name[vessel].entry.nearest(path)[0].origin
@@ -389,7 +399,10 @@ def _with_ids(profile: Profile, system_id: int | None, mmsi: int | None) -> Prof
 
 
 def unfolded_entry(entry: Entry, entries: list[FleetEntry], vessels: Mapping[str, Profile]) -> Entry:
-    """`entry` with the vessels as they are, for where each value was written; a place that moved is its formation's."""
+    """Return `entry` with the unfolded vessels, for the origin of each value.
+
+    A moved place has its formation's origin.
+    """
     assert isinstance(entry.value, dict)
     found: dict[str, Entry] = {}
     for one in entries:

@@ -1,7 +1,7 @@
-"""Places that a profile gives by latitude and longitude, as metres from its site.
+"""Places by latitude and longitude in a profile, converted to metres from its site.
 
-{lat: 52.4012, lon: 13.0345}            where a key takes [north, east]
-{lat: 52.4012, lon: 13.0345, down_m: 2} where it takes [north, east, down]
+{lat: 52.4012, lon: 13.0345}            for a key with [north, east] {lat: 52.4012, lon: 13.0345, down_m: 2} for a key
+with [north, east, down]
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from xitl_cli.profile.schema import Profile
 if TYPE_CHECKING:
     from sim_core.geodesy import LocalFrame
 
-MOST_M = 100_000.0  # further off the tangent plane is no map of the Earth
+MOST_M = 100_000.0  # beyond this distance the tangent plane differs too much from the Earth
 _SPELLINGS = (("lat", "lon"), ("latitude_deg", "longitude_deg"))
 _NEAR = {"lng": "lon", "long": "lon", "latitude": "lat", "longitude": "lon", "lat_deg": "lat", "lon_deg": "lon"}
 _METRES = ("_ned_m", "_ne_m")
@@ -25,7 +25,7 @@ _START = ("north_m", "east_m")
 
 
 def with_places_in_metres(entry: Entry, name: str) -> Entry:
-    """`entry` with every such place of a key whose metres are counted from the site; `name` is the profile's.
+    """Return `entry` with places in metres for every key that counts from the site. `name`: name of the profile.
 
     Raises ProfileError with all problems.
     """
@@ -79,7 +79,7 @@ class _Reader:
         return Entry(items, entry.origin, entry.replaced)
 
     def _place(self, entry: Entry, count: int, path: KeyPath) -> Entry:
-        """[north, east] or [north, east, down] in place of a mapping; as it was where it is wrong."""
+        """Return [north, east] or [north, east, down] for a mapping; the unchanged entry for an invalid one."""
         found = self._metres(entry, ("down_m",) if count == 3 else (), path)
         if found is None:
             return entry
@@ -98,7 +98,7 @@ class _Reader:
         return Entry({**rest, **metres}, entry.origin, entry.replaced)
 
     def _metres(self, entry: Entry, beside: tuple[str, ...], path: KeyPath) -> tuple[float, float] | None:
-        """North and east of the place in `entry`, None where something is wrong."""
+        """Return north and east of the place in `entry`, or None for an invalid one."""
         assert isinstance(entry.value, dict)
         key = dotted(path)
         pair = next((one for one in _SPELLINGS if one[0] in entry.value or one[1] in entry.value), _SPELLINGS[0])
@@ -132,13 +132,13 @@ class _Reader:
             own = [self._site.child(key) for key in ("latitude_deg", "longitude_deg", "altitude_m")]
             values = [None if one is None else one.value for one in own]
             if all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in values[:2]):
-                from sim_core.geodesy import LocalFrame  # numpy, where it is needed
+                from sim_core.geodesy import LocalFrame  # imported here, because it imports numpy
 
                 altitude_m = values[2] if isinstance(values[2], (int, float)) else 0.0
                 try:
                     self._frame = LocalFrame(float(values[0]), float(values[1]), float(altitude_m))  # type: ignore[arg-type]
                 except ValueError:
-                    return None  # the profile's own check says what is wrong with the site
+                    return None  # the profile's checks report the problem of the site
         return self._frame
 
     def _wrong(self, entry: Entry, sentence: str) -> tuple[float, float] | None:
@@ -147,14 +147,17 @@ class _Reader:
 
 
 def _is_place(kind: Any, path: KeyPath) -> bool:
-    """Whether a list of two or three numbers is a place from the site, by the name of its key."""
+    """Whether a list of two or three numbers is a place relative to the site, by the name of its key."""
     name = next((key for key in reversed(path) if isinstance(key, str)), "")
     count = get_args(kind)
     return name.endswith(_METRES) and "bias" not in name and Ellipsis not in count and len(count) in (2, 3)
 
 
 def _on_plane(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-    """North and east where the vertical of the place meets the plane of the site, as metres go back to degrees."""
+    """Return north and east where the vertical of the place meets the plane of the site.
+
+    Metres convert back to degrees likewise.
+    """
     import numpy as np
 
     lat, lon, alt_m = np.array([latitude_deg]), np.array([longitude_deg]), np.array([frame.altitude_m])
@@ -162,7 +165,7 @@ def _on_plane(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> t
         ned_m = frame.ned(lat, lon, alt_m)
         alt_m = alt_m + ned_m[:, 2]
     north_m, east_m = frame.ned(lat, lon, alt_m)[0, :2].tolist()
-    return round(north_m, 3) + 0.0, round(east_m, 3) + 0.0  # as it is written down; not -0
+    return round(north_m, 3) + 0.0, round(east_m, 3) + 0.0  # rounded to written precision; not -0
 
 
 def _great_circle_m(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> float:

@@ -1,8 +1,8 @@
-"""Values that a profile has kept of another vessel or another site than its own.
+"""Values that a profile inherited from another vessel or another site.
 
-A profile that is laid upon a whole one inherits what it does not write. That is meant where it changes a value, and
-hardly where it brings another hull or another place: then drag, windage, gains, structures and waypoints are those of
-what was there before.
+A profile that extends a complete one inherits missing keys. That is intended when it changes a value, but hardly when
+it sets another hull or another place. Drag, windage, gains, structures and waypoints would then belong to the former
+vessel or site.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _OF_ANY_HULL = ("cruise_speed_mps", "strips", "surge_coefficient", "sway_coeffic
 _SITE = ("world", "mission", "environment", "site")
 _GAINS = ("ATC_", "CRUISE_", "LOS_", "MOT", "RUD", "SERVO")
 SAME_SHARE, SAME_HULL_SHARE = 0.25, 0.1
-"""By how much mass and thrust, and the size of the hull, may differ for gains to be still those of the vessel."""
+"""Largest relative differences in mass and thrust, and in hull size, for which gains still suit the vessel."""
 
 
 def leftovers(profile: Profile, entry: Entry) -> Iterator[str]:
-    """Sentences that name what is left, of whom, and what to do."""
+    """Yield sentences that name the inherited values, their origin, and the fix."""
     gains = list(_gains_of_vessel(profile))
     yield from _of_vessel(entry, gains_are_named=bool(gains))
     yield from gains
@@ -68,7 +68,7 @@ def _of_vessel(entry: Entry, gains_are_named: bool) -> Iterator[str]:
 
 
 def _changed_vessel(entry: Entry) -> tuple[Entry, Entry] | None:
-    """What makes it another hull, and what it replaced; None where nothing does."""
+    """Return the value that makes another hull, and the value that it replaced; None without one."""
     vehicle = entry.child("vehicle")
     if vehicle is None:
         return None
@@ -82,12 +82,12 @@ def _changed_vessel(entry: Entry) -> tuple[Entry, Entry] | None:
     for path, pair in changed.items():
         if path[0] in ("hull", "hulls"):
             return pair
-    # Another name and another mass are another boat; one of both is a version of the same.
+    # Another name and another mass mean another boat. One of them means a version of the same boat.
     return changed[("mass_kg",)] if ("name",) in changed and ("mass_kg",) in changed else None
 
 
 def _gains_of_vessel(profile: Profile) -> Iterator[str]:
-    """Shipped parameter files end with the name of the vessel that they were tuned on."""
+    """Yield sentences on gains for another vessel. The name of a shipped file ends with that of its vessel."""
     if profile.vehicle is None or profile.autopilot is None or profile.autopilot.kind == "none":
         return
     shipped = {
@@ -114,7 +114,7 @@ def _gains_of_vessel(profile: Profile) -> Iterator[str]:
 
 
 def _without_files(profile: Profile, entry: Entry) -> Iterator[str]:
-    """Another autopilot whose parameter files a vessel for the embedded one has taken away."""
+    """Yield a sentence on ArduPilot without its parameter files, which a vessel for the embedded autopilot removed."""
     group = entry.child("autopilot")
     leaf = None if group is None else group.child("parameter_files")
     if leaf is None or leaf.value or profile.autopilot is None or profile.autopilot.kind != "ardupilot":
@@ -129,7 +129,7 @@ def _without_files(profile: Profile, entry: Entry) -> Iterator[str]:
 
 
 def _of_mission(profile: Profile) -> Iterator[str]:
-    """Items that the embedded autopilot passes over, and a fence that is not in force."""
+    """Yield sentences on items that the embedded autopilot skips, and on a fence that is not active."""
     mission, autopilot = profile.mission, profile.autopilot
     if mission is None or autopilot is None or autopilot.kind != "embedded":
         return
@@ -153,7 +153,7 @@ def _vessel(entry: Entry) -> VesselSpec | None:
 
 
 def _difference(vessel: VesselSpec, tuned: VesselSpec) -> str:
-    """In what it is another vessel; empty where it is none."""
+    """Return the difference that makes it another vessel; empty without one."""
     for what, unit, share, own, other in (
         ("a hull of", "m", SAME_HULL_SHARE, vessel.length_m, tuned.length_m),
         ("a width of", "m", SAME_HULL_SHARE, vessel.width_m, tuned.width_m),
@@ -188,7 +188,7 @@ def _of_site(entry: Entry) -> Iterator[str]:
 
 
 def _of_place(path: KeyPath) -> bool:
-    """Whether a value belongs to where the origin is."""
+    """Whether a value depends on the place of the origin."""
     group, key = path[0], str(path[-1])
     return {
         "site": key in ("altitude_m", "magnetic_field_ned_gauss"),
@@ -199,7 +199,7 @@ def _of_place(path: KeyPath) -> bool:
 
 
 def _moved_site(entry: Entry) -> tuple[Entry, Entry, float] | None:
-    """The coordinate that moves it, the one that it replaced, and how far."""
+    """Return the coordinate that moves the site, the coordinate that it replaced, and the distance."""
     site = entry.child("site")
     latitude, longitude = (None if site is None else site.child(key) for key in ("latitude_deg", "longitude_deg"))
     if latitude is None or longitude is None:
@@ -223,7 +223,7 @@ def _number(leaf: Entry) -> float:
 
 
 def _replaced(leaf: Entry) -> Entry | None:
-    """The value that it was laid upon, if that was another one."""
+    """Return the different value that this value replaced, if any."""
     before = leaf.replaced
     while before is not None:
         if before.value is not None and before.plain() != leaf.plain():
@@ -238,7 +238,7 @@ def _at(entry: Entry, path: tuple[str, ...]) -> Entry | None:
 
 
 def _leaves(entry: Entry | None, path: KeyPath) -> Iterator[tuple[KeyPath, Entry]]:
-    """What is no mapping, with the way to it; a list is one."""
+    """Yield scalars and lists with their paths."""
     if entry is None:
         return
     if isinstance(entry.value, dict):
@@ -249,7 +249,7 @@ def _leaves(entry: Entry | None, path: KeyPath) -> Iterator[tuple[KeyPath, Entry
 
 
 def _listed(paths: list[KeyPath]) -> str:
-    """Groups of two keys, each once, and the verb."""
+    """Return groups of two keys, each once, with the verb."""
     names = list(dict.fromkeys(dotted(path[:2]) for path in paths))
     text = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
     return f"{text} {'is' if len(names) == 1 else 'are'}"

@@ -1,4 +1,4 @@
-"""From a profile's name to a checked profile."""
+"""Loads a profile by its name and checks it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _NO_FILE = (EXTERNAL, FIND)
 
 @dataclass(frozen=True, slots=True)
 class LoadedProfile:
-    """A checked profile, the file it came from, and where each of its values was written."""
+    """A checked profile, its file, and the origin of each value."""
 
     profile: Profile
     path: Path
@@ -44,7 +44,7 @@ class LoadedProfile:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is right in itself and hardly meant: values of another vessel or another site."""
+        """Warnings about valid values that are hardly intended: values of another vessel or another site."""
         if self.profile.vessels is None:
             return tuple(leftovers(self.profile, self.entry))
         found: dict[str, list[str]] = {}
@@ -56,12 +56,12 @@ class LoadedProfile:
         return tuple(text if len(names) == everybody else f"{_several(names)}: {text}" for text, names in found.items())
 
     def origin(self, dotted_key: str) -> Origin:
-        """Where `a.b.0.c` was written, or the nearest group around it where it has its default."""
+        """Return the origin of `a.b.0.c`, or of the nearest group around it if it has its default."""
         keys: list[Key] = [int(key) if key.isdigit() else key for key in dotted_key.split(".")]
         return self.entry.nearest(tuple(keys))[0].origin
 
     def runnable(self) -> RunProfile:
-        """The profile with every group a run needs; UserError with the file otherwise."""
+        """Return the profile with every group that a run needs. Raises UserError with the file otherwise."""
         try:
             return self.profile.runnable()
         except UserError as error:
@@ -69,15 +69,15 @@ class LoadedProfile:
 
 
 def load_profile(name: str, overrides: Iterable[str] = ()) -> Profile:
-    """The checked profile `name` (a shipped name or a path) with `KEY.PATH=VALUE` overrides.
+    """Return the checked profile `name` (a shipped name or a path) with `KEY.PATH=VALUE` overrides.
 
-    Raises UserError for an unknown name and ProfileError, with all problems, for a profile that is wrong.
+    Raises UserError for an unknown name and ProfileError, with all problems, for an invalid profile.
     """
     return load_with_origins(name, overrides).profile
 
 
 def load_with_origins(name: str, overrides: Iterable[str] = (), parts: Iterable[str] = ()) -> LoadedProfile:
-    """As `load_profile`, keeping where every value was written. parts: of profiles, laid on it before `overrides`."""
+    """Load a profile as `load_profile` does, with the origin of every value. parts: laid on it before `overrides`."""
     overrides = tuple(overrides)
     path = find_profile(name)
     try:
@@ -91,22 +91,23 @@ def load_with_origins(name: str, overrides: Iterable[str] = (), parts: Iterable[
 
 
 def prepared(entry: Entry) -> Entry:
-    """A composed profile as it is read: paths absolute, files of missions read, places in metres, no null faults.
+    """Prepare a composed profile for reading.
 
-    Raises ProfileError for a mission file or a place that is wrong.
+    Paths become absolute, mission files are read, places become metres, and null faults are removed. Raises
+    ProfileError for an invalid mission file or place.
     """
     entry = with_mission_files(with_absolute_paths(_without_null_faults(entry)))
     return with_places_in_metres(entry, entry.origin.source)
 
 
 def loaded_profile(entry: Entry, path: Path, name: str) -> LoadedProfile:
-    """The checked profile in a prepared entry. Raises ProfileError with all problems."""
+    """Return the checked profile of a prepared entry. Raises ProfileError with all problems."""
     profile, entry = checked_profile(entry, name)
     return LoadedProfile(profile, path, entry)
 
 
 def checked_profile(entry: Entry, name: str) -> tuple[Profile, Entry]:
-    """The profile in a composed entry, which `name` is said of, and the entry with its vessels as the profile has them.
+    """Return the profile of a composed entry, and the entry with the profile's vessels. `name`: name for errors.
 
     Raises ProfileError with all problems.
     """
@@ -119,7 +120,10 @@ def checked_profile(entry: Entry, name: str) -> tuple[Profile, Entry]:
 
 
 def unchecked_profile(entry: Entry, name: str) -> Profile:
-    """The same, each value right in itself: of a run elsewhere, whose files need not be here."""
+    """Return the profile with valid single values only.
+
+    A run on another machine may use files that are missing here.
+    """
     if not is_fleet(entry):
         return read_profile(entry, name)
     shared, entries = read_fleet(entry, name)
@@ -127,7 +131,7 @@ def unchecked_profile(entry: Entry, name: str) -> Profile:
 
 
 def recorded_profiles(data: bytes | None) -> tuple[RunProfile, ...]:
-    """Of each vessel, from the profile.yaml that a recording keeps; none where this version does not understand it."""
+    """Return the profile of each vessel from a recording's profile.yaml; empty when this version cannot read it."""
     if data is None:
         return ()
     try:
@@ -142,7 +146,7 @@ def _checked_fleet(entry: Entry, name: str) -> tuple[Profile, Entry]:
     vessels = {vessel: _with_graph(one) for vessel, one in unfold(entries, name).items()}
     profile = replace(shared, vessels=vessels)
     problems: dict[tuple[Origin, str], list[str]] = {}
-    for one in entries:  # those that a count makes differ in place and number alone
+    for one in entries:  # the vessels of a count differ only in place and number
         for path, sentence in check_vessel(vessels[one.names[0]]):
             problems.setdefault((one.entry.nearest(path)[0].origin, sentence), []).append(one.key)
     found = [
@@ -169,7 +173,7 @@ def _refuse(problems: list[Problem], name: str) -> None:
 
 
 def _without_null_faults(entry: Entry) -> Entry:
-    """`faults: {gnss-dropout: null}` takes away a fault of what is extended."""
+    """Remove null faults: `faults: {gnss-dropout: null}` removes an inherited fault."""
     faults = entry.child("faults")
     if faults is None or not isinstance(faults.value, dict):
         return entry
@@ -181,7 +185,7 @@ def _without_null_faults(entry: Entry) -> Entry:
 
 
 def with_absolute_paths(entry: Entry) -> Entry:
-    """Relative paths inside a profile are meant from its file: made absolute, so that the profile can be moved."""
+    """Make relative paths absolute. They are relative to the profile's file, and the profile may be moved."""
     vessels = entry.child("vessels")
     if vessels is not None and isinstance(vessels.value, dict):
         assert isinstance(entry.value, dict)
@@ -207,7 +211,10 @@ def with_absolute_paths(entry: Entry) -> Entry:
 
 
 def _rewritten(entry: Entry, path: KeyPath, suffixes: tuple[str, ...], behind: str = "") -> Entry:
-    """With an absolute path where `path` leads, if one of `suffixes` is there; `behind` begins what follows it."""
+    """Make the path at `path` absolute if it ends in one of `suffixes`.
+
+    `behind`: first character of the text after the path.
+    """
     if not path:
         if not isinstance(entry.value, str):
             return entry

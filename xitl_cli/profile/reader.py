@@ -1,6 +1,6 @@
-"""Entries -> profile: names, types, bounds and defaults as the schema has them, every problem with its line and fix.
+"""Entries -> profile: names, types, bounds and defaults from the schema. Every problem has its line and fix.
 
-No silent conversions, except that a whole number is a number; unknown keys are refused.
+There are no silent conversions, except that a whole number is a number. Unknown keys are refused.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 def read_profile(entry: Entry, name: str) -> Profile:
-    """The profile in `entry`, each value and each group right in itself; `name` is what the user calls it.
+    """Return the profile of `entry`, with valid values and groups. `name`: the user's name of the profile.
 
     Raises ProfileError with all problems.
     """
@@ -37,7 +37,7 @@ def read_profile(entry: Entry, name: str) -> Profile:
 
 
 def read_group(entry: Entry, group: type[T], name: str) -> T:
-    """The same for one group of a profile."""
+    """Return one group of a profile, as `read_profile` does."""
     reader = Reader()
     found = reader.read(entry, group, ())
     reader.refuse(name)
@@ -46,7 +46,7 @@ def read_group(entry: Entry, group: type[T], name: str) -> T:
 
 
 class Reader:
-    """Reads groups that may share entries: what is wrong with an entry is said once, for where it was found first."""
+    """Reads groups that may share entries. A problem of a shared entry is reported once, at its first place."""
 
     def __init__(self) -> None:
         self._unknown: dict[tuple[int, str], Problem] = {}
@@ -55,13 +55,13 @@ class Reader:
         self._read: dict[tuple[int, type], tuple[Entry, Any]] = {}
 
     def read(self, entry: Entry, group: type[T], path: KeyPath) -> T | None:
-        """The group in `entry`, which is at `path` of the profile; None where it has problems."""
+        """Return the group of `entry` at `path` of the profile; None when it has problems."""
         found = self._group(entry, group, path)
         assert found is None or isinstance(found, group)
         return found
 
     def refuse(self, name: str) -> None:
-        """Raise ProfileError with all problems found in the profile `name`, if there are any."""
+        """Raise ProfileError with all problems of the profile `name`, if there are any."""
         if self._found:
             raise ProfileError([*self._unknown.values(), *self._problems.values()], name)
 
@@ -134,9 +134,9 @@ class Reader:
         found.setdefault((id(entry), problem), Problem(entry.origin, f"{key} {problem}"))
 
     def _unknown_key(self, entry: Entry, known: list[str], path: KeyPath) -> str | None:
-        """Reports it; returns the key that was probably meant."""
+        """Report the key, and return the key that was probably meant."""
         key = str(path[-1])
-        # A scripted vessel's are nowhere at the top.
+        # Keys of a scripted vessel do not exist at the top.
         places = (found for found in _paths(Profile, ()) if found[-1] == key and found[0] != "traffic")
         elsewhere = sorted(places, key=len)
         close = difflib.get_close_matches(key, known, n=1, cutoff=0.8 if elsewhere else 0.6)
@@ -151,7 +151,7 @@ class Reader:
 
 
 def _paths(group: Any, above: KeyPath) -> Iterator[KeyPath]:
-    """Every known key, not inside lists."""
+    """Yield the paths of all known keys outside lists."""
     for name, annotation in key_annotations(group).items():
         yield (*above, name)
         for kind, _ in alternatives(annotation):

@@ -1,4 +1,4 @@
-"""A checked profile back to YAML that loads to an equal one."""
+"""Converts a checked profile back to YAML that loads to an equal profile."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Short lists of numbers on one line, no aliases."""
+    """Writes short lists of numbers on one line, without aliases."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True
@@ -42,9 +42,9 @@ _Dumper.add_representer(tuple, _sequence)
 
 
 def resolved_yaml(profile: Profile) -> str:
-    """`profile` with everything it extends, every override and every default written out.
+    """Return `profile` with all inherited values, overrides and defaults written out.
 
-    Of several vessels each is there with what differs from the groups that it shares with the others.
+    Each vessel of a fleet has only the values that differ from the shared groups.
     """
     groups = _groups(profile)
     if profile.vessels is not None:
@@ -60,7 +60,10 @@ def _groups(profile: Profile) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Mappings, tuples and scalars; without what says something among several vessels and says nothing."""
+    """Convert to mappings, tuples and scalars.
+
+    Keys for a vessel among several are left out when they have their defaults.
+    """
     if is_dataclass(value) and not isinstance(value, type):
         marked, spec = key_annotations(type(value)), fields(value)
         return {
@@ -78,7 +81,7 @@ def _present(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _own(vessel: Profile, shared: dict[str, Any]) -> dict[str, Any]:
-    """What an entry of `vessels` has to give to be this one."""
+    """Return the entry of `vessels` that gives this vessel."""
     groups = _groups(vessel)
     if vessel.traffic is not None:
         return {"traffic": groups["traffic"]}
@@ -87,7 +90,7 @@ def _own(vessel: Profile, shared: dict[str, Any]) -> dict[str, Any]:
         value, common = groups.get(group), shared.get(group)
         if value == common:
             continue
-        # A whole vessel takes the place of another one.
+        # A complete vessel replaces another one.
         own[group] = value if group == "vehicle" or common is None or value is None else _difference(value, common)
     if vessel.mission is not None:
         own.setdefault("mission", {})["start"] = groups["mission"]["start"]
@@ -106,7 +109,7 @@ def _difference(value: dict[str, Any], common: dict[str, Any]) -> dict[str, Any]
 
 
 def values_with_origins(loaded: LoadedProfile) -> Iterator[tuple[str, str, str]]:
-    """Every value of a profile as (dotted key, value, where it was written or `default`)."""
+    """Yield every value of a profile as (dotted key, value, origin or `default`)."""
     resolved = parse_yaml(resolved_yaml(loaded.profile), "resolved")
     if resolved is None:
         return
@@ -117,7 +120,7 @@ def values_with_origins(loaded: LoadedProfile) -> Iterator[tuple[str, str, str]]
 
 
 def _rows(entry: Entry, path: KeyPath) -> Iterator[tuple[KeyPath, Entry]]:
-    """Scalars, and lists as wholes."""
+    """Yield scalars and whole lists with their paths."""
     if isinstance(entry.value, dict) and entry.value:
         for key, below in entry.value.items():
             yield from _rows(below, (*path, key))

@@ -1,4 +1,4 @@
-"""ROS 2 CDR messages: a class whose annotations are the fields gives the encoder and the definition text."""
+"""ROS 2 CDR messages: the annotations of a class define the encoder and the definition text."""
 
 from __future__ import annotations
 
@@ -44,28 +44,30 @@ _FRAMES = {"ned": "NED", "frd": "FRD", "enu": "ENU", "flu": "FLU"}
 
 @dataclass(frozen=True, slots=True)
 class TopicField:
-    """One field of a message: `type` as ROS 2 writes it, `meaning` where the name leaves something to say."""
+    """One field of a message."""
 
     name: str
     type: str
+    """The type in ROS 2 notation."""
     meaning: str = ""
+    """Meaning, if the name does not show it."""
 
     @property
     def unit(self) -> str:
-        """As the end of the name has it; empty for counts and shares."""
+        """Unit from the end of the name; empty for counts and shares."""
         return _UNITS.get(self.name.rpartition("_")[2], "")
 
     @property
     def frame(self) -> str:
-        """As the name has it; of an attitude from which to which: `quaternion_ned_frd` turns FRD into NED."""
+        """Frame from the name. For an attitude, both frames: `quaternion_ned_frd` turns FRD into NED."""
         return " ← ".join(_FRAMES[part] for part in self.name.split("_") if part in _FRAMES)
 
 
 class MessageType:
     """A stamped message: its definition text and its encoder.
 
-    `declaration` is a class whose annotations are the fields, in order; the stamp, a builtin_interfaces/Time, comes
-    before them. Its class attribute `definition`, if any, is the definition of a message with messages inside.
+    The annotations of the class `declaration` are the fields, in order. The stamp, a builtin_interfaces/Time, is before
+    them. The optional class attribute `definition` is the definition of a message that contains messages.
     """
 
     def __init__(self, declaration: type) -> None:
@@ -75,11 +77,11 @@ class MessageType:
         self.definition = f"builtin_interfaces/Time stamp\n{lines}{_TIME_DEFINITION}" if own is None else own
         self._plan = [_plan(field.type) for field in self.fields]
         self._structs: dict[tuple[int, ...], struct.Struct] = {}
-        raw = [kind for kind, _ in self._plan] == [_BYTES]  # most messages of a recording are such
+        raw = [kind for kind, _ in self._plan] == [_BYTES]  # most messages of a recording have one bytes field
         self.encode: Callable[..., bytes] = _encode_bytes if raw else self._encode
-        """Payload with its encapsulation header, of `stamp_ns` and one value a field.
+        """Returns the payload with its encapsulation header, from `stamp_ns` and one value for each field.
 
-        None is NaN of a float and -1 of an integer; an empty array of fixed length is all zero.
+        None becomes NaN in a float and -1 in an integer. An empty array of fixed length becomes zeros.
         """
 
     def _encode(self, stamp_ns: int, *values: Any) -> bytes:
@@ -104,8 +106,8 @@ class MessageType:
         return layout.pack(*items)
 
     def _struct(self, lengths: list[int]) -> struct.Struct:
-        """The flat struct with texts and sequences of `lengths`."""
-        layout, size = "<4siI", 8  # alignment counts from behind the encapsulation header
+        """Return the flat struct for texts and sequences of these lengths."""
+        layout, size = "<4siI", 8  # alignment counts from the end of the encapsulation header
         remaining = iter(lengths)
         for field, (kind, filler) in zip(self.fields, self._plan, strict=True):
             base = _TYPE.fullmatch(field.type)
@@ -142,7 +144,7 @@ def _fields(declaration: type) -> list[TopicField]:
 
 
 def _plan(type_name: str) -> tuple[int, Any]:
-    """How a field is encoded, and what stands for a value that is not known."""
+    """Return the encoding of a field, and the substitute for an unknown value."""
     match = _TYPE.fullmatch(type_name)
     assert match is not None
     assert match["base"] in _CODES

@@ -1,4 +1,4 @@
-"""Readers of foxglove's messages, which its own classes do not read."""
+"""Readers of foxglove's messages, because its own classes only write them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @cache
 def foxglove_type(name: str) -> Any:
-    """The class that reads an encoded message of foxglove's: `foxglove_type("PointCloud").FromString(payload)`."""
+    """Return the class that reads an encoded foxglove message: `foxglove_type("PointCloud").FromString(payload)`."""
     from foxglove import messages
     from google.protobuf import (  # type: ignore[import-untyped]
         descriptor_pb2,

@@ -1,8 +1,8 @@
-"""An MCAP file that keeps what was written when the process is killed.
+"""An MCAP file that stays readable when the process is killed.
 
-Written chunk by chunk (`mcap_writer`) and not with foxglove-sdk's writer, which streams a chunk into the file under a
-placeholder length (a killed run then ends in a record that readers refuse) and logs a full disk instead of raising it.
-foxglove-sdk makes the well-known messages.
+It is written chunk by chunk (`mcap_writer`) and not with foxglove-sdk's writer. That writer streams a chunk into the
+file under a placeholder length, so a killed run ends in a record that readers refuse. It also logs a full disk instead
+of raising an error. foxglove-sdk makes the well-known messages.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from xitl_cli.record.mcap_writer import ChunkMessage, ChunkWriter, message_recor
 FLUSH_INTERVAL_S = 1.0
 CHUNK_BYTES = 1 << 20
 APART_BYTES = 32 << 10
-"""Of a channel, from which on it gets a chunk of its own. Chunks that share less pack worse: 100 s in real time take
-5 % more room than without, in lockstep, where a second of wall time holds more, 12 %. One topic of them is had from
-67 % and 15 % of the bytes rather than 79 %. With 8 KiB it would be 16 % in real time, for twice as many chunks, which
-is what opening a long recording costs."""
+"""Bytes of a channel from which on it gets a separate chunk. Smaller shared chunks pack worse: 100 s in real time take
+5 % more space than without separate chunks. In lockstep, with more data in a second of wall time, they take 12 %. In
+return, a reader of one such topic reads 67 % and 15 % of the bytes rather than 79 %. With 8 KiB it would be 16 % in
+real time, but with twice as many chunks, and their number sets the time to open a long recording.
+"""
 _NO_CHANNEL = 0
 
 
@@ -31,12 +32,12 @@ class RecordingError(UserError):
 
 
 class ChannelMirror(Protocol):
-    """Shows what is recorded elsewhere too."""
+    """Shows the recorded data elsewhere too."""
 
     def open_channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
     ) -> Callable[[bytes, int], object] | None:
-        """What takes each payload of the channel and its instant; None for a channel that is not wanted."""
+        """Return a function for each payload of the channel and its instant; None for an unwanted channel."""
 
 
 class PayloadWriter(Protocol):
@@ -48,16 +49,17 @@ class PayloadWriter(Protocol):
 class McapFile:
     """Writes `path`, chunked and compressed.
 
-    Messages are kept for about a second, until `flush_if_due` writes them, or until they fill a chunk. A channel that
-    has APART_BYTES by then gets a chunk of its own: who wants one topic unpacks what it shares a chunk with, and that
-    is then little. Chunks of the same second overlap in time; within a channel messages keep their order.
+    Messages are kept for about a second, until `flush_if_due` writes them, or until they fill a chunk. A channel with
+    APART_BYTES by then gets a separate chunk, so that a reader of one topic unpacks little else. Chunks of the same
+    second overlap in time. Within a channel messages keep their order.
 
-    A topic has one channel, whoever asks for it. Channels of one `kind` share their schema; a topic is its own kind.
+    A topic has one channel for all users. Channels of one `kind` share their schema; by default a topic is its own
+    kind.
 
-    The file on disk always ends with a whole chunk, also when the disk refuses a write: that is raised as UserError,
-    once, and what comes after it is not kept. Raises UserError too when the file cannot be made.
+    The file on disk always ends with a whole chunk, also when the disk refuses a write. That raises UserError once, and
+    later messages are dropped. Raises UserError also when the file cannot be created.
 
-    mirrors: are given the same channels and payloads.
+    mirrors: get the same channels and payloads.
     """
 
     def __init__(
@@ -88,38 +90,38 @@ class McapFile:
         self._whole_bytes = self._file.tell()
 
     def ros_channel(self, topic: str, schema_name: str, definition: str, kind: str = "") -> PayloadWriter:
-        """A writer of ROS 2 CDR payloads."""
+        """Return a writer of ROS 2 CDR payloads."""
         return self._channel(topic, "cdr", schema_name, "ros2msg", definition.encode(), kind)
 
     def foxglove_channel(self, topic: str, message_type: Any, kind: str = "") -> PayloadWriter:
-        """A writer of encoded messages of one type of foxglove.messages."""
+        """Return a writer of encoded messages of one type of foxglove.messages."""
         schema = message_type.get_schema()
         return self._channel(topic, "protobuf", schema.name, schema.encoding, schema.data, kind)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Keep a file inside the recording."""
+        """Store a file inside the recording."""
         self._guarded(self._writer.attach, name, media_type, data)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Keep named texts inside the recording."""
+        """Store named texts inside the recording."""
         self._guarded(self._writer.metadata, name, values)
 
     def flush_if_due(self) -> None:
-        """Write what is kept and hand it to the operating system when a second has gone by."""
+        """Write the kept messages and pass them to the operating system once a second."""
         now_s = self._now_s()
         if now_s - self._flushed_s >= FLUSH_INTERVAL_S:
             self._flushed_s = now_s
             self._write_kept(everything=True)
 
     def close(self) -> None:
-        """Write the index and close the file; after a refusal, cut it off behind the last whole chunk."""
+        """Write the index and close the file; after a refused write, cut the file off after the last whole chunk."""
         try:
             self._write_kept(everything=True)
             self._guarded(self._writer.finish)
         finally:
             try:
                 self._file.close()
-            except OSError:  # what is still in the buffer cannot be written either; the file is closed all the same
+            except OSError:  # the rest of the buffer cannot be written either, but the file is closed
                 self._refused_once = True
             if self._refused_once and self.path.is_file():
                 os.truncate(self.path, min(self._whole_bytes, self.path.stat().st_size))
@@ -158,7 +160,10 @@ class McapFile:
         return self._channels.setdefault(topic, log_and_show)
 
     def _write_kept(self, everything: bool) -> None:
-        """Write chunks of channels that have enough for one, and one of all others if they fill it, or `everything`."""
+        """Write chunks of channels with enough data for one.
+
+        Write one of all others if they fill it, or with `everything`.
+        """
         chunks: dict[int, list[ChunkMessage]] = {
             channel: [] for channel, size in self._kept_bytes.items() if size >= APART_BYTES
         }
@@ -174,7 +179,7 @@ class McapFile:
                 self._guarded(self._writer.write_chunk, messages)
 
     def _guarded(self, write: Callable[..., object], *arguments: object) -> None:
-        """Write whole records and hand them to the operating system, so that they stay whatever is refused later."""
+        """Write whole records and flush them, so that they stay when a later write is refused."""
         if self._refused_once:
             return
         try:

@@ -1,7 +1,7 @@
-"""The records of an MCAP file, whole chunks at a time: byte for byte what `mcap.writer.Writer` makes of them.
+"""The records of an MCAP file, a whole chunk at a time: byte for byte the output of `mcap.writer.Writer`.
 
-That one packs every message field by field into a buffer, which was a fifteenth of a run's time. The layout is of
-https://mcap.dev/spec; what is rare is packed by the package's own record classes.
+That writer packs every message field by field into a buffer, which took a fifteenth of a run's time. The layout is from
+https://mcap.dev/spec. The package's record classes pack the rare records.
 """
 
 from __future__ import annotations
@@ -41,27 +41,27 @@ COMPRESSIONS: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
     "lz4": ("lz4", lz4.frame.compress),
     "none": ("", bytes),
 }
-"""Name in the file and how it packs, by the name in a profile."""
+"""Name in the file and packing function, by the name in a profile."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_OPCODE, _MESSAGE_INDEX_OPCODE = int(Opcode.MESSAGE), int(Opcode.MESSAGE_INDEX)
-_LENGTH_BYTES = 9  # opcode and length of a record, which its length does not count
-MESSAGE_BYTES = _MESSAGE.size  # of a message's record, before its payload
+_LENGTH_BYTES = 9  # opcode and length of a record, which its length does not include
+MESSAGE_BYTES = _MESSAGE.size  # of a message's record, without its payload
 
 
 def message_record(channel: int, log_ns: int, payload: bytes, publish_ns: int) -> bytes:
-    """Of one message, for `ChunkWriter.write_chunk`."""
+    """Return the record of one message, for `ChunkWriter.write_chunk`."""
     length = MESSAGE_BYTES - _LENGTH_BYTES + len(payload)
     return _MESSAGE.pack(_MESSAGE_OPCODE, length, channel, 0, log_ns, publish_ns) + payload
 
 
 class ChunkWriter:
-    """Writes an MCAP file to `stream`, from its start. What the stream raises comes out of every method."""
+    """Writes an MCAP file to `stream`, from its start. Every method passes on errors of the stream."""
 
     def __init__(self, stream: BinaryIO, compression: str) -> None:
         self._stream = stream
         self._compression, self._compressed = COMPRESSIONS[compression]
-        self._definitions = RecordBuilder()  # schemas and channels that the next chunk begins with
+        self._definitions = RecordBuilder()  # schemas and channels for the start of the next chunk
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._counts: Counter[int] = Counter()
@@ -71,14 +71,14 @@ class ChunkWriter:
         stream.write(MCAP0_MAGIC + _packed(Header("xitl", "xitl")))
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Its number."""
+        """Return the number of a new schema."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
         schema.write(self._definitions)
         return schema.id
 
     def register_channel(self, topic: str, encoding: str, schema: int) -> int:
-        """Its number."""
+        """Return the number of a new channel."""
         number = len(self._channels) + 1
         channel = Channel(id=number, topic=topic, message_encoding=encoding, metadata={}, schema_id=schema)
         self._channels.append(channel)
@@ -86,7 +86,7 @@ class ChunkWriter:
         return number
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Write a file."""
+        """Write a file into the recording."""
         offset = self._stream.tell()
         attachment = _packed(Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
         self._attachments.append(
@@ -103,16 +103,16 @@ class ChunkWriter:
         self._stream.write(attachment)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Write named texts."""
+        """Write named texts into the recording."""
         offset = self._stream.tell()
         metadata = _packed(Metadata(name=name, metadata=dict(values)))
         self._metadata.append(MetadataIndex(offset=offset, length=len(metadata), name=name))
         self._stream.write(metadata)
 
     def write_chunk(self, messages: Sequence[ChunkMessage]) -> None:
-        """Write a chunk of one message at least, and its index."""
+        """Write a chunk of at least one message, and its index."""
         definitions = _content(self._definitions)
-        entries: dict[int, list[int]] = {}  # by channel: log time and offset, in turns
+        entries: dict[int, list[int]] = {}  # by channel: log time and offset, alternating
         at = len(definitions)
         for channel, log_ns, record in messages:
             entries.setdefault(channel, []).extend((log_ns, at))
@@ -151,7 +151,7 @@ class ChunkWriter:
         self._stream.write(b"".join([packed, *indices]))
 
     def finish(self) -> None:
-        """Write what a reader finds the rest by."""
+        """Write the end of the data and the summary section with the indexes."""
         self._stream.write(_packed(DataEnd(0)))
         start = self._stream.tell()
         groups: list[tuple[Opcode, Iterable[Any]]] = [
@@ -196,6 +196,6 @@ def _packed(record: Any) -> bytes:
 
 
 def _content(builder: RecordBuilder) -> bytes:
-    """What was written to it; it is empty afterwards."""
+    """Return the content of the builder and clear it."""
     content: bytes = builder.end()  # type: ignore[no-untyped-call]
     return content

@@ -1,7 +1,7 @@
-"""The recorder of a run: converts to the axes that tools expect and writes to the topics of `topics`.
+"""The recorder of a run: converts to the usual axes of tools and writes to the topics of `topics`.
 
-Odometry is in ENU with a FLU body (REP 103), and so are clouds: x forward, y left, z up of the body in `base_link`, and
-in `odom`, which is the body's place when the companion's odometry began. What comes in is NED and FRD.
+Odometry is in ENU with a FLU body (REP 103). Clouds are x forward, y left, z up: of the body in `base_link`, and in
+`odom`, which is the body's pose when the companion's odometry began. All input is NED and FRD.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 Intensity = NDArray[np.uint8]
 Channel = tuple[Callable[..., bytes], PayloadWriter]
-"""Encodes a stamp and one value a field; writes the payload."""
+"""Encodes a stamp and one value for each field; writes the payload."""
 
 _EXACT = (0.0,) * 36
 _UNKNOWN = tuple(np.diag([UNKNOWN_VARIANCE] * 6).ravel().tolist())
@@ -71,14 +71,14 @@ _RECORDS: dict[type, tuple[str, Callable[[Any], tuple[Any, ...]]]] = {
     for topic in TOPICS.values()
     if topic.fields is not None and is_dataclass(topic.fields)
 }
-"""Topic and values of each record that is written as it is."""
+"""Topic and values of each record that is written unchanged."""
 
 
 class TopicWriter:
-    """Writes messages to the topics of one vessel in `file`; `links` name those whose raw frames are kept.
+    """Writes messages to the topics of one vessel in `file`. `links`: names of the links whose raw frames are recorded.
 
-    vessel: its name in front of topics and frames, where there is more than one; empty with one. from_start: open the
-    topics that are in a file from the start of a run.
+    vessel: prefix of topics and frames in a fleet; empty for a single vessel. from_start: open the topics that a file
+    has from the start of a run.
     """
 
     def __init__(self, file: McapFile, links: Sequence[str] = (), vessel: str = "", from_start: bool = True) -> None:
@@ -93,30 +93,30 @@ class TopicWriter:
                     self._open(topic, link)
 
     def write(self, topic: str, stamp_ns: int, *values: Any) -> None:
-        """A ROS 2 message, one value a field, or a message of foxglove's."""
+        """Write a ROS 2 message, one value for each field, or a foxglove message."""
         encode, write = self._channels.get(topic) or self._open(TOPICS[topic])
         write(encode(stamp_ns, *values), stamp_ns)
 
     def watch(self, topic: str, seen: Callable[..., object]) -> None:
-        """Have `seen` called with stamp and values of all that is written to a topic from now on."""
+        """Call `seen` with the stamp and the values of each message on a topic from now on."""
         self._watched[topic] = (*self._watched.get(topic, ()), seen)
         if topic in self._channels:
             self._channels[topic] = _watched(self._channels[topic], seen)
 
     def link_channels(self, direction: str) -> dict[str, Channel]:
-        """Encoder and writer of raw frames by link; `direction`: `tx` from host to agent, `rx` back."""
+        """Return encoder and writer of raw frames by link. `direction`: `tx` from host to agent, `rx` back."""
         return {link: self._channels[f"/link/{link}/{direction}"] for link in self._links}
 
     def frame(self, frame: str) -> str:
-        """The name in the file of a frame that belongs to the vessel."""
+        """Return the name in the file of a frame of the vessel."""
         return vessel_name(frame, self._vessel)
 
     def source(self, source: str) -> str:
-        """The name in the file of one that speaks for the vessel."""
+        """Return the name in the file of a source of the vessel's log messages."""
         return vessel_name(source, self._vessel)
 
     def transform(self, stamp_ns: int, child: str, position: Sequence[float], quat_wxyz: Sequence[float]) -> None:
-        """Place and attitude of the frame `child` in the map: ENU, FLU to ENU."""
+        """Write the position and attitude of the frame `child` in the map: ENU, FLU to ENU."""
         transform = messages.FrameTransform(
             timestamp=timestamp(stamp_ns),
             parent_frame_id=MAP_FRAME,
@@ -154,11 +154,10 @@ def _watched(channel: Channel, seen: Callable[..., object]) -> Channel:
 
 
 class Recorder:
-    """Records a run into an MCAP file. What is not known is NaN among the numbers and -1 among counts and instants.
+    """Records a run into an MCAP file. Unknown numbers are NaN; unknown counts and instants are -1.
 
-    path: of the file, or the file, where several vessels are recorded: each has a recorder with its name, and the run
-    itself one without any, for what all share and what the host tells of itself. links, vessel, from_start: see
-    TopicWriter.
+    path: of the file, or the open file for several vessels. Each vessel then has a recorder with its name. The run has
+    one without a name, for shared topics and the host's reports. links, vessel, from_start: see TopicWriter.
     """
 
     def __init__(
@@ -179,20 +178,20 @@ class Recorder:
         return PerceptionRecorder(self._topics)
 
     def of_vessel(self, name: str) -> Recorder:
-        """Into the same file, for one more vessel; its topics appear as they are written."""
+        """Return a recorder of one more vessel into the same file. Its topics are created at their first message."""
         return Recorder(self._file, vessel=name, from_start=False)
 
     def watch(self, topic: str, seen: Callable[..., object]) -> None:
-        """Have `seen` called with stamp and values of all that is written to a topic from now on."""
+        """Call `seen` with the stamp and the values of each message on a topic from now on."""
         self._topics.watch(topic, seen)
 
     def write(self, stamp_ns: int, record: Any) -> None:
-        """One of the records of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkState, FaultEvent, ..."""
+        """Write a record of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkState, FaultEvent, ..."""
         topic, values = _RECORDS[type(record)]
         self._topics.write(topic, stamp_ns, *values(record))
 
     def truth(self, stamp_ns: int, motion: Kinematics, rotor: Array) -> None:
-        """The true state of the first vessel: state, odometry, pose and transform."""
+        """Write the true state of the first vessel: state, odometry, pose and transform."""
         pos_ned_m, quat, gyro_frd = motion.pos_ned_m[0], motion.quat_ned_frd[0], motion.gyro_frd_radps[0]
         self._topics.write(
             "/truth/state",
@@ -214,7 +213,7 @@ class Recorder:
         self._topics.transform(stamp_ns, self._topics.frame(VESSEL_FRAME), position, attitude)
 
     def fix(self, stamp_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
-        """The true place on the Earth."""
+        """Write the true geodetic position."""
         fix = messages.LocationFix(
             timestamp=timestamp(stamp_ns),
             frame_id=self._topics.frame(VESSEL_FRAME),
@@ -225,11 +224,11 @@ class Recorder:
         self._topics.write("/truth/fix", stamp_ns, fix)
 
     def environment(self, stamp_ns: int, current_ned_mps: Array, wind_ned_mps: Array, surface_m: float) -> None:
-        """Current (3,), wind (3,) and surface elevation at the first vessel."""
+        """Write current (3,), wind (3,) and surface elevation at the first vessel."""
         self._topics.write("/environment", stamp_ns, current_ned_mps.tolist(), wind_ned_mps.tolist(), surface_m)
 
     def estimate(self, stamp_ns: int, estimate: MotionEstimate) -> None:
-        """The autopilot's estimate; `stamp_ns` is the instant it is of."""
+        """Write the autopilot's estimate of the instant `stamp_ns`."""
         position, attitude = self._odometry(
             "/estimate/odometry",
             ESTIMATE_FRAME,
@@ -244,42 +243,45 @@ class Recorder:
         self._topics.transform(stamp_ns, self._topics.frame(ESTIMATE_FRAME), position, attitude)
 
     def actuators(self, stamp_ns: int, command: MotorCommand, names: str) -> None:
-        """The motor commands in force, and what each is for."""
+        """Write the active motor commands, with the names of the actuators."""
         self._topics.write(
             "/actuators", stamp_ns, command.motors, command.armed, command.failsafe, command.age_s, names
         )
 
     def frame_sent(self, stamp_ns: int, frame: bytes, link: str = "agent") -> None:
-        """A raw MAVLink frame from host to agent."""
+        """Write a raw MAVLink frame from host to agent."""
         encode, write = self._sent[link]
         write(encode(stamp_ns, frame), stamp_ns)
 
     def frame_received(self, stamp_ns: int, frame: bytes, sent_ns: int | None = None, link: str = "agent") -> None:
-        """A raw MAVLink frame from agent to host; `sent_ns` is when the agent says it sent it, in simulation time."""
+        """Write a raw MAVLink frame from agent to host.
+
+        `sent_ns`: simulation time at which the agent sent it, by its own clock.
+        """
         encode, write = self._received[link]
         write(encode(stamp_ns, frame), stamp_ns, sent_ns)
 
     def log(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
-        """A message of a node for people; `severity` is MAV_SEVERITY."""
+        """Write a log message of a node. `severity`: MAV_SEVERITY."""
         level = _LEVELS[min(max(severity, 0), 7)]
         name = self._topics.source(source)
         entry = messages.Log(timestamp=timestamp(stamp_ns), level=level, name=name, message=text)
         self._topics.write("/log", stamp_ns, entry)
 
     def scene(self, update: messages.SceneUpdate, stamp_ns: int = 0) -> None:
-        """Surroundings to draw, once, from an instant on."""
+        """Write the surroundings to draw, once, from an instant on."""
         self._topics.write("/scene", stamp_ns, update)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Keep a file inside the recording."""
+        """Store a file inside the recording."""
         self._file.attach(name, media_type, data)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Keep named texts inside the recording."""
+        """Store named texts inside the recording."""
         self._file.metadata(name, values)
 
     def flush_if_due(self) -> None:
-        """Hand what was recorded to the operating system about once a second."""
+        """Pass the recorded data to the operating system about once a second."""
         self._file.flush_if_due()
 
     def close(self) -> None:
@@ -310,7 +312,7 @@ class Recorder:
 
 
 def _pose_covariance(pos_deviation_ned_m: Array | None) -> tuple[float, ...]:
-    """(36,) of a pose in ENU, row by row; no autopilot states the variance of its attitude."""
+    """Return the covariance (36,) of a pose in ENU, row by row. No autopilot reports the variance of its attitude."""
     if pos_deviation_ned_m is None:
         return _UNKNOWN
     north, east, down = pos_deviation_ned_m.tolist()
@@ -320,19 +322,19 @@ def _pose_covariance(pos_deviation_ned_m: Array | None) -> tuple[float, ...]:
 
 
 class PerceptionRecorder:
-    """Sensors and results of a companion, drifting bodies and contacts; a topic begins with its first message."""
+    """Sensors and results of a companion, drifting bodies and contacts. A topic is created at its first message."""
 
     def __init__(self, topics: TopicWriter) -> None:
         self._topics = topics
 
     def lidar_points(self, stamp_ns: int, points_frd_m: Points, offset_s: Points, intensity: Intensity) -> None:
-        """One frame of the lidar that began at `stamp_ns`: (n, 3) in body FRD, each at its own instant."""
+        """Write a frame of the lidar that began at `stamp_ns`: (n, 3) in body FRD, each at its own instant."""
         packed = _packed(LIDAR_POINT, points_frd_m, intensity)
         packed["t"] = offset_s
         self._topics.write("/lidar/points", stamp_ns, _cloud(stamp_ns, self._topics.frame(VESSEL_FRAME), packed))
 
     def ping(self, stamp_ns: int, ping: SonarPing) -> None:
-        """One ping of the sonar that went out at `stamp_ns`."""
+        """Write a ping of the sonar that was sent at `stamp_ns`."""
         self._topics.write(
             "/sonar/ping",
             stamp_ns,
@@ -345,18 +347,18 @@ class PerceptionRecorder:
         )
 
     def sonar_points(self, stamp_ns: int, points_frd_m: Points, intensity: Intensity) -> None:
-        """Points that stand out of the pings: (n, 3) in body FRD."""
+        """Write the points detected in the pings: (n, 3) in body FRD."""
         packed = _packed(SONAR_POINT, points_frd_m, intensity)
         self._topics.write("/sonar/points", stamp_ns, _cloud(stamp_ns, self._topics.frame(VESSEL_FRAME), packed))
 
     def odom_frame(self, stamp_ns: int, pos_ned_m: Array, quat_ned_frd: Array) -> None:
-        """True place of the body when the odometry began: (3,), (4,). So that tools draw its map in its place."""
+        """Write the true pose of the body when the odometry began: (3,), (4,). Tools then draw the map in its place."""
         position = frames.ned_to_enu(np.asarray(pos_ned_m, dtype=np.float64)).tolist()
         attitude = frames.quat_ned_frd_to_enu_flu(np.asarray(quat_ned_frd, dtype=np.float64)).tolist()
         self._topics.transform(stamp_ns, self._topics.frame(ODOM_FRAME), position, attitude)
 
     def odometry(self, stamp_ns: int, pose_odom: Array, vel_frd_mps: Array) -> None:
-        """A pose (4, 4) of the odometry, body FRD to FRD where it began, and the velocity (3,) in the body."""
+        """Write a pose (4, 4) of the odometry, body FRD to FRD at its start, and the velocity (3,) in the body."""
         pose = _FRD_FLU @ np.asarray(pose_odom, dtype=np.float64) @ _FRD_FLU
         w, x, y, z = frames.matrix_to_quat(pose[:3, :3]).tolist()
         linear = frames.frd_to_flu(np.asarray(vel_frd_mps, dtype=np.float64)).tolist()
@@ -373,13 +375,13 @@ class PerceptionRecorder:
         )
 
     def map_points(self, stamp_ns: int, points_odom_m: Points, intensity: Intensity, source: MapSource) -> None:
-        """Points (n, 3) new in the companion's map, in its odometry's frame (FRD where it began)."""
+        """Write new points (n, 3) of the companion's map, in its odometry's frame (FRD at its start)."""
         packed = _packed(MAP_POINT, points_odom_m, intensity)
         packed["source"] = MAP_SOURCES.index(source)
         self._topics.write("/companion/map", stamp_ns, _cloud(stamp_ns, self._topics.frame(ODOM_FRAME), packed))
 
     def obstacle(self, stamp_ns: int, message: Any) -> None:
-        """XITL_OBSTACLE as received."""
+        """Write XITL_OBSTACLE as received."""
         self._topics.write(
             "/companion/obstacles",
             stamp_ns,
@@ -396,7 +398,7 @@ class PerceptionRecorder:
         )
 
     def companion(self, stamp_ns: int, message: Any) -> None:
-        """XITL_COMPANION_STATUS as received."""
+        """Write XITL_COMPANION_STATUS as received."""
         self._topics.write("/companion/status", stamp_ns, *_COMPANION_FIELDS(message))
 
     def bodies(
@@ -408,9 +410,9 @@ class PerceptionRecorder:
         quat_ned_frd: Array,
         vel_ned_mps: Array,
     ) -> None:
-        """The drifting bodies: (B,), (B,), (B, 3), (B, 4), (B, 3). Their number is their place in these.
+        """Write the drifting bodies: (B,), (B,), (B, 3), (B, 4), (B, 3). The index of a body is its number.
 
-        Each has a frame of its own, `body_frame`, in which it is drawn.
+        Each body has a separate frame, `body_frame`, in which it is drawn.
         """
         numbers = (np.asarray(each).tolist() for each in (lengths_m, pos_ned_m, quat_ned_frd, vel_ned_mps))
         rows = zip(kinds, *numbers, strict=True)
@@ -423,13 +425,13 @@ class PerceptionRecorder:
     def contact(
         self, stamp_ns: int, what: str, pos_ned_m: Array, force_n: float, speed_mps: float, began: bool
     ) -> None:
-        """The hull touches `what` at a place (3,); `began`: it did not before."""
+        """Write a contact of the hull with `what` at a place (3,). `began`: the contact is new."""
         place = np.asarray(pos_ned_m, dtype=np.float64).tolist()
         self._topics.write("/contacts", stamp_ns, what, place, float(force_n), float(speed_mps), bool(began))
 
 
 def timestamp(stamp_ns: int) -> messages.Timestamp:
-    """Of a foxglove message."""
+    """Return the timestamp of a foxglove message."""
     return messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
 
 
@@ -449,7 +451,7 @@ def _quaternion(quat_wxyz: Sequence[float]) -> messages.Quaternion:
 
 
 def _packed(kind: np.dtype[Any], points_m: Points, intensity: Intensity) -> NDArray[Any]:
-    """(n,) of a point's dtype, in axes forward, left, up."""
+    """Return the points (n,) with a point's dtype, in axes forward, left, up."""
     packed = np.zeros(len(points_m), dtype=kind)
     points_flu_m = np.asarray(points_m, dtype=np.float32).reshape(-1, 3) * _FLU
     for axis, name in enumerate("xyz"):

@@ -1,1 +1,1 @@
-"""Recorded motor outputs played again: pulse widths from a file (pulse_log), commands over time (motor_schedule)."""
+"""Replay of recorded motor outputs: pulse widths from a file (pulse_log), commands over time (motor_schedule)."""

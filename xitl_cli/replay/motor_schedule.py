@@ -1,4 +1,4 @@
-"""Motor commands over time: the steps of a script or of a recording, each in force until the next."""
+"""Motor commands over time: the steps of a script or of a recording, each active until the next."""
 
 from __future__ import annotations
 
@@ -24,36 +24,37 @@ Motors = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class MotorSchedule:
-    """Commands in [-1, 1], in the vessel's order, from `at_ns` (rising, from the start of the schedule) until the next.
-
-    end_ns: when it has run out; None for a script without an end, which holds its last step.
-    """
+    """Motor commands over time."""
 
     at_ns: tuple[int, ...]
+    """Start of each step, rising, from the start of the schedule."""
     motors: tuple[Motors, ...]
+    """Commands in [-1, 1], in the vessel's order, each active until the next."""
     end_ns: int | None
+    """End of the schedule; None for a script without an end, which holds its last step."""
 
     def motors_at(self, now_ns: int) -> Motors | None:
-        """The command in force, None before the first."""
+        """Return the active command, None before the first."""
         number = bisect_right(self.at_ns, now_ns)
         return self.motors[number - 1] if number else None
 
     @property
     def last_ns(self) -> int:
-        """When its last step comes into force."""
+        """Start of the last step, or the end of the schedule."""
         return self.at_ns[-1] if self.end_ns is None else self.end_ns
 
 
 def schedule_from_script(steps: Sequence[ScriptStep]) -> MotorSchedule:
-    """The steps of a script that move motors; a step without `motors` keeps what is in force."""
+    """Return the steps of a script that move motors. A step without `motors` keeps the active command."""
     moving = [(round(step.at_s * 1e9), step.motors) for step in steps if step.motors is not None]
     end_ns = round(steps[-1].at_s * 1e9) if steps[-1].end else None
     return MotorSchedule(tuple(at_ns for at_ns, _ in moving), tuple(motors for _, motors in moving), end_ns)
 
 
 def schedule_from_file(profile: RunProfile, vessel: VesselSpec | None = None) -> MotorSchedule:
-    """The recording of `driver.file` as commands, as `schedule_from_pulses`; of a bag without servo outputs what its
-    thrusters were asked for. Raises UserError with what is wrong in the file.
+    """Return the recording of `driver.file` as commands, as `schedule_from_pulses` does.
+
+    For a bag without servo outputs, use the commands to its thrusters. Raises UserError with the problem in the file.
     """
     path, replay = Path(profile.driver.file or ""), profile.driver.replay
     if holds_messages(path) and (thrusts := read_thrust_log(path, profile)) is not None:
@@ -62,7 +63,7 @@ def schedule_from_file(profile: RunProfile, vessel: VesselSpec | None = None) ->
 
 
 def _schedule_from_thrusts(log: ThrustLog, replay: ReplaySpec, vessel: VesselSpec | None) -> MotorSchedule:
-    """From `start_s`, or the first command that is not neutral, on."""
+    """Return the commands from `start_s`, or the first command that is not neutral, on."""
     moving = np.flatnonzero(log.commands.any(axis=1))
     if not len(moving):
         raise UserError(f"{log.source}: no thruster is ever asked for anything; give a bag of a vessel under way")
@@ -87,10 +88,11 @@ def _schedule_from_thrusts(log: ThrustLog, replay: ReplaySpec, vessel: VesselSpe
 
 
 def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None = None) -> MotorSchedule:
-    """Recorded pulse widths as commands of the vessel, from `start_s` (or the first armed output) on.
+    """Return recorded pulse widths as commands of the vessel, from `start_s` (or the first armed output) on.
 
-    vessel: None for two motors, from which an autopilot gets its sticks. Steering and throttle drive one propeller and
-    all that steers; of two propellers they are mixed as a skid-steered ArduRover does: port is throttle plus steering.
+    vessel: None for two motors. An autopilot gets their commands as stick inputs. Steering and throttle drive one
+    propeller and all steering actuators. For two propellers they are mixed as in a skid-steered ArduRover: port is
+    throttle plus steering.
     """
     outputs, mixed = _outputs(log, replay, vessel)
     start_s, end_s = replayed_span_s(log, replay, vessel)
@@ -106,7 +108,7 @@ def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec |
 
 
 def replayed_span_s(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None = None) -> tuple[float, float]:
-    """From when to when of the recording's clock (s) it is replayed. Raises UserError where nothing is between."""
+    """Return start and end of the replay on the recording's clock in s. Raises UserError for an empty span."""
     rows = _rows(log, _outputs(log, replay, vessel)[0])
     start_s = _first_armed_s(log, rows, replay.trim_us) if replay.start_s is None else replay.start_s
     end_s = log.at_s[-1] if replay.end_s is None else min(replay.end_s, log.at_s[-1])
@@ -120,7 +122,7 @@ def replayed_span_s(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None
 
 
 def _rows(log: PulseLog, outputs: tuple[int, ...]) -> list[tuple[float, ...]]:
-    """Pulses of these channels at each instant."""
+    """Return the pulses of these channels at each instant."""
     missing = [channel for channel in outputs if channel not in log.pulses_us]
     if missing:
         raise UserError(
@@ -137,7 +139,7 @@ def _by_sticks(vessel: VesselSpec | None, steering: float, throttle: float) -> M
 
 
 def _outputs(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None) -> tuple[tuple[int, ...], bool]:
-    """Channels to read, and whether they are steering and throttle."""
+    """Return the channels to read, and whether they are steering and throttle."""
     mixed = replay.outputs_are == "steering-throttle"
     if replay.outputs is not None:
         return replay.outputs, mixed
@@ -157,7 +159,7 @@ def _outputs(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None) -> tu
 
 
 def _first_armed_s(log: PulseLog, rows: Sequence[tuple[float, ...]], trim_us: float) -> float:
-    """When it was armed; failing that, when an output first left neutral."""
+    """Return the time of arming, or otherwise the time at which an output first left neutral."""
     if log.armed_s is not None:
         return log.at_s[min(bisect_left(log.at_s, log.armed_s), len(log.at_s) - 1)]
     for at_s, row in zip(log.at_s, rows, strict=True):
@@ -176,7 +178,7 @@ def _command(pulse_us: float, replay: ReplaySpec) -> float:
 
 
 def _mix(steering: float, throttle: float) -> Motors:
-    """Port and starboard; where one would exceed 1 both shrink, so that the turn keeps its shape."""
+    """Return port and starboard. When one would exceed 1, both are scaled, so that the turn keeps its shape."""
     port, starboard = throttle + steering, throttle - steering
     scale = max(abs(port), abs(starboard), 1.0)
     return port / scale, starboard / scale

@@ -1,9 +1,9 @@
 """Recorded pulse widths, read from a table or from a log.
 
 A table has the columns `time_s` (or `TimeUS`) and C1, C2, … in µs, as `mavlogdump.py --format csv --types RCOU` writes
-it. Of a DataFlash log RCOU counts, of telemetry and MCAP SERVO_OUTPUT_RAW or RCOU, of a bag the topic rc/out of MAVROS;
-the log says when it was armed and what the outputs were used for. A recording of ours holds commands, which become
-pulses of 1500 ± 400 µs.
+it. The source in a DataFlash log is RCOU, in telemetry and MCAP SERVO_OUTPUT_RAW or RCOU, and in a bag the topic rc/out
+of MAVROS. The log also gives the time of arming and the functions of the outputs. A recording of xitl contains
+commands, which become pulses of 1500 ± 400 µs.
 """
 
 from __future__ import annotations
@@ -30,52 +30,55 @@ from xitl_cli.logs.signals.states import parameter_values
 MOST_BYTES = 256 << 20
 NO_PULSE_US = 0.0
 SHORTEST_US, LONGEST_US = 500.0, 2500.0
-"""What a servo output can be when it is not off (0)."""
+"""Range of a servo output that is not off (0)."""
 
 _TIMES = {"time_s": 1.0, "timeus": 1e-6}
 _OUTPUT = re.compile(r"c([1-9][0-9]?)")
 _SHAPE = "write time_s,C1,C3 (seconds, then one column for each output in µs)"
 _FUNCTION = re.compile(r"SERVO([0-9]{1,2})_FUNCTION")
 _CHANNEL = re.compile(r"C([0-9]{1,2})")
-_COMMAND_TRIM_US, _COMMAND_SPAN_US = 1500.0, 400.0  # the defaults of driver.replay, which take it back
+_COMMAND_TRIM_US, _COMMAND_SPAN_US = 1500.0, 400.0  # defaults of driver.replay, which reverse the conversion
 _PAIR = (73, 74)  # SERVOn_FUNCTION: left and right throttle
 
 
 @dataclass(frozen=True, slots=True)
 class PulseLog:
-    """Pulse widths of output channels over time.
-
-    source: the file, for people. at_s: rising instants on the recording's clock, (M,). pulses_us: by channel number,
-    (M,) each; 0 is no pulse. armed_s: when the vehicle was armed, None where the recording does not tell.
-    functions: what ArduPilot used each channel for (SERVOn_FUNCTION), empty where the recording does not tell.
-    """
+    """Pulse widths of output channels over time."""
 
     source: str
+    """The file, for messages."""
     at_s: tuple[float, ...]
+    """Rising instants on the recording's clock, (M,)."""
     pulses_us: Mapping[int, tuple[float, ...]]
+    """By channel number, (M,) each; 0 is no pulse."""
     armed_s: float | None = None
+    """Time of arming; None when the recording does not have it."""
     functions: Mapping[int, int] = field(default_factory=dict)
+    """ArduPilot's function of each channel (SERVOn_FUNCTION); empty when the recording has none."""
 
 
 def is_pulse(pulse_us: float) -> bool:
-    """Whether an output can have been so; refuses NaN."""
+    """Whether the value is possible for an output; False for NaN."""
     return pulse_us == NO_PULSE_US or SHORTEST_US <= pulse_us <= LONGEST_US
 
 
 def read_pulse_log(path: Path) -> PulseLog:
-    """The log (`.bin`, `.tlog`, `.mcap`, a bag) or the table at `path`. Raises UserError with what is wrong in it."""
+    """Read the log (`.bin`, `.tlog`, `.mcap`, a bag) or the table at `path`.
+
+    Raises UserError with the problem in it.
+    """
     if path.suffix.lower() == ".bin":
         return read_dataflash(path)
     return read_recording(path) if path.suffix.lower() == ".tlog" or holds_messages(path) else read_csv(path)
 
 
 def holds_messages(path: Path) -> bool:
-    """Whether it is a recording or a bag, by its name; of ROS 2 the folder."""
+    """Whether the path is a recording or a bag, by its name. A ROS 2 bag is a folder."""
     return path.suffix.lower() in (".mcap", ".bag", ".db3") or path.is_dir()
 
 
 def read_csv(path: Path) -> PulseLog:
-    """Read the table; lines that begin with # are comments, columns of other names are passed over.
+    """Read the table. Lines that begin with # are comments, and columns with other names are ignored.
 
     Raises UserError with file, line and column.
     """
@@ -91,7 +94,7 @@ def read_csv(path: Path) -> PulseLog:
 
 
 def _table_rows(lines: Iterator[str]) -> Iterator[tuple[int, list[str]]]:
-    """(line number, cells) of each line that holds any."""
+    """Yield (line number, cells) of each line that is not empty."""
     kept: list[int] = []
 
     def uncommented() -> Iterator[str]:
@@ -157,7 +160,7 @@ def _number(cell: str, column: str, where: str) -> float:
 def read_dataflash(path: Path) -> PulseLog:
     """Read RCOU (channels 1 to 14) from the .bin log of any ArduPilot vehicle or of the embedded autopilot.
 
-    A record that jumps back in time is dropped. Raises UserError when the file is no log or holds no outputs.
+    A record that jumps back in time is dropped. Raises UserError when the file is no log or has no outputs.
     """
     try:
         opened = DataFlashLog(path)
@@ -183,7 +186,7 @@ def read_dataflash(path: Path) -> PulseLog:
 
 
 def read_recording(path: Path) -> PulseLog:
-    """Outputs of telemetry or of an MCAP file, in seconds since the log's own zero. Raises UserError without any."""
+    """Read outputs of telemetry or of an MCAP file, in seconds since the log's zero. Raises UserError without any."""
     try:
         opened = open_log(path)
     except LogError as error:
@@ -218,7 +221,10 @@ def read_recording(path: Path) -> PulseLog:
 
 
 def output_functions(log: Log) -> dict[int, int]:
-    """SERVOn_FUNCTION by channel, as far as the log tells; of a recording of ours with two propellers, those."""
+    """Return SERVOn_FUNCTION by channel if the log has it.
+
+    A recording of xitl with two propellers gets those of a pair.
+    """
     found = {
         int(match[1]): int(value)
         for name, value in parameter_values(log).items()
@@ -230,7 +236,7 @@ def output_functions(log: Log) -> dict[int, int]:
 
 
 def _armed_s(log: Log) -> float | None:
-    """When it was armed first."""
+    """Return the time of the first arming."""
     table = log.tables.get("ARM")
     if table is None or not {"TimeUS", "ArmState"} <= table.columns.keys():
         return None

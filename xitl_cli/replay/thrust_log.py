@@ -1,4 +1,4 @@
-"""Motor commands out of what nodes have asked of thrusters: topics `thrusters/*/cmd` and `pos` of a bag."""
+"""Motor commands from the commands of nodes to thrusters: topics `thrusters/*/cmd` and `pos` of a bag."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from xitl_cli.logs.model.table import Table
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.replay.thruster_topics import motor_commands
 
-_ALSO_CALLED = {"/cmd": "/thrust"}  # by VRX
+_ALSO_CALLED = {"/cmd": "/thrust"}  # in VRX
 
 
 @dataclass(frozen=True, slots=True)
 class ThrustLog:
-    """at_s: rising instants on the recording's clock, (N,). commands: (N, k) in [-1, 1], in the vessel's order; 0 until
-    the first message."""
+    """Motor commands of a bag."""
 
     source: str
     at_s: NDArray[np.float64]
+    """Rising instants on the recording's clock, (N,)."""
     commands: NDArray[np.float64]
+    """(N, k) in [-1, 1], in the vessel's order; 0 until the first message."""
 
 
 def read_thrust_log(path: Path, profile: RunProfile) -> ThrustLog | None:
-    """What the profile's thrusters were asked for; None of a log that has servo outputs, or no such topic.
+    """Return the commands to the profile's thrusters; None for a log with servo outputs, or without such a topic.
 
-    Raises UserError with what is wrong in the file.
+    Raises UserError with the problem in the file.
     """
     try:
         with open_log(path) as log:
@@ -65,7 +66,7 @@ def _read(log: Log, profile: RunProfile) -> ThrustLog | None:
 
 
 def _topic(log: Log, topic: str) -> Table | None:
-    """The one that ends so. Raises UserError where several do."""
+    """Return the topic with this ending. Raises UserError when several have it."""
     before, slash, last = topic.rpartition("/")
     endings = (f"/{topic}", f"/{before}{_ALSO_CALLED.get(slash + last, slash + last)}")
     names = [name for name, table in log.tables.items() if name.endswith(endings) and "data" in table.columns]

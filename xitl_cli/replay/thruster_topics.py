@@ -1,4 +1,4 @@
-"""Topics that command the thrusters of a vessel, live and in bags: names, and motor commands from their numbers."""
+"""Topics that command the thrusters of a vessel, live and in bags: names, and conversion to motor commands."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from xitl_cli.profile.schema import RunProfile
 
 
 def thruster_names(vehicle: VesselSpec) -> tuple[str, ...]:
-    """Of the propellers in their order, as topics and links have them.
+    """Return the names of the propellers in their order, for topics and links.
 
-    Two side by side are `left` and `right`, as VRX has them; others `propeller_0`, `propeller_1`, …
+    Two side by side are `left` and `right`, as in VRX. Others are `propeller_0`, `propeller_1`, …
     """
     propellers = vehicle.propellers
     if len(propellers) == 2 and propellers[0].position_frd_m[1] < 0.0 < propellers[1].position_frd_m[1]:
@@ -22,7 +22,7 @@ def thruster_names(vehicle: VesselSpec) -> tuple[str, ...]:
 
 
 def motor_commands(profile: RunProfile, shares: bool) -> Iterator[tuple[str, Callable[[float], float]]]:
-    """The topic of each motor command in its order, and what makes a command in [-1, 1] of a message's number.
+    """Yield the topic of each motor command in order, with a function from a message's number to a command in [-1, 1].
 
     Thrust at rest grows with the square of the speed, which the command sets: T = T_0 n |n| (sim_core's propulsion).
     shares: the numbers of propellers are commands already.
@@ -48,7 +48,7 @@ def _share_of(most_rad: float, angle_rad: float) -> float:
 
 
 def command_of_thrust(newton: float, ahead_n: float, astern_n: float) -> float:
-    """The motor command that gives a thrust at rest, cut at full speed."""
+    """Return the motor command for a thrust at rest in N, limited to full speed."""
     full_n = ahead_n if newton >= 0.0 else astern_n
     return math.copysign(math.sqrt(min(abs(newton) / full_n, 1.0)), newton) if full_n > 0.0 else 0.0
 

@@ -1,16 +1,16 @@
-"""One run of a profile: a plant, nodes, a loop.
+"""One run of a profile: a plant, nodes and a loop.
 
-session.py  from profile to summary: make the nodes, reach them, loop, close everything whatever happens
-compose.py  every kind of node, made from the profile; the order of the list is the order of the calls
-loop.py     wait for the instant, step the world, let every node sense, exchange and record
-summary.py  summary.json, merged from what the nodes report; run_graph.py, view.py
-core/       what all of it stands on: the node interface, reports, time, statistics, seeds, faults, the directory
-world/      what is simulated: plant, scenery, waterway, encounters, scene
-sensors/    what is measured: instruments, their messages, their faults
-links/      agents: connection, inbox, accounts, timing, peers, loopbacks
-nodes/      what takes part: autopilot, bridge, standby, companion, direct control, drivers, river, scores, recorders
+  session.py  from profile to summary: create the nodes, connect to them, run the loop, and always close everything
+  compose.py  creates every kind of node from the profile; the order of the list is the order of the calls
+  loop.py     wait for the instant, step the world, let every node sense, exchange and record
+  summary.py  summary.json, merged from the reports of the nodes; run_graph.py, view.py
+  core/       the base: the node interface, reports, time, statistics, seeds, faults, the run directory
+  world/      the simulated world: plant, scenery, waterway, encounters, scene
+  sensors/    the sensors: instruments, their messages, their faults
+  links/      agents: connection, inbox, accounts, timing, peers, loopbacks
+  nodes/      participants: autopilot, bridge, standby, companion, direct control, drivers, river, scores, recorders
 
-An IMU sample goes world/plant.py -> sensors/sensing.py -> nodes/autopilot.py -> links/connection.py, and the motor
-commands come back by links/inbox.py -> nodes/autopilot.py -> loop.py -> world/plant.py. A second vessel is another
+An IMU sample goes through world/plant.py, sensors/sensing.py, nodes/autopilot.py and links/connection.py. The motor
+commands return through links/inbox.py, nodes/autopilot.py, loop.py and world/plant.py. Each further vessel has its own
 VesselNodes (core/node.py) in the session's list, with a name for its topics and its part of the summary.
 """

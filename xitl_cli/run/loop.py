@@ -19,22 +19,24 @@ from xitl_cli.run.links.connection import wait_for_any
 from xitl_cli.run.world.plant import Plant
 
 Group = tuple[int, list[Callable[[RunStep], object]]]
-"""Calls that get the same step: n that of vessel n, counted from 1, and 0 that of the first, for the world's nodes."""
+"""Calls that get the same step. Number n is vessel n, counted from 1. Number 0 is the world's nodes, with the first
+vessel's step.
+"""
 
 
 class Loop:
     """Steps `plant` and calls the nodes of the world and of each vessel.
 
-    That goes on until every vessel that is awaited has finished, time is up or `interrupted` says so. While a
-    controlling node waits for somebody, its vessel's state is frozen; the duration counts that time too. completed:
-    the controlling nodes of the vessels that are awaited did all they were there for.
+    The loop ends when every awaited vessel has finished, when the time is up or when `interrupted` returns True. A
+    vessel's state is frozen while its controlling node waits; the duration includes that time. completed: the
+    controlling nodes of the awaited vessels did their task.
 
-    With `on_loss` other than `end`, a vessel of a fleet whose node raises UserError is lost: its nodes only record from
-    then on. losses: why, by vessel. The run ends with that error when no vessel that is awaited is left.
+    When a node of a fleet's vessel raises UserError and `on_loss` is not `end`, that vessel is lost. From then on its
+    nodes only record. losses: the reasons, by vessel. The run ends with that error when no awaited vessel is left.
 
-    In an exchange the nodes of all vessels up to the controlling ones are called first, then the controlling ones: in
-    lockstep all agents have their tick before the first answer is waited for. A fleet records in between: that is work
-    for the host while agents elsewhere do theirs, and what is recorded then hangs on no answer.
+    An exchange first calls the nodes ahead of the controlling nodes for all vessels, then the controlling nodes. In
+    lockstep, all agents therefore have their tick before the loop waits for the first answer. A fleet records in
+    between: the host works while agents elsewhere do, and the recorded values depend on no answer.
     """
 
     def __init__(
@@ -98,7 +100,7 @@ class Loop:
         return Ending.DURATION
 
     def _steps(self, number: int) -> list[RunStep]:
-        """The world as each vessel meets it, by the numbers of groups."""
+        """Return the step of each vessel, indexed by group number."""
         plant = self._plant
         now_ns = plant.state.time_ns
         if self._alone:
@@ -108,7 +110,7 @@ class Loop:
         return [steps[0], *steps]
 
     def _call(self, groups: list[Group], steps: list[RunStep], of_lost: bool = False) -> None:
-        """Raises UserError that names the vessel whose node could not go on.
+        """Call the groups. When a node fails, raises UserError with the name of its vessel.
 
         of_lost: call the nodes of lost vessels too.
         """
@@ -123,10 +125,10 @@ class Loop:
                 self._lose(self._names[number], error)
 
     def _lose(self, name: str, error: UserError) -> None:
-        """Leave the vessel to itself from now on. Raises the error where that ends the run."""
+        """Mark the vessel as lost. Raises the error when it ends the run."""
         if not name or self._on_loss == "end" or isinstance(error, RecordingError):
             raise named(name, error) from error
-        if name in self.losses:  # its recording
+        if name in self.losses:  # an error of its recording
             return
         self.losses[name] = str(error)
         what = "drifts with its motors stopped" if self._on_loss == "drift" else "goes on with its last motor commands"
@@ -142,7 +144,7 @@ class Loop:
         return self._grouped(method, [world.ahead], [vessel.nodes for vessel in self._vessels], [world.behind])
 
     def _exchange_groups(self) -> tuple[list[Group], list[Group]]:
-        """What comes before the controlling nodes, and from them on."""
+        """Return the calls before the controlling nodes, and the calls from the controlling nodes on."""
         world, vessels = self._world, self._vessels
         ahead, behind = [vessel.ahead for vessel in vessels], [vessel.behind for vessel in vessels]
         return self._grouped("exchange", [world.ahead], ahead, []), self._grouped(
@@ -156,7 +158,7 @@ class Loop:
         vessels: Sequence[Sequence[RunNode]],
         last: Sequence[Sequence[RunNode]],
     ) -> list[Group]:
-        """first, last: lists of nodes of the world. vessels: one of each vessel."""
+        """Group the calls of `method`. first, last: lists of nodes of the world. vessels: the nodes of each vessel."""
         if self._alone:
             return [(0, overriding([node for nodes in (*first, *vessels, *last) for node in nodes], method))]
         numbered = [*((0, nodes) for nodes in first), *enumerate(vessels, start=1), *((0, nodes) for nodes in last)]
@@ -174,7 +176,7 @@ class Loop:
             self._recorder.log(self._plant.state.time_ns, WARNING, "run", _slipped(pace.report()))
 
     def _receive(self, seconds: float) -> None:
-        """Take in what comes from anywhere; waits for it at most so long."""
+        """Process all input; wait for it for at most this time."""
         links = [link for links in self._calls("links") for link in links()]
         if not links:
             time.sleep(seconds)
@@ -201,7 +203,7 @@ class Loop:
 
 
 def named(vessel: str, error: UserError) -> UserError:
-    """The error of one of several vessels, which then says whose it is; one of the recording is nobody's."""
+    """Prefix the error with the name of its vessel. An error of the recording belongs to no vessel."""
     return UserError(f"{vessel}: {error}") if vessel and not isinstance(error, RecordingError) else error
 
 

@@ -1,4 +1,4 @@
-"""The measured graph of a run beside the one its profile claims: written into summary.json, and read from there."""
+"""The measured graph of a run and the graph that its profile claims: written to and read from summary.json."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRun:
-    """The WDRI of a run as it was, the one its profile claims, and the links and nodes in which they differ."""
+    """The measured and the claimed WDRI of a run, and the links and nodes in which they differ."""
 
     wdri: Wdri
     claimed_wdri: float
@@ -34,7 +34,7 @@ class MeasuredRun:
     overclaimed: tuple[str, ...]
 
     def as_json(self) -> dict[str, object]:
-        """As Wdri, with the rest beside it."""
+        """Return the keys of Wdri and the differences."""
         return {
             **self.wdri.as_json(),
             "claimed_wdri": self.claimed_wdri,
@@ -53,9 +53,9 @@ def graph_section(
     traffic: Traffic,
     autopilot: AutopilotReport | None = None,
 ) -> dict[str, Any]:
-    """`graph` of summary.json: claimed, measured, and where they differ. docs/recording.md explains the keys.
+    """Return `graph` of summary.json: claimed, measured, and their differences. docs/recording.md explains the keys.
 
-    `autopilot`: the one of another make, to which the agent was a bridge.
+    `autopilot`: report of the real autopilot behind the agent when the agent is a bridge.
     """
     claimed = profile_wdri(profile)
     agents = list(_agents(links, nodes, traffic))
@@ -87,13 +87,13 @@ def graph_section(
 
 
 def _overclaimed(claimed: Graph, measured: Graph) -> tuple[str, ...]:
-    """Nodes that are real in the one graph and virtual in the other."""
+    """Return the nodes that are real in `claimed` and virtual in `measured`."""
     real = {vertex.name for vertex in claimed.vertices if vertex.kind == "real"}
     return tuple(vertex.name for vertex in measured.vertices if vertex.kind == "virtual" and vertex.name in real)
 
 
 def _measured_wdri(graph: Graph, profile: RunProfile) -> Wdri | None:
-    """None where nothing was there to be measured: a run that failed before it began."""
+    """Return the measured WDRI, or None when nothing was measured because the run failed before it began."""
     present = graph.present()
     if present == 0:
         return None
@@ -120,7 +120,10 @@ def _agents(links: Sequence[LinkReport], nodes: Sequence[NodeReport], traffic: T
 
 
 def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentTraffic) -> AgentTraffic:
-    """The autopilot behind a bridge: there when it was heard, reached by what the bridge could hand on to it."""
+    """Return the autopilot behind a bridge.
+
+    It is present when a heartbeat arrived, and it gets the frames that the bridge could pass on.
+    """
     if autopilot.milestones.heartbeat_s is None:
         return replace(bridge, nodes="", to_agent={}, from_agent={}, estimates=0, efforts=0)
     counts = autopilot.bridge
@@ -129,7 +132,7 @@ def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentTraffi
     if not any(counts.get(way) for way in ways_in):
         to_agent = {number: count for number, count in to_agent.items() if number not in SENSORS}
     if not bridge.efforts:
-        from_agent.pop(ACTUATORS, None)  # neutral ones of the bridge's own
+        from_agent.pop(ACTUATORS, None)  # neutral commands from the bridge itself
     seen = replace(bridge, to_agent=to_agent, from_agent=from_agent)
     device = urlsplit(profile.autopilot.bridge.mavlink)
     if device.scheme == "serial" and not _is_made_here(device.path):
@@ -138,12 +141,15 @@ def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentTraffi
 
 
 def _is_made_here(device: str) -> bool:
-    """Whether it is a pseudo terminal, whose other end is a program of the same machine."""
+    """Whether the device is a pseudo terminal, which a program on the same machine serves."""
     return Path(device).resolve().is_relative_to("/dev/pts")
 
 
 def _inside_host(profile: RunProfile, duration_s: float, moored_s: float) -> Iterator[Pair]:
-    """The truth goes to the recording. Without an autopilot so do the commands of who steers, and to the vessel."""
+    """Yield the links inside the host.
+
+    The truth goes to the recording. Without an autopilot, so do the driver's commands, which also go to the vessel.
+    """
     if duration_s <= 0:
         return
     yield "PS1", "M"
@@ -152,11 +158,11 @@ def _inside_host(profile: RunProfile, duration_s: float, moored_s: float) -> Ite
             yield "D", "PS1"
             yield "D", "M"
     elif profile.driver.kind == "ground-station" and moored_s < duration_s:
-        yield "D", "LC"  # it let the vessel go by arming it, past this machine's link
+        yield "D", "LC"  # the station released the vessel by arming it, over a link that this machine does not see
 
 
 def is_run(name: str) -> bool:
-    """Whether `name` is a directory that a run left behind, and not the name of a shipped profile."""
+    """Whether `name` is the directory of a run and not the name of a shipped profile."""
     try:
         return (Path(name) / SUMMARY).is_file() and name not in shipped_profiles()
     except (OSError, ValueError):
@@ -164,16 +170,18 @@ def is_run(name: str) -> bool:
 
 
 def vessels_of_run(folder: Path) -> tuple[str, ...]:
-    """Names of the vessels of a fleet's run; none where there was one alone. Raises UserError for no summary."""
+    """Return the vessel names of a fleet's run; empty for a single vessel. Raises UserError without a summary."""
     return tuple(_summary(folder / SUMMARY).get("vessels", {}))
 
 
 def measured_run(
     folder: Path, reference: str | None = None, vertices: VertexCount | None = None, vessel: str | None = None
 ) -> MeasuredRun:
-    """The measured graph in `folder`; `reference` and `vertices` as in `profile_wdri`, by default those of its profile.
+    """Return the measured graph in `folder`.
 
-    vessel: the one of a fleet's run. Raises UserError when the folder holds no measured graph.
+    `reference` and `vertices` are as in `profile_wdri`; default: those of its profile.
+
+    vessel: name of a vessel in a fleet's run. Raises UserError when the folder holds no measured graph.
     """
     section = _section(folder / SUMMARY, vessel)
     try:

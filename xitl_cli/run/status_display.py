@@ -1,4 +1,4 @@
-"""What a person sees while a run goes on: a live panel in a terminal, plain lines elsewhere."""
+"""Status of a run for the user: a live panel in a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from xitl_cli.run.world.plant import PlantView
 
 LIVE_INTERVAL_S = 0.2
 PLAIN_INTERVAL_S = 5.0
-BESIDE_WIDTH = 64  # two facts beside each other need so many columns
+BESIDE_WIDTH = 64  # columns that two facts in one row need
 
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
-    """How a vessel of a run is doing now. vessel: its name where there are several."""
+    """Current status of a vessel of a run."""
 
     sim_s: float
     duration_s: float
@@ -54,12 +54,13 @@ class RunStatus:
     waits_for: str = ""
     faults: tuple[str, ...] = field(default=())
     vessel: str = ""
+    """Name of the vessel in a fleet."""
 
 
 class StatusDisplay(Protocol):
-    """Shown now and then, one status a vessel; `due` is asked on every exchange and must be cheap.
+    """Shows one status for each vessel at intervals. `due` is called on every exchange and must be cheap.
 
-    What is warned of stays to be read.
+    Warnings stay visible.
     """
 
     def due(self) -> bool: ...
@@ -85,7 +86,7 @@ class NoDisplay:
 
 
 class PlainDisplay:
-    """One line now and then, for logs and pipes."""
+    """One line at intervals, for logs and pipes."""
 
     def __init__(self, console: Console, now_s: Callable[[], float] = time.monotonic) -> None:
         self._console = console
@@ -186,7 +187,10 @@ class LiveDisplay:
         return Panel(content, title=Text(self._title), title_align="left", border_style="cyan")
 
     def _fleet_panel(self, statuses: Sequence[RunStatus], now_s: float) -> RenderableType:
-        """A row a vessel, as many as there is room for: those that need a look first."""
+        """Return a table with one row for each vessel.
+
+        When space is short, it shows the vessels that need attention.
+        """
         sim_s = statuses[0].sim_s
         factor = 0.0
         if self._last is not None and now_s > self._last[0]:
@@ -206,12 +210,12 @@ class LiveDisplay:
 
 
 FLEET_FRAME = 8
-"""Lines of a fleet's panel beside its rows."""
+"""Lines of a fleet's panel that are not rows of vessels."""
 FLEET_HEADS = ("vessel", "mode", "waypoints", "cross-track", "speed", "estimate off")
 
 
 def fleet_cells(status: RunStatus) -> tuple[str, ...]:
-    """A row of a fleet's table."""
+    """Return a row of a fleet's table."""
     return (
         status.vessel,
         f"waits for {status.waits_for}" if status.waits_for else _mode(status),
@@ -223,7 +227,7 @@ def fleet_cells(status: RunStatus) -> tuple[str, ...]:
 
 
 def fleet_line(statuses: Sequence[RunStatus]) -> str:
-    """A fleet in a line: how many are in which mode, how far they are, and the one that is farthest off its track."""
+    """Summarize a fleet in one line: vessels per mode, waypoints, and the vessel with the largest cross-track error."""
     modes = Counter(f"waits for {one.waits_for}" if one.waits_for else _mode(one) for one in statuses)
     reached, total = (sum(getattr(one, f"waypoints_{key}") for one in statuses) for key in ("reached", "total"))
     off = [one for one in statuses if one.cross_track_m is not None]
@@ -237,7 +241,10 @@ def fleet_line(statuses: Sequence[RunStatus]) -> str:
 
 
 def worst_first(statuses: Sequence[RunStatus], count: int) -> list[RunStatus]:
-    """All in their order where they are no more than `count`, else so many: the worst off their track first."""
+    """Return all in their order if they are at most `count`.
+
+    Otherwise, return the `count` with the largest cross-track errors, the largest first.
+    """
     if len(statuses) <= count:
         return list(statuses)
     return sorted(statuses, key=lambda one: -abs(one.cross_track_m or 0.0))[:count]
@@ -255,7 +262,7 @@ def _progress(reached: int, total: int, sim_s: float, factor: float) -> Table:
 
 
 def make_display(console: Console, title: str, quiet: bool) -> StatusDisplay:
-    """The display that suits where the output goes."""
+    """Return the display that suits the output."""
     if quiet:
         return NoDisplay()
     return LiveDisplay(console, title) if console.is_terminal else PlainDisplay(console)
@@ -274,9 +281,9 @@ def _metres(value: float | None) -> str:
 
 
 class StatusSource:
-    """How the vessel that `control` moves is doing.
+    """Status of the vessel that `control` moves.
 
-    agents: whose counts are told. faults: names of those in force.
+    agents: connections with the counts to show. faults: returns the names of the active faults.
     """
 
     def __init__(
@@ -329,9 +336,9 @@ class StatusSource:
 
 
 class DisplayNode(RunNode):
-    """Shows, when that is due, how vessels are doing: of each what its source says. At the start warnings.
+    """Shows the status of the vessels from their sources at intervals, and warnings at the start.
 
-    showing: its part of an exchange, the last of all.
+    showing: the node's part of an exchange, the last of all.
     """
 
     def __init__(
@@ -367,7 +374,7 @@ class DisplayNode(RunNode):
             self._on_display(partial(display.show, replace(first, missed=first.missed + late), *others))
 
     def _on_display(self, act: Callable[[], object]) -> None:
-        """A terminal that hung up, or a reader that left, ends what is shown and not the run."""
+        """Call `act`. A closed terminal or pipe ends the display, not the run."""
         try:
             act()
         except OSError:

@@ -1,4 +1,4 @@
-"""summary.json: what a run was, how it ended, and what its nodes report."""
+"""summary.json: the profile of a run, its end, and the reports of its nodes."""
 
 from __future__ import annotations
 
@@ -20,23 +20,21 @@ Sections = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class VesselOutcome:
-    """How it went for one vessel. awaited: the run lasted until it had finished. held_s: how long it was held.
-
-    completed: its controlling node did all it was for. lost: why it was lost in the run of a fleet that went on.
-    """
+    """Outcome of a run for one vessel."""
 
     awaited: bool
+    """The run lasted until this vessel had finished."""
     completed: bool
+    """The vessel's controlling node did its task."""
     held_s: float
+    """Time for which the vessel was held."""
     lost: str | None = None
+    """Reason why the vessel was lost in a fleet's run that continued; None if it was not lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """How a run ended. completed: the controlling nodes that are awaited did all they were for.
-
-    timed: its duration was asked for, so that reaching it is what was wanted. vessels: in their order.
-    """
+    """Outcome of a run."""
 
     ending: Ending
     error: str | None
@@ -45,19 +43,22 @@ class RunOutcome:
     duration_s: float
     wall_s: float
     completed: bool
+    """The controlling nodes of the awaited vessels did their task."""
     vessels: tuple[VesselOutcome, ...]
+    """The vessels in their order."""
     timed: bool = False
+    """The user gave the duration, so a run that reaches it has done what was asked."""
 
     @property
     def held_s(self) -> float:
-        """Of the vessel that was held the longest."""
+        """Longest time for which a vessel was held."""
         return max(vessel.held_s for vessel in self.vessels)
 
 
 def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
-    """One report of many: lists are joined in their order, dicts laid over each other, anything else is replaced.
+    """Merge many reports: lists are joined in order, dicts are merged, and other values are replaced.
 
-    What no node reports is as in a run without such a node.
+    Keys that no node reports keep their defaults.
     """
     sections: Sections = {
         "mission": None,
@@ -99,7 +100,10 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
 
 
 def summary_of(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> dict[str, Any]:
-    """The content of summary.json; docs/recording.md explains the keys. sections: what the nodes report, merged."""
+    """Return the content of summary.json; docs/recording.md explains the keys.
+
+    sections: the merged reports of the nodes.
+    """
     vessel = outcome.vessels[0]
     verdict = _verdict(profile, outcome, vessel, sections)
     sections = sections | {"warnings": [*sections["warnings"], *verdict.warnings]}
@@ -111,16 +115,16 @@ def summary_of(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> 
 
 
 ONCE = ("pace", "debris", "operator")
-"""Sections that a fleet has at the top alone; those of `OF_THE_RUN` it has there too, of the host and the world."""
+"""Sections that a fleet has at the top only. The top also holds the host's and the world's part of `OF_THE_RUN`."""
 OF_THE_RUN = ("tasks", "clocks", "warnings", *ONCE)
 
 
 def fleet_summary(
     profiles: Sequence[RunProfile], outcome: RunOutcome, world: Sections, vessels: Sequence[Sections]
 ) -> dict[str, Any]:
-    """The same of a fleet: what is the run's at the top, what is a vessel's in `vessels` by its name.
+    """Return the summary of a fleet: the run's keys at the top, and those of each vessel in `vessels`, by name.
 
-    world: what the host and the nodes of the world report, vessels: those of each vessel, merged.
+    world: merged reports of the host and the nodes of the world. vessels: merged reports of each vessel.
     """
     parts, verdicts = {}, {}
     for profile, own, sections in zip(profiles, outcome.vessels, vessels, strict=True):
@@ -176,7 +180,7 @@ def _driver(profile: RunProfile, vessel: VesselOutcome) -> dict[str, Any]:
 
 
 def _verdict(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sections: Sections) -> Verdict:
-    """On one vessel's part, with what the host reports among its sections."""
+    """Return the verdict on one vessel's part. The sections include the host's reports."""
     frozen = 0.0 < outcome.duration_s <= vessel.held_s
     ending = Ending.FINISHED if profile.vessel and vessel.completed else outcome.ending
     error = None if ending is Ending.FINISHED else outcome.error
@@ -197,14 +201,17 @@ def _verdict(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, se
 
 
 def _controller_failures(sections: Sections) -> int:
-    """Steps at which the user's controller gave no answer. Such a run has failed, however long it was to last."""
+    """Count the steps at which the user's controller gave no answer. Such a run has failed, whatever its duration."""
     return sum(node.controller_failures for node in sections["nodes"])
 
 
 def _fleet_verdict(outcome: RunOutcome, verdicts: Mapping[str, Verdict], failed: Sequence[str]) -> Verdict:
-    """On the run: completed when all that are awaited are, in real time when all were; figures are the worst ones.
+    """Return the verdict on the run.
 
-    failed: names of the vessels whose controller failed.
+    It is completed when all awaited vessels are, and in real time when all vessels were. The figures are the worst of
+    the vessels.
+
+    failed: names of the vessels with a failed controller.
     """
     awaited = [name for name, vessel in zip(verdicts, outcome.vessels, strict=True) if vessel.awaited]
     done = [name for name in awaited if verdicts[name].completed]
@@ -221,7 +228,7 @@ def _fleet_verdict(outcome: RunOutcome, verdicts: Mapping[str, Verdict], failed:
 
 
 def _vessel(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sections: Sections) -> dict[str, Any]:
-    """The sections of one vessel, with what is computed of several together."""
+    """Return the sections of one vessel, including those computed from several others."""
     written: dict[str, Any] = {}
     for key, value in sections.items():
         if key == "graph":
@@ -242,7 +249,7 @@ def _vessel(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sec
 
 
 def _written(value: Any) -> Any:
-    """As plain JSON."""
+    """Convert a value to plain JSON."""
     if isinstance(value, list):
         return [_written(one) for one in value]
     if isinstance(value, TaskTiming):

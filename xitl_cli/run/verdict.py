@@ -1,4 +1,4 @@
-"""The verdict on a run: whether it did what it was for, and whether one in real time kept real time."""
+"""The verdict on a run: whether it did its task, and whether a real-time run kept real time."""
 
 from __future__ import annotations
 
@@ -23,26 +23,28 @@ HOST, COMPANION = "PS1", "HC"
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """completed: the driver did all it was there for; why: in words. real_time: whether it was kept, None in lockstep.
-
-    duration_asked: the run was to last so long, and did. shortfalls: what kept it from being a run in real time.
-    figures: what that rests on, None in lockstep.
-    """
+    """Verdict on a run."""
 
     completed: bool
+    """The driver did its task."""
     why: str
+    """The reason, in words."""
     duration_asked: bool = False
+    """The user gave the duration, and the run reached it."""
     real_time: bool | None = None
+    """Whether the run kept real time; None in lockstep."""
     shortfalls: tuple[str, ...] = ()
+    """Reasons why the run did not keep real time."""
     figures: RealTimeFigures | None = None
+    """Measured figures behind `real_time`; None in lockstep."""
 
     @property
     def warnings(self) -> list[str]:
-        """For `warnings` of summary.json."""
+        """Texts for `warnings` of summary.json."""
         return [not_real_time(self.shortfalls)] if self.shortfalls else []
 
     def section(self) -> dict[str, Any]:
-        """`verdict` of summary.json; docs/recording.md explains the keys."""
+        """Return `verdict` of summary.json; docs/recording.md explains the keys."""
         figures = self.figures
         section: dict[str, Any] = {
             "completed": self.completed,
@@ -73,13 +75,13 @@ def measured_figures(
     clocks: Sequence[ClockReport],
     faults: Sequence[FaultReport],
 ) -> RealTimeFigures:
-    """What a run in real time is judged by.
+    """Return the figures that decide whether a run kept real time.
 
-    A fault that loads an agent or moves its clock makes it late on purpose: its cycles and its clock are not judged
-    then, the host's always.
+    A fault that loads an agent or moves its clock makes the agent late on purpose. The agent's cycles and clock are
+    then not judged. The host's always are.
     """
     spared = any("agent" in fault.kind.split(", ") and fault.from_s is not None for fault in faults)
-    # A companion skips clouds when it is busy, which is its own count.
+    # A companion skips clouds when it is busy. It has a separate count for them.
     agents = [task for task in tasks if task.node not in (HOST, COMPANION)]
     return RealTimeFigures(
         length_s=length_s,
@@ -93,7 +95,7 @@ def measured_figures(
 
 
 def worst_figures(vessels: Sequence[tuple[str, RealTimeFigures]]) -> RealTimeFigures:
-    """Of a fleet: those of the vessels by name, where they have figures of their own the worst of them."""
+    """Return the figures of a fleet: the worst of the vessels for figures per vessel. vessels: name and figures."""
     _, first = vessels[0]
     controls = [replace(one.control, name=f"{name}: {one.control.name}") for name, one in vessels if one.control]
     links = [replace(one.link, name=f"{name}: {one.link.name}") for name, one in vessels if one.link]
@@ -109,9 +111,9 @@ def worst_figures(vessels: Sequence[tuple[str, RealTimeFigures]]) -> RealTimeFig
 def why_text(
     ending: Ending, error: str | None, driver: str, completed: bool, mission: Any, frozen: bool, stop: str = ""
 ) -> str:
-    """How far a run came and why no further.
+    """Return how far a run got and why it ended.
 
-    mission: of summary.json. frozen: the vessel was never let go. stop: of `stop_text`.
+    mission: `mission` of summary.json. frozen: the vessel was never released. stop: the text of `stop_text`.
     """
     total = mission["waypoints_total"] if mission else 0
     if driver in ("script", "replay"):
@@ -135,13 +137,15 @@ def why_text(
 
 
 SAILS_MISSIONS = ("mission", "ground-station")
-"""Drivers whose vessel is to stay in AUTO. The others order modes themselves: there only a failsafe stops a vessel."""
+"""Drivers that keep the vessel in AUTO. The other drivers change modes themselves, so only a failsafe stops their
+vessel.
+"""
 
 
 def stop_text(events: Sequence[AutopilotEvent], driver: str) -> str:
-    """The mode change, failsafe or fence that stopped the vessel, from the events in their order; empty without one.
+    """Return the mode change, failsafe or fence that stopped the vessel, or an empty text. events: in their order.
 
-    A vessel that is in its former mode again at the end was not stopped by the change.
+    A vessel that is back in its former mode at the end was not stopped by the change.
     """
     stop: AutopilotEvent | None = None
     condition: AutopilotEvent | None = None
@@ -179,7 +183,7 @@ def _is_undone(stop: AutopilotEvent, event: AutopilotEvent) -> bool:
 
 
 def judge(ending: Ending, completed: bool, timed: bool, why: str, figures: RealTimeFigures | None) -> Verdict:
-    """timed: the duration was asked for. figures: of a run in real time."""
+    """Return the verdict. timed: the user gave the duration. figures: for a real-time run."""
     done = completed and ending not in (Ending.INTERRUPTED, Ending.FAILED)
     asked = timed and ending is Ending.DURATION
     if figures is None:

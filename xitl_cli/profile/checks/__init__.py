@@ -1,4 +1,4 @@
-"""Checks across the groups of a profile that are right in themselves. Each finding is a key path and a sentence."""
+"""Checks across groups of a profile that are valid by themselves. Each finding is a key path and a sentence."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from xitl_cli.profile.schema import Profile
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Everything in `profile`, of one vessel, that does not go together."""
+    """Yield everything in `profile`, of one vessel, that does not fit together."""
     yield from check_vessel(profile)
     yield from fleet.check_alone(profile)
     yield from operation.check_technique(profile, [profile])
 
 
 def check_vessel(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """The same without what several vessels may share out among themselves."""
+    """Yield the findings on one vessel, without keys that several vessels may distribute among themselves."""
     for part in (sensors, world, operation, agents, link, faults, graph):
         yield from part.check(profile)
 
 
 def check_fleet(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Everything in its vessels together, each of which is right in itself."""
+    """Yield the findings on all vessels together, each of which is valid by itself."""
     yield from operation.check_technique(profile, list(profile.sailed.values()))
     yield from fleet.check(profile)

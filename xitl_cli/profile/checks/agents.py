@@ -1,4 +1,4 @@
-"""Autopilot, bridge and companion: addresses, files, parameters, and how sensors and outputs of a bridge go."""
+"""Checks of autopilot, bridge and companion: addresses, files, parameters, and sensors and outputs of a bridge."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ _EMBEDDED_ONLY = {
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """What of autopilot, standby, bridge and companion does not go together, is not there, or is no address."""
+    """Yield keys of autopilot, standby, bridge and companion that are missing, invalid or do not fit together."""
     yield from _autopilot(profile)
     yield from _bridge(profile)
     yield from _companion(profile)
 
 
 def _autopilot(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Addresses that are none, files that are not there, parameters that the autopilot does not have."""
+    """Yield invalid addresses, missing files, and parameters that the autopilot does not have."""
     if profile.autopilot is None:
         return
     yield from _ground_stations(profile.autopilot)
@@ -87,7 +87,7 @@ def _autopilot(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _mission_items(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Items that the embedded autopilot refuses."""
+    """Yield items that the embedded autopilot refuses."""
     if profile.mission is None:
         return
     for number, item in enumerate(profile.mission.items):
@@ -187,7 +187,7 @@ def _standby(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPa
 
 
 def _bridge(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """What does not go together in the keys of another autopilot, or is of one where there is none."""
+    """Yield keys of another autopilot that do not fit together, or that exist without such an autopilot."""
     autopilot = profile.autopilot
     if autopilot is None:
         return
@@ -347,7 +347,7 @@ def _started_px4(profile: Profile, autopilot: AutopilotSpec, key: str) -> Iterat
 
 
 def _port_of(url: str | None) -> int:
-    """0 where it has none: what is wrong with a URL is said elsewhere."""
+    """Return the port, or 0 without one. Other checks report an invalid URL."""
     try:
         return urlsplit(url or "").port or 0
     except ValueError:
@@ -424,7 +424,7 @@ def _moored(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPat
 
 
 def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """A link that is missing, is none, is too slow or another's; settings that do not exist; nobody to serve."""
+    """Yield a missing, invalid, too slow or shared link, unknown settings, and a companion without an autopilot."""
     companion = profile.companion
     if companion is None:
         return
@@ -487,7 +487,7 @@ def _companion_link(profile: Profile, companion: CompanionSpec) -> Iterator[tupl
 
 
 def _url_problems(urls: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """(index, sentence) of each URL that is none, or that is there twice."""
+    """Yield (index, sentence) of each invalid or duplicate URL."""
     seen: dict[tuple[str, ...], int] = {}
     for number, url in enumerate(urls):
         key = f"autopilot.ground_stations.{number} = {shown(url)}"
@@ -498,7 +498,7 @@ def _url_problems(urls: Sequence[str]) -> Iterator[tuple[int, str]]:
         if not 0 < int(match[3]) < 65536:
             yield number, f"{key} has no such port; use a port from 1 to 65535"
             continue
-        # Two listeners on one TCP port clash whatever their addresses are.
+        # Two listeners on one TCP port conflict, whatever their addresses.
         same = ("tcp", match[3]) if match[1] == "tcp" else (match[1], match[2].lower(), str(int(match[3])))
         if same in seen:
             yield number, f"{key} is there twice, first as number {seen[same]}; drop one"

@@ -1,4 +1,4 @@
-"""Injected faults: each can happen in the run that it is meant for."""
+"""Checks of injected faults: each must be possible in its run."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _WHERE = ("which", "direction", "drift_bearing_deg")
 _PHYSICAL = (PropellerFault, RudderFault, BatteryFault)
 Group = LinkFault | AgentFault | SensorFault | PropellerFault | RudderFault | BatteryFault
 OWN_SIMULATION = ("gnss", "magnetometer", "barometer")
-"""Sensors that ArduPilot simulates by itself where its bridge gives it a world alone."""
+"""Sensors that ArduPilot simulates by itself when its bridge gives it only a world."""
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Faults that do nothing, that end before they begin, or that need what the run does not have."""
+    """Yield faults that do nothing, end before they begin, or need parts that the run lacks."""
     for name, fault in (profile.faults or {}).items():
         path: KeyPath = ("faults", name)
         yield from _times(path, fault)
@@ -85,7 +85,7 @@ def _group(profile: Profile, path: KeyPath, fault: FaultSpec, value: Group) -> I
 
 
 def _recorded(profile: Profile, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:
-    """Samples of a recording are those of another vessel, which has no such fault."""
+    """Yield a sensor fault with recorded samples: they come from another vessel, which has no such fault."""
     if profile.sensors is not None and profile.sensors.recorded is not None:
         yield (
             path,
@@ -97,7 +97,7 @@ def _recorded(profile: Profile, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:
 def _vessel(
     profile: Profile, path: KeyPath, value: PropellerFault | RudderFault | BatteryFault
 ) -> Iterator[tuple[KeyPath, str]]:
-    """Actuators that the vessel does not have, angles that they cannot reach, a battery that it does not give."""
+    """Yield unknown actuators, angles out of their range, and a battery fault without a battery."""
     model = profile.vehicle
     if model is None:
         return
@@ -148,7 +148,7 @@ def _rudder(model: VesselSpec, path: KeyPath, value: RudderFault) -> Iterator[tu
 
 
 def _own_simulation(profile: Profile, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:
-    """With a world alone ArduPilot takes the motion and our IMU, and makes the other sensors itself."""
+    """Yield a fault of a sensor that ArduPilot simulates: with a world alone it gets only the motion and our IMU."""
     autopilot, sensor = profile.autopilot, path[-1]
     if autopilot is None or autopilot.kind == "embedded" or sensor not in OWN_SIMULATION:
         return
@@ -161,7 +161,7 @@ def _own_simulation(profile: Profile, path: KeyPath) -> Iterator[tuple[KeyPath, 
 
 
 def _shortest(profile: Profile, path: KeyPath, fault: FaultSpec) -> Iterator[tuple[KeyPath, str]]:
-    """Faults but those of sensors are put in force at exchanges: between two of them they would do nothing."""
+    """Yield a fault that ends between two exchanges. Only sensor faults act between exchanges."""
     period_s = 1.0 / (profile.clock or ClockSpec()).exchange_rate_hz
     if fault.until_s is not None and 0.0 < fault.until_s - fault.from_s < period_s:
         name = dotted(path[:-1])
@@ -175,7 +175,7 @@ def _shortest(profile: Profile, path: KeyPath, fault: FaultSpec) -> Iterator[tup
 def _mode(
     profile: Profile, path: KeyPath, value: LinkFault | AgentFault, set_keys: list[str]
 ) -> Iterator[tuple[KeyPath, str]]:
-    """In lockstep time stands still while agent and messages are under way: nothing there can take longer."""
+    """Yield timed faults in lockstep, in which no time passes while agent and messages are busy."""
     if profile.clock is None and profile.missing_for_run():
         return
     if (profile.clock or ClockSpec()).mode != "lockstep":

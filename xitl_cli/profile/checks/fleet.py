@@ -1,4 +1,4 @@
-"""Several vessels in one water: starts that are free, agents of their own, and what one vessel alone does not have."""
+"""Checks of several vessels in one water: free starts, separate agents, and keys that a single vessel does not have."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from xitl_cli.profile.schema.world import WorldSpec
 
 
 def check_alone(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Keys that only one of several vessels has."""
+    """Yield keys that only a vessel of a fleet has."""
     if profile.traffic is not None:
         what = "traffic is one of several vessels; write it as vessels: {barge: {traffic: {...}}}"
         yield ("traffic",), what
@@ -24,7 +24,7 @@ def check_alone(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Nobody to steer, starts that are taken, boards that two vessels call theirs."""
+    """Yield a fleet without a steered vessel, occupied starts, and boards that two vessels share."""
     if not profile.sailed:
         yield ("vessels",), "vessels has scripted ones alone; add one with an autopilot, such as `own: {}`"
     yield from _starts(profile)
@@ -32,7 +32,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _boards(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """A board is one vessel's."""
+    """Yield boards that two vessels share."""
     seen: dict[str, str] = {}
     for name, vessel in profile.sailed.items():
         autopilot, companion = vessel.autopilot, vessel.companion
@@ -54,7 +54,7 @@ def _boards(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _starts(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Hulls that lie in each other, on land or in what stands in the river, each told once."""
+    """Yield hulls that overlap each other, land or fixed objects, each once."""
     places = Places(profile.world or WorldSpec())
     for name, vessel in (profile.vessels or {}).items():
         hull = hull_outline(vessel)

@@ -1,4 +1,4 @@
-"""The graph's nodes and links: known names, no link to a node that is not there."""
+"""Checks of the graph's nodes and links: known names, no link to an absent node."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from xitl_cli.profile.schema.graph import COMPLETE, MEANINGS, architecture, is_n
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Unknown nodes, links that lead nowhere, a count of vertices too small, a reference that does not exist."""
+    """Yield unknown nodes, links to absent nodes, too few vertices, and an unknown reference."""
     if profile.graph is None:
         return
     nodes = profile.graph.nodes

@@ -1,4 +1,4 @@
-"""The link to the agent: a URL that names one, and a line that carries what a run in real time sends over it."""
+"""Checks of the link to the agent: a valid URL, and a line with enough capacity for a real-time run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _EXAMPLES = {
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """A link that is missing or is none, that does not go with where the agent runs, or that is too slow."""
+    """Yield a missing or invalid link, a link that does not fit the agent's place, and a link that is too slow."""
     autopilot = profile.autopilot
     if autopilot is None:
         return
@@ -55,18 +55,21 @@ def _link(
 
 
 def problem_of_link(link: str, key: str, runs: str) -> str | None:
-    """As `problem_of_url`, for a link to an agent that runs where `key` says. Port 0 is a free one, on this machine."""
+    """Return the problem of a link to an agent, as `problem_of_url`.
+
+    Port 0 means a free port on this machine. `key`: key with the agent's place.
+    """
     any_port = runs != "board" and link.startswith(("udp://", "tcp://")) and link.endswith(":0")
     return problem_of_url(f"{link[:-1]}1" if any_port else link) or misplaced(urlsplit(link), key, runs)
 
 
 def made_for_the_run(link: str) -> bool:
-    """Whether each agent gets a line of its own by it: a pseudo terminal or a free port."""
+    """Whether each agent gets its own line by this link: a pseudo terminal or a free port."""
     return "/pty" in link or link.endswith(":0")
 
 
 def problem_of_url(link: str) -> str | None:
-    """What follows the key and its value in a sentence, None for a link that can be tried."""
+    """Return the end of a sentence that begins with key and value, or None for a usable link."""
     scheme, found, _ = link.partition("://")
     if not found or scheme not in SCHEMES:
         return f"is not a link; write {_EXAMPLES['udp']}" + (
@@ -92,7 +95,7 @@ def problem_of_url(link: str) -> str | None:
 
 
 def _has_no_port(url: SplitResult) -> bool:
-    """Whether the port is a number that no port has."""
+    """Whether the port is a number that is no valid port."""
     try:
         return url.port == 0
     except ValueError:
@@ -100,12 +103,12 @@ def _has_no_port(url: SplitResult) -> bool:
 
 
 def _without_pty(url: SplitResult) -> SplitResult:
-    """`serial://pty` stands for a device that is made when the run starts."""
+    """Replace `serial://pty`, a device that the run creates, by a path."""
     return url._replace(netloc="", path="/pty") if url.netloc == "pty" and not url.path else url
 
 
 def misplaced(url: SplitResult, key: str, runs: str) -> str | None:
-    """What is wrong with a link that does not go with where the agent runs, which `key` says."""
+    """Return the problem of a link that does not fit the agent's place. `key`: key with that place."""
     made_here = url.netloc == "pty" or (url.netloc == "slcan" and url.path == "/pty")
     if made_here and runs == "board":
         example = _EXAMPLES[url.scheme]
@@ -138,7 +141,7 @@ def _too_much(profile: Profile, autopilot: AutopilotSpec, url: SplitResult) -> s
 
 
 def _agents_on(autopilot: AutopilotSpec, bus: SplitResult) -> int:
-    """How many agents share the bus: the standby may be on that of the first."""
+    """Return the number of agents on the bus. The standby may share the bus of the first agent."""
     links = [autopilot.link, None if autopilot.standby is None else autopilot.standby.link]
     there = [urlsplit(link) for link in links if link is not None]
     return sum((url.scheme, url.netloc, url.path) == (bus.scheme, bus.netloc, bus.path) for url in there)
@@ -188,7 +191,7 @@ def _remedy(remedies: list[str]) -> str:
 
 
 MOST_SHARE = 0.8
-"""Of a line that can be planned with: parameters, missions, texts and repetitions need the rest."""
+"""Usable share of a line. Parameters, missions, texts and repetitions need the rest."""
 
 BAUDS = (57_600, 115_200, 230_400, 460_800, 921_600, 1_000_000, 1_500_000, 2_000_000, 3_000_000, 4_000_000)
 BUSES = (
@@ -200,7 +203,7 @@ SIGNATURE_BYTES = 13
 SYNC_RATE_HZ = 10.0
 STATUS_RATE_HZ = 1.0
 LOWEST_IMU_HZ = 50.0  # a sample for each control cycle
-TASKS = 5  # control, log, telemetry, status, and ground stations where there are any
+TASKS = 5  # control, log, telemetry, status, and ground stations if there are any
 _OTHERS = {
     "rangefinders": "DISTANCE_SENSOR",
     "gps_input": "GPS_INPUT",
@@ -234,7 +237,7 @@ class Load:
     to_host: tuple[Flow, ...]
 
     def times(self, agents: int) -> Load:
-        """Of so many agents, each with all of it."""
+        """Return the load of several agents."""
         if agents == 1:
             return self
         there, back = (
@@ -244,21 +247,24 @@ class Load:
         return Load(there, back)
 
     def serial_share(self, baud: int) -> float:
-        """Of the busier direction."""
+        """Return the share of a serial line that the busier direction uses."""
         return max(map(bytes_per_s, (self.to_agent, self.to_host))) * BITS_PER_BYTE / baud
 
     def can_share(self, line: CanLine) -> float:
-        """Of the bus, which both directions have together; every frame as long as stuffing can make it."""
+        """Return the share of the bus that both directions use together.
+
+        Frames have the largest length that stuffing can give.
+        """
         return sum(flow.rate_hz * line.transfer_s(flow.frame_bytes) for flow in (*self.to_agent, *self.to_host))
 
 
 def bytes_per_s(flows: Iterable[Flow]) -> float:
-    """Of one direction."""
+    """Return the rate of one direction."""
     return sum(flow.bytes_per_s for flow in flows)
 
 
 def load_of(sensors: SensorsSpec, signed: bool = False, imu_rate_hz: float | None = None) -> Load:
-    """The traffic of these sensors and of an embedded autopilot; `imu_rate_hz` in place of the sensor's own."""
+    """Return the traffic of these sensors and of an embedded autopilot. `imu_rate_hz` replaces the sensor's rate."""
     from agent.fcu.mavlink.telemetry import RATES_HZ
     from agent.fcu.vehicle.autopilot import LOOP_HZ
     from agent.wire import dialect
@@ -302,7 +308,10 @@ def load_of(sensors: SensorsSpec, signed: bool = False, imu_rate_hz: float | Non
 def highest_imu_rate_hz(
     sensors: SensorsSpec, signed: bool, physics_hz: float, share_of: Callable[[Load], float]
 ) -> float | None:
-    """The highest whole rate below the present one that divides the physics rate and fits, None when none does."""
+    """Return the highest whole rate below the current rate that divides the physics rate and fits.
+
+    None without such a rate.
+    """
     for step in range(1, int(physics_hz // LOWEST_IMU_HZ) + 1):
         rate_hz = physics_hz / step
         slower = rate_hz < sensors.imu.rate_hz and rate_hz == int(rate_hz)

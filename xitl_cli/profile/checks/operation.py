@@ -1,4 +1,4 @@
-"""Driver, autopilot and technique must fit each other."""
+"""Checks that driver, autopilot and technique fit each other."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from xitl_cli.profile.schema.profile import ground_stations_of
 
 SHORTEST_PULSE_US = 800
 _STICKS = 2  # steering and throttle, or port and starboard
-_LEVER_M, _ALONG = 1e-3, 1e-3  # less of a lever, or of a thrust ahead, is none
+_LEVER_M, _ALONG = 1e-3, 1e-3  # a smaller lever or thrust ahead counts as none
 FILE_SUFFIXES = (".bin", ".tlog", ".mcap", ".bag", ".db3", ".csv")
 _ORDERS = ("mode", "arm", "rc_us", "goto_ned_m")
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Everything about who steers that does not go together, but the technique."""
+    """Yield everything about the driver that does not fit, except the technique."""
     if profile.driver is not None:
         yield from _driver(profile, profile.driver)
     yield from _ros_lockstep(profile)
@@ -31,7 +31,7 @@ def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str
     kind: KeyPath = ("driver", "kind")
     autopilot = profile.autopilot
     if driver.kind == "mission":
-        # Without site, vessel and mission it is a part, which says itself what it lacks for a run.
+        # Without site, vessel and mission the profile is a part, and a run reports its missing groups.
         base = autopilot is not None and not (profile.mission or profile.site or profile.vehicle)
         if not base and (profile.mission is None or not profile.mission.course):
             what = "driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site"
@@ -101,7 +101,7 @@ def _follow(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
 
 
 def _steered(vessel: VesselSpec) -> Iterator[tuple[KeyPath, str]]:
-    """What the embedded autopilot needs to sail a mission: thrust ahead, a moment besides, and outputs for both."""
+    """Yield missing needs of the embedded autopilot for a mission: thrust ahead, a moment, and outputs for both."""
     path: KeyPath = ("vehicle", "propellers")
     if len(vessel.propellers) > MOTORS:
         yield path, f"vehicle.propellers has {len(vessel.propellers)}; the embedded autopilot drives at most {MOTORS}"
@@ -211,7 +211,7 @@ def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
             "driver.kind = replay has no file; add driver.file, a log (.bin, .tlog, .mcap, .bag, .db3) or a .csv",
         )
     elif is_directory(driver.file):
-        pass  # the folder of a bag
+        pass  # a bag folder
     elif not driver.file.lower().endswith(FILE_SUFFIXES):
         yield (
             ("driver", "file"),
@@ -248,7 +248,7 @@ def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
 
 
 def check_technique(profile: Profile, vessels: Sequence[Profile]) -> Iterator[tuple[KeyPath, str]]:
-    """Whether the technique is that of the vessels: of several the one that comes nearest to the real thing."""
+    """Yield a technique that does not fit the vessels. In a fleet, the vessel with the most real parts decides."""
     path, technique = ("technique",), profile.technique
     autopilots = [one.autopilot for one in vessels if one.autopilot is not None]
     if technique is None or not autopilots or len(autopilots) < len(vessels):

@@ -1,4 +1,4 @@
-"""Places at the start, as far as a profile tells: hulls and what stands in the river as boxes, and its waterlines."""
+"""Occupied places at the start, from the profile: hulls and fixed objects as boxes, and the waterlines of a river."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Outline = tuple[Offset, ...]
 
 
 class Places:
-    """What is taken: by the boom, the dam, buildings and banks, and by the hulls that were added."""
+    """Places occupied by the boom, the dam, buildings and banks, and by the added hulls."""
 
     def __init__(self, world: WorldSpec) -> None:
         self._standing = list(_standing(world))
@@ -24,11 +24,11 @@ class Places:
         self._hulls: dict[str, Outline] = {}
 
     def add(self, name: str, hull: Outline) -> None:
-        """A hull that lies there."""
+        """Add a hull."""
         self._hulls[name] = hull
 
     def why_taken(self, hull: Outline) -> str | None:
-        """What is wrong with a place and what to do, to follow what it is; None for a free one."""
+        """Return the problem of a place and the fix, as the end of a sentence; None for a free place."""
         for name, other in self._hulls.items():
             if overlap(hull, other):
                 return f"is where {name} lies; put them further apart"
@@ -41,7 +41,7 @@ class Places:
 
 
 def hull_outline(vessel: Profile) -> Outline | None:
-    """The rectangle around a vessel at its start; None where the profile says too little."""
+    """Return the rectangle around a vessel at its start; None when the profile lacks the data."""
     if vessel.traffic is not None:
         traffic = vessel.traffic
         track, heading_deg = traffic.track_ned_m, traffic.heading_deg or 0.0
@@ -55,14 +55,14 @@ def hull_outline(vessel: Profile) -> Outline | None:
 
 
 def box(middle_ne_m: Offset, heading_deg: float, length_m: float, width_m: float) -> Outline:
-    """A rectangle along a heading."""
+    """Return a rectangle along a heading."""
     ends = ((1, 1), (1, -1), (-1, -1), (-1, 1))
     turned = (in_north_east((along * length_m / 2, across * width_m / 2), heading_deg) for along, across in ends)
     return tuple((middle_ne_m[0] + north_m, middle_ne_m[1] + east_m) for north_m, east_m in turned)
 
 
 def overlap(one: Outline, other: Outline) -> bool:
-    """Whether two convex shapes have a point in common: no edge of either separates them."""
+    """Whether two convex shapes have a common point: no edge of either separates them."""
     for shape in (one, other):
         for number, corner in enumerate(shape):
             following = shape[(number + 1) % len(shape)]
@@ -74,7 +74,7 @@ def overlap(one: Outline, other: Outline) -> bool:
 
 
 def aground(hull: Outline, river: RiverSpec) -> bool:
-    """Whether a hull reaches beyond the waterlines of a river, where that has banks."""
+    """Whether a hull reaches beyond the waterlines of a river within its banks."""
     along = [
         in_forward_starboard((north_m - river.through_ne_m[0], east_m - river.through_ne_m[1]), river.direction_deg)
         for north_m, east_m in hull
@@ -86,7 +86,7 @@ def aground(hull: Outline, river: RiverSpec) -> bool:
 
 
 def _standing(world: WorldSpec) -> Iterator[tuple[str, Outline]]:
-    """What stands in the water and is a box, or a row of them."""
+    """Yield fixed objects in the water that are boxes or rows of boxes."""
     if world.log_boom is not None:
         for piece in _boom(world.log_boom):
             yield "the log boom", piece
@@ -98,14 +98,14 @@ def _standing(world: WorldSpec) -> Iterator[tuple[str, Outline]]:
 
 
 def _boom(boom: LogBoomSpec) -> Iterator[Outline]:
-    """Each stretch between two points; one that sags as the straight line between its anchors, without the sag."""
+    """Yield each stretch between two points. A boom with sag is the straight line between its anchors."""
     points = boom.points_ned_m if boom.points_ned_m is not None else boom.anchors_ne_m or ()
     if boom.anchors_ne_m is not None and boom.sag_m:
         for (
             north_m,
             east_m,
             *_,
-        ) in points:  # in between it lies where the current has taken it: only its piles are known
+        ) in points:  # the current decides the line in between: only the piles are known
             yield box((north_m, east_m), 0.0, 2 * boom.pile_radius_m, 2 * boom.pile_radius_m)
         return
     for one, other in pairwise(points):

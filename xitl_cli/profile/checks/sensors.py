@@ -1,4 +1,4 @@
-"""Sensors whose samples fall on physics steps and reach somebody: every rate must divide the physics rate."""
+"""Checks of sensors: every rate must divide the physics rate, and every sensor needs a user."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SERVE = "use udp://127.0.0.1:9092, serial:///dev/ttyUSB0?baud=115200 or serial:
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Rates that do not divide, a wind vane without an autopilot that takes its wind, a sonar that cannot be served."""
+    """Yield rates that do not divide, a wind vane without a user of its wind, and a sonar that cannot be served."""
     yield from _rate_problems(profile)
     if profile.sensors is None:
         return
@@ -32,7 +32,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _rate_problems(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Rates that do not divide the physics rate, and a physics step that is not a whole number of nanoseconds."""
+    """Yield rates that do not divide the physics rate, and a physics step that is not a whole number of nanoseconds."""
     physics_hz = (profile.clock or ClockSpec()).physics_rate_hz
     step_ns = _NS / physics_hz
     if not _is_whole(step_ns):
@@ -55,7 +55,7 @@ def _rate_problems(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
 
 
 def divisors_around(rate_hz: float, physics_hz: float) -> tuple[float | None, float]:
-    """The nearest rates below and above `rate_hz` that divide `physics_hz`, whole numbers where there are any."""
+    """Return the nearest rates below and above `rate_hz` that divide `physics_hz`, whole numbers if there are any."""
     if physics_hz == int(physics_hz) and physics_hz >= rate_hz > 1:
         whole = [divisor for divisor in range(1, int(physics_hz) + 1) if int(physics_hz) % divisor == 0]
         return max(d for d in whole if d < rate_hz), min(d for d in whole if d > rate_hz)

@@ -1,4 +1,4 @@
-"""A vessel that floats upright and is followed by the steps, meshes that exist, an address where launches are heard."""
+"""Checks of vessel and world: the vessel floats upright, steps are short enough, meshes and addresses are valid."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from xitl_cli.profile.checks.link import problem_of_url
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
 
-SHORT_STEP_S = 1e-6  # follows any vessel
+SHORT_STEP_S = 1e-6  # short enough for any vessel
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """A vessel that sinks, capsizes or is too stiff, files that are not there, an address that is none."""
+    """Yield a vessel that sinks, capsizes or is too stiff, missing files, and an invalid address."""
     if profile.vehicle is not None:
         yield from _unfit(profile.vehicle, profile)
     if profile.world is None:
@@ -36,7 +36,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _unfit(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Why the vessel does not lie upright in still water, or moves faster than the steps follow."""
+    """Yield why the vessel does not float upright in still water, or moves too fast for the steps."""
     from sim_core.vessel.vessel import Vessel
 
     water = profile.environment.water if profile.environment else Water()
@@ -50,7 +50,7 @@ def _unfit(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str
 
 
 def is_directory(path: str) -> bool:
-    """Whether there is such a directory; False for what none can be called."""
+    """Whether there is such a directory; False for an invalid name."""
     try:
         return Path(path).is_dir()
     except (OSError, ValueError):
@@ -58,7 +58,7 @@ def is_directory(path: str) -> bool:
 
 
 def is_file(path: str) -> bool:
-    """Whether there is such a file; False for what no file can be called."""
+    """Whether there is such a file; False for an invalid name."""
     try:
         return Path(path).is_file()
     except (OSError, ValueError):

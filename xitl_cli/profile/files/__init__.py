@@ -1,1 +1,1 @@
-"""Profiles as files: YAML with the place of every value, composition of several, names of the shipped ones."""
+"""Profiles as files: YAML with the origin of every value, composition, and names of the shipped profiles."""

@@ -1,4 +1,4 @@
-"""From what a user calls a profile to its file: a path, or the name of a shipped one."""
+"""Finds the file of a profile by its path or by the name of a shipped one."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ PROFILE = "profile.yaml"
 
 
 def shipped_profiles() -> dict[str, Path]:
-    """Every shipped profile by its name (`sitl`, `environments/calm`), sorted: the runnable top ones first.
+    """Return every shipped profile by its name (`sitl`, `environments/calm`), sorted: the runnable top ones first.
 
-    Profiles of plug-ins follow. A name that xitl ships keeps its meaning.
+    Profiles of plug-ins follow. They cannot replace a name that xitl ships.
     """
     profiles: dict[str, Path] = {}
     for root in _roots():
@@ -27,23 +27,26 @@ def shipped_profiles() -> dict[str, Path]:
 
 
 def _roots() -> list[Path]:
-    """Folders of profiles: those that come with xitl, then those of plug-ins."""
+    """Return the folders of profiles: those of xitl, then those of plug-ins."""
     return [profiles_dir(), *(Path(folder) for _, folder in load_all(PROFILES))]
 
 
 @cache
 def _profiles_below(root: Path) -> dict[str, Path]:
-    """Looked for once: a profile asks for each that it extends, and what is shipped stays as it is."""
+    """Return the profiles below a folder.
+
+    The result is cached: shipped files do not change, and extended profiles use it too.
+    """
     names = {path.relative_to(root).with_suffix("").as_posix(): path for path in root.rglob("*.yaml")}
     return dict(sorted(names.items(), key=lambda item: (item[0].count("/"), item[0])))
 
 
 def find_profile(name: str, beside: Path | None = None) -> Path:
-    """The file of the profile `name`.
+    """Return the file of the profile `name`.
 
-    A name that ends in .yaml is a path, relative to the folder `beside` (default: the working directory). Any other is
-    a shipped profile, by its full name or, where that is unique, its last part; failing that, a path: of a file, or of
-    a folder with a profile.yaml, as `xitl init` makes it and a run leaves it. Raises UserError with suggestions.
+    A name that ends in .yaml is a path, relative to the folder `beside` (default: the working directory). Any other
+    name is a shipped profile, by its full name or its last part if that is unique. Otherwise it is the path of a file,
+    or of a folder with a profile.yaml, as `xitl init` and a run create. Raises UserError with suggestions.
     """
     path = (beside or Path()) / Path(name).expanduser()
     if name.endswith(SUFFIXES):
@@ -70,7 +73,7 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
 
 
 def profile_name(path: Path) -> str:
-    """What to call the profile in the file at `path`: the shipped name, or the file's stem."""
+    """Return a name for the profile at `path`: the shipped name, or the file's stem."""
     for root in _roots():
         try:
             return path.resolve().relative_to(root.resolve()).with_suffix("").as_posix()
@@ -80,8 +83,8 @@ def profile_name(path: Path) -> str:
 
 
 def shown_path(path: Path) -> str:
-    """`path` as errors show it: relative where it lies in the working directory."""
-    absolute = Path(os.path.abspath(path))  # noqa: PTH100 - resolve() would follow links away from what the user wrote
+    """Return `path` as errors show it: relative if it is in the working directory."""
+    absolute = Path(os.path.abspath(path))  # noqa: PTH100 - resolve() would replace links in the user's path
     try:
         return str(absolute.relative_to(Path.cwd()))
     except (ValueError, OSError):
@@ -91,7 +94,7 @@ def shown_path(path: Path) -> str:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # no name of a file at all: too long, or with a null byte
+    except (OSError, ValueError):  # not a valid file name: too long, or with a null byte
         return False
 
 

@@ -1,7 +1,7 @@
-"""Composition: `extends:` (later ones win, the file itself wins over all) and `--set` overrides.
+"""Composition: `extends:` (later ones override, and the file itself overrides all) and `--set` overrides.
 
-Groups merge key by key, but a whole vessel takes the place of the one before: nothing of that one is left. What an
-entry of `vessels` extends lies below that entry.
+Groups merge key by key, but a complete vessel replaces the former one. The profiles that an entry of `vessels` extends
+are laid under that entry.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from xitl_cli.profile.files.catalogue import find_profile, profile_name, shown_p
 from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, dotted, merge, shown
 from xitl_cli.profile.files.yaml_file import parse_yaml, read_yaml
 
-OWN_KEYS = ("name", "description")  # what a profile says of itself; not inherited
+OWN_KEYS = ("name", "description")  # describe one profile; not inherited
 _DEGREES = ("lat", "lon", "latitude_deg", "longitude_deg")
 _RIVALS: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
     ("mission",): {
@@ -30,11 +30,14 @@ _RIVALS: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
         **dict.fromkeys(_DEGREES[2:], ("north_m", "east_m", *_DEGREES[:2])),
     },
 }
-"""Per group: keys that say the same in another way, and which of those below them they take the place of."""
+"""By group: keys with the same meaning as others, and the inherited keys that they replace."""
 
 
 def compose(path: Path) -> Entry:
-    """The profile in the file at `path` with all it extends merged in, `extends` consumed and `name` filled in."""
+    """Return the profile in the file at `path` with all extended profiles merged.
+
+    It has no `extends`, and it has a `name`.
+    """
     name = profile_name(path)
     merged = _composed(path, ())
     assert isinstance(merged.value, dict)
@@ -42,21 +45,21 @@ def compose(path: Path) -> Entry:
 
 
 def override(profile: Entry, overrides: Iterable[str]) -> Entry:
-    """`profile` with each `KEY.PATH=VALUE` laid on top; VALUE is YAML, a number in the path is the index of a list."""
+    """Return `profile` with each `KEY.PATH=VALUE` applied. VALUE is YAML; a number in the path is a list index."""
     for text in overrides:
         profile = _with_override(profile, text)
     return profile
 
 
 def lay_on(profile: Entry, part: Path) -> Entry:
-    """`profile` with the part in the file at `part` laid on it, as if a file extended both."""
+    """Return `profile` with the part in the file at `part` laid on it, as if a file extended both."""
     laid = _composed(part, ())
     assert isinstance(laid.value, dict)
     return laid_on(profile, Entry({key: one for key, one in laid.value.items() if key not in OWN_KEYS}, laid.origin))
 
 
 def place(profile: Entry, key: str, value: Entry) -> Entry:
-    """`profile` with a value merged in at a dotted key; a number in it is the index of a list."""
+    """Return `profile` with a value merged in at a dotted key; a number in it is a list index."""
     keys = [part.strip() for part in key.split(".")]
     if not all(keys):
         raise _error(value.origin, f"{shown(key)} is not a key; write for example environment.wind.mean_mps")
@@ -77,7 +80,10 @@ def _composed(path: Path, chain: tuple[Path, ...]) -> Entry:
 
 
 def _extended(entry: Entry, path: Path, chain: tuple[Path, ...]) -> Entry:
-    """`entry` of the file at `path`, laid on what it extends; `chain` are the files that this one stands below."""
+    """Return `entry` of the file at `path`, laid on the profiles that it extends.
+
+    `chain`: files that led to this one.
+    """
     if not isinstance(entry.value, dict) or "extends" not in entry.value:
         return entry
     below: Entry | None = None
@@ -99,7 +105,7 @@ def _extended(entry: Entry, path: Path, chain: tuple[Path, ...]) -> Entry:
 
 
 def laid_on(below: Entry, above: Entry) -> Entry:
-    """Two profiles, or two entries of `vessels`, as one: `above` wins."""
+    """Merge two profiles, or two entries of `vessels`; `above` overrides."""
     for path, rivals in _RIVALS.items():
         group, depth = above.nearest(path)
         if depth == len(path) and isinstance(group.value, dict):
@@ -123,7 +129,7 @@ def laid_on(below: Entry, above: Entry) -> Entry:
 
 
 def _rivals_of(group: Entry, rivals: dict[str, tuple[str, ...]]) -> set[str]:
-    """Keys that those given in a group take the place of."""
+    """Return the keys that the given keys of a group replace."""
     assert isinstance(group.value, dict)
     given = [
         key for key, one in group.value.items() if one.value is not None and not (key == "items" and not one.value)
@@ -132,7 +138,7 @@ def _rivals_of(group: Entry, rivals: dict[str, tuple[str, ...]]) -> set[str]:
 
 
 def _without_keys(entry: Entry, path: tuple[str, ...], keys: set[str]) -> Entry:
-    """`entry` without these keys of the group at `path`."""
+    """Return `entry` without these keys of the group at `path`."""
     if not keys or not isinstance(entry.value, dict):
         return entry
     if not path:
@@ -146,7 +152,7 @@ def _without_keys(entry: Entry, path: tuple[str, ...], keys: set[str]) -> Entry:
 
 
 def at_speed_of_vessel(entry: Entry) -> Entry:
-    """A mission that says no speed goes at the vessel's, whichever of the two was composed first."""
+    """Set a missing speed of the mission to the vessel's, whichever was composed first."""
     vessel, mission = entry.child("vehicle"), entry.child("mission")
     speed = None if vessel is None else vessel.child("cruise_speed_mps")
     if speed is None or speed.value is None or mission is None or not isinstance(mission.value, dict):
@@ -157,7 +163,7 @@ def at_speed_of_vessel(entry: Entry) -> Entry:
 
 
 def _is_whole_vessel(vessel: Entry) -> bool:
-    """Whether it has all that a vessel needs; without a hull it is a version of another one."""
+    """Whether it has all required keys of a vessel. Without a hull it is a version of another vessel."""
     hull = any((entry := vessel.child(key)) is not None and bool(entry.value) for key in ("hull", "hulls"))
     return hull and all(vessel.child(key) is not None for key in required_keys(VesselSpec))
 
@@ -198,7 +204,7 @@ def _with_override(profile: Entry, text: str) -> Entry:
 
 
 def _placed(entry: Entry, keys: list[str], depth: int, value: Entry) -> Entry:
-    """`entry` with `value` merged in at `keys[depth:]`."""
+    """Return `entry` with `value` merged in at `keys[depth:]`."""
     if depth == 0:
         entry = _without_overridden(entry, keys, value)
     if depth == len(keys):
@@ -222,7 +228,7 @@ def _placed(entry: Entry, keys: list[str], depth: int, value: Entry) -> Entry:
 
 
 def _without_overridden(entry: Entry, keys: list[str], value: Entry) -> Entry:
-    """`entry` without what an override of one key says in another way."""
+    """Return `entry` without keys that an override of one key replaces."""
     for path, rivals in _RIVALS.items():
         own = value
         for key in reversed(keys[len(path) :]):

@@ -1,4 +1,4 @@
-"""A tree of profile values, each of which knows where it was written, and what is wrong with them."""
+"""A tree of profile values with their origins, and problems with them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ KeyPath: TypeAlias = tuple[Key, ...]
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a value was written: a file with a 1-based line, or an override (no line)."""
+    """Origin of a value: a file with a 1-based line, or an override (no line)."""
 
     source: str
     line: int | None = None
@@ -26,14 +26,15 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One value of a profile: a scalar, a mapping or a list, with its origin, and the one that it was laid upon."""
+    """One value of a profile: a scalar, a mapping or a list, with its origin."""
 
     value: Scalar | dict[str, Entry] | tuple[Entry, ...]
     origin: Origin
     replaced: Entry | None = field(default=None, compare=False, repr=False)
+    """The value that this one replaced."""
 
     def child(self, key: Key) -> Entry | None:
-        """The entry under `key`, or None where there is none."""
+        """Return the entry under `key`, or None."""
         if isinstance(self.value, dict):
             return self.value.get(key) if isinstance(key, str) else None
         if isinstance(self.value, tuple) and isinstance(key, int) and 0 <= key < len(self.value):
@@ -41,7 +42,7 @@ class Entry:
         return None
 
     def plain(self) -> object:
-        """The values alone: dicts, tuples (for lists) and scalars."""
+        """Return the values without origins: dicts, tuples (for lists) and scalars."""
         if isinstance(self.value, dict):
             return {key: entry.plain() for key, entry in self.value.items()}
         if isinstance(self.value, tuple):
@@ -49,7 +50,7 @@ class Entry:
         return self.value
 
     def nearest(self, path: KeyPath) -> tuple[Entry, int]:
-        """The deepest entry on the way to `path`, and how many of its keys lead there."""
+        """Return the deepest existing entry on the way to `path`, and the number of keys that lead there."""
         entry, depth = self, 0
         for key in path:
             below = entry.child(key)
@@ -60,7 +61,7 @@ class Entry:
 
 
 def merge(base: Entry, over: Entry) -> Entry:
-    """`over` laid on `base`: mappings merge key by key, everything else is replaced; origins go with their values."""
+    """Lay `over` on `base`: mappings merge key by key, other values are replaced. Values keep their origins."""
     if not (isinstance(base.value, dict) and isinstance(over.value, dict)):
         return Entry(over.value, over.origin, base)
     merged = dict(base.value)
@@ -70,7 +71,10 @@ def merge(base: Entry, over: Entry) -> Entry:
 
 
 def dotted(path: KeyPath) -> str:
-    """`("vehicle", "propellers", 0)` as `vehicle.propellers.0`; odd keys are quoted so that the line stays one line."""
+    """Return `("vehicle", "propellers", 0)` as `vehicle.propellers.0`.
+
+    Unusual keys are quoted, to keep the text on one line.
+    """
     return ".".join(str(key) if isinstance(key, int) or _is_plain(key) else repr(key) for key in path)
 
 
@@ -80,7 +84,7 @@ def _is_plain(key: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing wrong in a profile."""
+    """One problem of a profile."""
 
     origin: Origin
     sentence: str
@@ -90,9 +94,9 @@ class Problem:
 
 
 class ProfileError(UserError):
-    """A profile that cannot be used. `str()` is the first problem and a count; `problems` holds all of them.
+    """An unusable profile. `str()` is the first problem and a count; `problems` has all of them.
 
-    `profile` is what the user called it, so that the line can say how to see the rest.
+    `profile`: the user's name of the profile, for the command that shows the other problems.
     """
 
     def __init__(self, problems: Sequence[Problem], profile: str) -> None:
@@ -106,7 +110,7 @@ class ProfileError(UserError):
 
 
 def shown(value: object) -> str:
-    """A value as an error quotes it: short, on one line."""
+    """Return a value as an error quotes it: short, on one line."""
     if value is None:
         return "null"
     if isinstance(value, bool):

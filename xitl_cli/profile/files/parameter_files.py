@@ -1,4 +1,4 @@
-"""The parameter files an autopilot starts with: shipped ones by name, others by path."""
+"""The parameter files of an autopilot: shipped ones by name, others by path."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ SHIPPED = ("*.parm", f"*{SUFFIX}")
 
 
 def find_parameter_file(name: str) -> Path:
-    """The file of `name`: a path if it ends in .parm, .param or .params, else a shipped one. Raises UserError."""
+    """Return the file of `name`: a path if it ends in .parm, .param or .params, otherwise a shipped one.
+
+    Raises UserError.
+    """
     if name.endswith(SUFFIXES):
         path = Path(name).expanduser()
         if path.is_file():
@@ -34,9 +37,9 @@ def find_parameter_file(name: str) -> Path:
 
 
 def read_parameter_file(name: str, embedded: bool = False) -> dict[str, float]:
-    """Names and values in the file of `name`, as `find_parameter_file` finds it.
+    """Return names and values in the file of `name`, as `find_parameter_file` finds it.
 
-    Raises UserError for a file that is none or, if it is for the embedded autopilot, that this would refuse.
+    Raises UserError for an invalid file and, with `embedded`, for a file that the embedded autopilot would refuse.
     """
     path = find_parameter_file(name)
     try:
@@ -57,7 +60,7 @@ def read_parameter_file(name: str, embedded: bool = False) -> dict[str, float]:
 
 
 def _known(values: dict[str, float], path: Path) -> dict[str, float]:
-    """The values, if the embedded autopilot takes them. Raises ParameterError."""
+    """Return the values if the embedded autopilot accepts them. Raises ParameterError."""
     for name, value in values.items():
         try:
             checked(name, value)

@@ -1,4 +1,4 @@
-"""QGroundControl's parameter files, in which PX4's are kept: vehicle, component, name, value and type, by tabs."""
+"""QGroundControl's parameter files, also used for PX4: vehicle, component, name, value and type, separated by tabs."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ AUTOPILOT_COMPONENT = 1
 REAL32 = 9  # MAV_PARAM_TYPE
 _REALS = (REAL32, 10)
 _BITS = {1: (0, 8), 2: (1, 7), 3: (0, 16), 4: (1, 15), 5: (0, 32), 6: (1, 31), 7: (0, 64), 8: (1, 63)}
-"""Of the whole-number types: whether there is a sign, and how many bits beside it."""
+"""For each whole-number type: 1 with a sign, and the number of other bits."""
 
 
 def is_station_file(text: str) -> bool:
-    """Whether it is one: its first line that is no comment has five columns, of which 1, 2 and 5 are whole numbers."""
+    """Whether the first line that is no comment has five columns, with whole numbers in 1, 2 and 5."""
     rows = (line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#"))
     first = next(rows, [])
     return len(first) == len(COLUMNS) and all(first[number].isdecimal() for number in (0, 1, 4))
 
 
 def load_station_file(text: str, source: str) -> dict[str, float]:
-    """Names and values of the autopilot; those of other components are passed over, the last of a name wins.
+    """Return names and values of the autopilot. Other components are ignored, and the last value of a name counts.
 
     Raises ParameterError with file and line.
     """
@@ -70,7 +70,7 @@ def station_file_text(
     format_value: Callable[[float], str],
     now: datetime | None = None,
 ) -> str:
-    """Such a file of what a vehicle has; a name without a type is a real number."""
+    """Return a file with a vehicle's parameters; a name without a type is a real number."""
     stamp = (now or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
     lines = [
         f"# Onboard parameters for Vehicle {target[0]}",

@@ -20,8 +20,8 @@ from agent.files import read_text
 from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, Scalar, shown
 
 MAX_BYTES = 16 << 20
-MAX_VALUES = 100_000  # an alias bomb ends here, unless the text itself has as many
-LONG_TEXT = 1 << 16  # from here on the quick loader is worth its shorter sentences
+MAX_VALUES = 100_000  # limit for an alias bomb, unless the text itself has as many values
+LONG_TEXT = 1 << 16  # from this length on the fast loader is used, with its less precise errors
 MAX_DEPTH = 60
 
 _NULL = re.compile(r"~|null|Null|NULL|")
@@ -40,7 +40,7 @@ _quick_loader: Any = _Loader
 if yaml.__with_libyaml__:
 
     class _LibyamlLoader(yaml.CSafeLoader):
-        """The same, some ten times as fast."""
+        """The same, about ten times as fast."""
 
         yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 - PyYAML's own class attribute
 
@@ -55,7 +55,7 @@ class _RefusedError(Exception):
 
 
 def read_yaml(path: Path, shown_as: str) -> Entry:
-    """The mapping in the file at `path`, with origins that call it `shown_as`; ProfileError if it is not one."""
+    """Return the mapping in the file at `path`, with `shown_as` as the source. Raises ProfileError if it is not one."""
     try:
         text = read_text(path, MAX_BYTES)
     except UnicodeDecodeError as error:
@@ -73,12 +73,12 @@ def read_yaml(path: Path, shown_as: str) -> Entry:
 
 @lru_cache(maxsize=256)
 def _parsed_once(text: str, source: str) -> Entry | None:
-    """The same bases stand below most profiles. An entry is never changed, so all of them may share it."""
+    """Parse a text once. Most profiles share the same bases, and an entry never changes, so they share it."""
     return parse_yaml(text, source)
 
 
 def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | None:
-    """The value in `text`, None if there is none. With `first_line` None origins carry no line (an override)."""
+    """Return the value in `text`, None without one. With `first_line` None, origins have no line (an override)."""
 
     def origin(line: int) -> Origin:
         return Origin(source, None if first_line is None else first_line + line)
@@ -110,7 +110,7 @@ def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | No
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Nodes live on until all are there: looking through them again and again would take most of the time."""
+    """Pause the garbage collector while nodes are created. It would take most of the time."""
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -121,7 +121,7 @@ def _no_collection() -> Iterator[None]:
 
 
 class _Reader:
-    """Turns the nodes of a text of so many characters into entries, within bounds."""
+    """Converts the nodes of a text with this many characters to entries, within limits."""
 
     def __init__(self, origin: Any, characters: int) -> None:
         self._origin = origin
@@ -129,7 +129,7 @@ class _Reader:
         self._most = max(MAX_VALUES, characters)  # without aliases no text has more values than characters
 
     def entry(self, node: yaml.Node, line: int, depth: int = 0) -> Entry:
-        """The entry of `node`; `line` (0-based) is that of its key, or its own in a list."""
+        """Return the entry of `node`. `line` (0-based): line of its key, or of the node in a list."""
         self._values += 1
         if self._values > self._most:
             raise _RefusedError(line, f"expands to more than {self._most} values; use fewer aliases")
@@ -171,7 +171,7 @@ def _refuse_tag(node: yaml.Node, plain: str) -> None:
 
 
 def plain_scalar(text: str) -> Scalar:
-    """What `text` without quotes means."""
+    """Return the value of `text` without quotes."""
     if _NULL.fullmatch(text):
         return None
     if _BOOL.fullmatch(text):
@@ -185,7 +185,7 @@ def plain_scalar(text: str) -> Scalar:
 
 def _scalar(node: yaml.ScalarNode) -> Scalar:
     text: str = node.value
-    return text if node.style else plain_scalar(text)  # quoted or block: text, whatever it looks like
+    return text if node.style else plain_scalar(text)  # quoted or block: always text
 
 
 def _error(source: str, line: int | None, sentence: str) -> ProfileError:

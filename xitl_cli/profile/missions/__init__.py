@@ -1,1 +1,1 @@
-"""Missions drawn elsewhere: files of ground stations, chart plotters and map editors, brought into a profile."""
+"""Missions from other programs: files of ground stations, chart plotters and map editors, read into a profile."""

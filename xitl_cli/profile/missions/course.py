@@ -1,4 +1,4 @@
-"""A mission as a file has it: items of MAVLink with places in degrees, and where each was written."""
+"""A mission as in its file: MAVLink items with places in degrees, and their positions in the file."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Parameters = tuple[float | None, float | None, float | None, float | None]
 
 
 class MissionFileError(ValueError):
-    """A mission file that cannot be used. The message says which element is wrong and what to do.
+    """An unusable mission file. The message names the invalid element and the fix.
 
-    line: 1-based, None where the format's reader knows none.
+    line: 1-based, None when the format's reader does not know it.
     """
 
     def __init__(self, text: str, line: int | None = None) -> None:
@@ -29,28 +29,29 @@ class MissionFileError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class FileItem:
-    """One item: parameters 1 to 4 (None: the autopilot's own), place in degrees (None: none), altitude in metres.
-
-    where: the element of the file, for errors; line: 1-based, None where unknown.
-    """
+    """One item of a mission file."""
 
     command: int = WAYPOINT
     parameters: Parameters = (0.0, 0.0, 0.0, 0.0)
+    """Parameters 1 to 4; None for the autopilot's default."""
     place_deg: tuple[float, float] | None = None
+    """Latitude and longitude in degrees; None without a place."""
     altitude_m: float = 0.0
     frame: int = RELATIVE
     where: str = ""
+    """Element of the file, for errors."""
     line: int | None = None
+    """1-based; None when unknown."""
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is a place to go to, and nothing more."""
+        """Whether it is only a place to go to."""
         return self.command == WAYPOINT and not any(self.parameters) and self.place_deg is not None
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What a file brings: the mission after home, the fence and the rally points, each as items."""
+    """Content of a file: the mission after home, the fence and the rally points, each as items."""
 
     items: tuple[FileItem, ...]
     fence: tuple[FileItem, ...] = ()
@@ -58,7 +59,7 @@ class Course:
 
 
 def place_of(latitude_deg: float, longitude_deg: float, where: str, line: int | None = None) -> tuple[float, float]:
-    """A checked place. Raises MissionFileError for one that is not on the Earth."""
+    """Return a checked place. Raises MissionFileError for a place that is not on the Earth."""
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
         text = f"{where}: latitude {latitude_deg:g}, longitude {longitude_deg:g} is not on the Earth"
         raise MissionFileError(f"{text}; check the order of the two numbers", line)
@@ -68,9 +69,9 @@ def place_of(latitude_deg: float, longitude_deg: float, where: str, line: int | 
 def mavlink_item(
     command: int, frame: int, numbers: tuple[float | None, ...], where: str, line: int | None = None
 ) -> FileItem:
-    """An item from MAVLink's seven parameters; None or NaN stands for the autopilot's own.
+    """Return an item from MAVLink's seven parameters. None or NaN means the autopilot's default.
 
-    A latitude and a longitude that are both 0 are no place, as ArduPilot has it. Raises MissionFileError.
+    A latitude and a longitude that are both 0 are no place, as in ArduPilot. Raises MissionFileError.
     """
     p1, p2, p3, p4, x, y, z = (None if one is None or math.isnan(one) else one for one in numbers)
     known = COMMANDS.get(command)
@@ -86,7 +87,7 @@ def mavlink_item(
 
 
 def sorted_course(items: list[FileItem], what: str) -> Course:
-    """The items of one list by what they are for: mission, fence or rally points. Raises MissionFileError."""
+    """Sort the items of one list by their use: mission, fence or rally points. Raises MissionFileError."""
     if not items:
         raise MissionFileError(f"has no {what}; draw at least one")
     fence = tuple(item for item in items if item.command in FENCE_COMMANDS)

@@ -28,9 +28,11 @@ _WPL_VERSIONS = ("100", "110", "120")
 
 
 def read_plan(text: str) -> Course:
-    """A `.plan`: mission, fence and rally points. The planned home is not used: the vessel has `mission.start`.
+    """Return the mission, fence and rally points of a `.plan`.
 
-    Of a survey and a corridor scan the items that the station has generated are taken. Raises MissionFileError.
+    The planned home is ignored: the vessel has `mission.start`.
+
+    A survey or a corridor scan gives the items that the station has generated. Raises MissionFileError.
     """
     plan = read_json(text)
     if not isinstance(plan, dict) or plan.get("fileType") != "Plan":
@@ -45,19 +47,19 @@ def read_plan(text: str) -> Course:
 
 
 def read_json(text: str) -> Any:
-    """The value of a JSON text. Raises MissionFileError with the line."""
+    """Return the value of a JSON text. Raises MissionFileError with the line."""
     try:
         return json.loads(text, parse_constant=lambda word: _refuse_constant(word))
     except json.JSONDecodeError as error:
         raise MissionFileError(f"is not valid JSON: {error.msg}, column {error.colno}", error.lineno) from None
     except RecursionError:
         raise MissionFileError("is nested too deeply; save it again from the program it was drawn in") from None
-    except ValueError as error:  # a number of too many digits
+    except ValueError as error:  # a number with too many digits
         raise MissionFileError(f"is not valid JSON: {error}") from None
 
 
 def number_of(value: Any, where: str) -> float:
-    """A finite number of a JSON value. Raises MissionFileError."""
+    """Return the finite number of a JSON value. Raises MissionFileError."""
     if not isinstance(value, (int, float)) or isinstance(value, bool) or abs(value) > 1e300:
         raise MissionFileError(f"{where} = {str(value)[:40]} is not a number; write one")
     return float(value)
@@ -76,7 +78,7 @@ def _member(group: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
 
 
 def _plan_items(found: list[Any], path: str) -> Iterator[tuple[FileItem, Any]]:
-    """Each item with its doJumpId."""
+    """Yield each item with its doJumpId."""
     for number, one in enumerate(found):
         where = f"{path}.{number}"
         if not isinstance(one, dict):
@@ -104,7 +106,7 @@ def _plan_item(one: dict[str, Any], where: str) -> FileItem:
 
 
 def _with_sequence_numbers(items: list[tuple[FileItem, Any]]) -> Iterator[FileItem]:
-    """The target of a jump is the doJumpId of an item in the file, and the item's place in the mission on board."""
+    """Convert the target of jumps: the file has the doJumpId of an item, the mission on board its number."""
     by_id = {identifier: seq for seq, (_, identifier) in enumerate(items, start=1) if isinstance(identifier, int)}
     for item, _ in items:
         if item.command != JUMP or not by_id:
@@ -159,10 +161,10 @@ def _pair(value: Any, where: str) -> tuple[float, float]:
 
 
 def read_waypoints(text: str) -> Course:
-    """A `QGC WPL` text: twelve columns, the first item is home and is not used.
+    """Return the items of a `QGC WPL` text with twelve columns. The first item is home and is ignored.
 
-    Items of a fence and rally points, which Mission Planner saves in such files too, are sorted out by their commands.
-    Raises MissionFileError with the line.
+    Mission Planner also saves fences and rally points in such files; their commands distinguish them. Raises
+    MissionFileError with the line.
     """
     lines = text.split("\n")
     words = lines[0].split()

@@ -1,4 +1,4 @@
-"""Courses drawn on a map: GeoJSON (RFC 7946), KML (OGC 07-147r2) and GPX 1.0 and 1.1. Places are of WGS84.
+"""Courses drawn on a map: GeoJSON (RFC 7946), KML (OGC 07-147r2) and GPX 1.0 and 1.1. Places are in WGS84.
 
 A file has one course: one line, or points in their order.
 """
@@ -18,7 +18,7 @@ ONE_COURSE = "keep one, or save the one to sail in a file of its own"
 
 
 def read_geojson(text: str) -> Course:
-    """One LineString or MultiPoint, or Points in their order. Raises MissionFileError."""
+    """Return one LineString or MultiPoint, or Points in their order. Raises MissionFileError."""
     found = read_json(text)
     if not isinstance(found, dict):
         raise MissionFileError("is not GeoJSON; a file is a FeatureCollection, a Feature or a geometry")
@@ -68,7 +68,7 @@ def _position(value: Any, where: str) -> FileItem:
 
 
 def read_kml(text: str) -> Course:
-    """One LineString, or the Points of the placemarks in their order. Raises MissionFileError with the line."""
+    """Return one LineString, or the Points of the placemarks in their order. Raises MissionFileError with the line."""
     root = read_xml(text)
     if root.name != "kml":
         raise MissionFileError(f"its root is <{root.name}>, not <kml>; save it as KML again", root.line)
@@ -100,7 +100,7 @@ def _kml_place(words: str, element: Element) -> FileItem:
 
 
 def read_gpx(text: str) -> Course:
-    """The route; without one the track; without one the waypoints. Raises MissionFileError with the line."""
+    """Return the route, otherwise the track, otherwise the waypoints. Raises MissionFileError with the line."""
     root = read_xml(text)
     if root.name != "gpx":
         raise MissionFileError(f"its root is <{root.name}>, not <gpx>; save it as GPX again", root.line)

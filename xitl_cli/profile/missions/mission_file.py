@@ -1,4 +1,4 @@
-"""`mission.file` of a composed profile, replaced by the items that the file has."""
+"""Replaces `mission.file` of a composed profile by the items of the file."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ READERS: Mapping[str, Callable[[str], Course]] = {
 
 
 def with_mission_files(entry: Entry) -> Entry:
-    """`entry` with the file of its mission read, and those of its vessels. Raises ProfileError with file and element.
+    """Return `entry` with the mission files of the profile and its vessels read.
 
-    Places stay latitudes and longitudes: `with_places_in_metres` comes after.
+    Raises ProfileError with file and element.
+
+    Places stay latitudes and longitudes: `with_places_in_metres` follows.
     """
     vessels = entry.child("vessels")
     if vessels is not None and isinstance(vessels.value, dict):

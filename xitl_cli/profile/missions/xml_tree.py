@@ -1,4 +1,4 @@
-"""XML from outside as a small tree with line numbers. A document type is refused, so that no entity is ever expanded.
+"""Untrusted XML as a small tree with line numbers. A document type is refused, so that no entity is ever expanded.
 
 Neither KML nor GPX has one. Entity bombs, external entities and external document types all need it.
 """
@@ -17,22 +17,25 @@ MOST_ELEMENTS = 500_000
 
 @dataclass(slots=True)
 class Element:
-    """name: without its namespace; pieces: of the text directly in it; line: 1-based."""
+    """One element of an XML document."""
 
     name: str
+    """Without its namespace."""
     attributes: dict[str, str]
     line: int
+    """1-based."""
     pieces: list[str] = field(default_factory=list)
+    """Pieces of the text directly in it."""
     children: list[Element] = field(default_factory=list)
 
     def walk(self) -> Iterator[Element]:
-        """It and all below it, in the order of the file."""
+        """Yield the element and all elements below it, in the order of the file."""
         yield self
         for child in self.children:
             yield from child.walk()
 
     def text_of(self, name: str) -> str:
-        """Of the children of this name."""
+        """Return the text of the children of this name."""
         return " ".join("".join(child.pieces) for child in self.children if child.name == name)
 
 
@@ -76,7 +79,7 @@ class _Builder:
 
 
 def read_xml(text: str) -> Element:
-    """The root of a document. Raises MissionFileError with the line."""
+    """Return the root of a document. Raises MissionFileError with the line."""
     builder = _Builder()
     try:
         builder.parse(text)

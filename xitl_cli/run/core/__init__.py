@@ -1,1 +1,1 @@
-"""What every part of a run stands on: the node interface, reports, time, statistics, seeds, faults, the directory."""
+"""The base of every part of a run: node interface, reports, time, statistics, faults and the run directory."""

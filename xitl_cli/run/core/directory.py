@@ -1,4 +1,4 @@
-"""The run directory: run.mcap, summary.json, the profile as resolved, the autopilot's own log, a companion's map."""
+"""The run directory: run.mcap, summary.json, the resolved profile, the autopilot's log and a companion's map."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ SUMMARY = "summary.json"
 PROFILE = "profile.yaml"
 DATAFLASH = "autopilot.bin"
 ULOG = "autopilot.ulg"
-MAP, TRAJECTORY, TRUTH = "map.ply", "trajectory.tum", "truth.tum"  # what a companion found, and what is true
-AUTOPILOT = "autopilot"  # a folder: where an autopilot that the run started works
+MAP, TRAJECTORY, TRUTH = "map.ply", "trajectory.tum", "truth.tum"  # files of a companion, and the true trajectory
+AUTOPILOT = "autopilot"  # a folder: the working directory of an autopilot that the run started
 RESERVED_BYTES = 256 * 1024
 _OF_A_VESSEL = (DATAFLASH, ULOG, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
 _FILES = (RECORDING, SUMMARY, PROFILE, *_OF_A_VESSEL)
-"""Of a fleet each vessel has a folder with what is its own."""
+"""A fleet has one folder for each vessel, with the files of that vessel."""
 
 
 def check_writable(path: Path) -> None:
-    """Raise UserError when a run cannot be kept in `path`; makes nothing."""
+    """Raise UserError when a run cannot be kept in `path`; create nothing."""
     folder = path
     while not _exists(folder):
         folder = folder.parent
@@ -42,7 +42,7 @@ def _exists(path: Path) -> bool:
         path.stat()
     except (FileNotFoundError, NotADirectoryError):
         return False
-    except (OSError, ValueError) as error:  # no name of a file at all, or one that this user may not look for
+    except (OSError, ValueError) as error:  # not a valid file name, or a path that this user may not read
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise UserError(f"{_shown(path)}: cannot be used ({reason}); choose another --out") from error
     return True
@@ -54,9 +54,9 @@ def _shown(path: Path) -> str:
 
 
 def check_free(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> list[str]:
-    """What of an earlier run is in `path`, which may be cleared away; makes nothing.
+    """Return the names of an earlier run in `path` that may be deleted; create nothing.
 
-    Raises UserError when a run cannot be kept there, as where an earlier one is and `overwrite` is not.
+    Raises UserError when a run cannot be kept there, or when `path` holds an earlier run and `overwrite` is False.
     """
     check_writable(path)
     for name in vessels:
@@ -70,7 +70,10 @@ def check_free(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> list
 
 
 def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
-    """Make `path` and see that it holds no earlier run, or clear that run away. vessels: a folder of each is made."""
+    """Create `path`, and delete an earlier run in it when `overwrite` is True.
+
+    vessels: names of the folders to create in it.
+    """
     present = check_free(path, overwrite, vessels)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -87,14 +90,14 @@ def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
 
 
 def _vessels_in(path: Path) -> list[str]:
-    """Folders of the vessels of an earlier run."""
+    """Return the vessel folders of an earlier run."""
     if not _exists(path / PROFILE):
         return []
     return [each.name for each in path.iterdir() if each.name not in _FILES and _is_of_a_vessel(each)]
 
 
 def _is_of_a_vessel(folder: Path) -> bool:
-    """Whether it is a folder with nothing else in it than what a vessel leaves."""
+    """Whether the folder holds only files that a vessel of a run leaves."""
     try:
         return {each.name for each in folder.iterdir()} <= set(_OF_A_VESSEL)
     except OSError:
@@ -102,7 +105,7 @@ def _is_of_a_vessel(folder: Path) -> bool:
 
 
 def write_profile(path: Path, text: str) -> None:
-    """Keep the profile as resolved. Raises UserError when there is no room for it."""
+    """Write the resolved profile. Raises UserError when there is no space for it."""
     try:
         (path / PROFILE).write_text(text)
     except OSError as error:
@@ -110,7 +113,10 @@ def write_profile(path: Path, text: str) -> None:
 
 
 def reserve(path: Path) -> IO[bytes]:
-    """Room for the summary, should the disk fill up: closing gives it back. Raises UserError when there is none."""
+    """Reserve space for the summary, in case the disk fills up.
+
+    Closing the file frees it. Raises UserError when there is none.
+    """
     try:
         held = TemporaryFile(dir=path, buffering=0)  # noqa: SIM115  the caller closes it
         held.write(bytes(RESERVED_BYTES))
@@ -124,7 +130,7 @@ def _no_room(path: Path, error: OSError) -> UserError:
 
 
 def keep_dataflash(path: Path) -> None:
-    """Give the newest DataFlash log in the directory, which the agent numbered, its name."""
+    """Rename the newest DataFlash log in the directory, which the agent numbered."""
     (path / "LASTLOG.TXT").unlink(missing_ok=True)
     logs = [log for log in path.iterdir() if log.suffix.lower() == ".bin" and log.stem.isdigit()]
     if logs:
@@ -132,7 +138,7 @@ def keep_dataflash(path: Path) -> None:
 
 
 def default_path(profile: str, started: datetime | None = None) -> Path:
-    """`runs/<profile>-<UTC time>`, with a number behind it when it is taken."""
+    """Return `runs/<profile>-<UTC time>`, with a number appended when that path exists."""
     stamp = (started or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
     base = Path("runs") / f"{Path(profile).name}-{stamp}"
     path, number = base, 1

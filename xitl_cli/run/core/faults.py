@@ -1,4 +1,4 @@
-"""Fault injection on links and agents by simulation time: what is in force, said and recorded."""
+"""Fault injection on links and agents by simulation time: combines, announces and records the active faults."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _BIASES = {
 
 
 def describe_fault(fault: FaultSpec) -> str:
-    """`link both ways: delay 0.1 s, loss 5 %; imu: gyro + [0, 0, 0.01] rad/s`."""
+    """Return a text such as `link both ways: delay 0.1 s, loss 5 %; imu: gyro + [0, 0, 0.01] rad/s`."""
     parts = []
     if fault.link is not None:
         what = "link" if fault.link.which == "agent" else f"link to {fault.link.which}"
@@ -132,9 +132,9 @@ _KINDS = FAULT_GROUPS
 
 @dataclass(frozen=True, slots=True)
 class FaultsInForce:
-    """What is in force on one link and the agent behind it; as made, nothing is.
+    """The active faults of one link and of the agent behind it. The defaults mean no fault.
 
-    to_agent goes to the host's own ImpairedTransport with `seed`, the rest to the agent by `message`.
+    The host applies `to_agent` with `seed` in its ImpairedTransport. The agent gets the rest in `message`.
     """
 
     to_agent: LinkFaults = NO_FAULTS
@@ -146,16 +146,16 @@ class FaultsInForce:
 
     @property
     def cut(self) -> bool:
-        """Whether nothing gets through, one way or both."""
+        """Whether no frame gets through in at least one direction."""
         return any(way.cut or way.loss >= 1.0 for way in (self.to_agent, self.from_agent))
 
     @property
     def on_agent(self) -> bool:
-        """Whether the agent has anything to do for it."""
+        """Whether the agent has a part in these faults."""
         return self.from_agent != NO_FAULTS or any((self.cpu_load, self.clock_offset_s, self.clock_skew_ppm))
 
     def message(self, sim_ns: int) -> Any:
-        """XITL_FAULTS that puts the agent's part in force."""
+        """Return the XITL_FAULTS that activates the agent's part."""
         link = self.from_agent
         return dialect.MAVLink_xitl_faults_message(
             time_usec=sim_ns // 1000,
@@ -173,7 +173,7 @@ class FaultsInForce:
 
 
 class FaultSchedule:
-    """The faults of a profile in simulation time. `seeds` make what is drawn repeat."""
+    """The faults of a profile in simulation time. `seeds` make random draws repeatable."""
 
     def __init__(self, faults: Mapping[str, FaultSpec], seeds: Seeds) -> None:
         self._seeds = seeds
@@ -184,7 +184,7 @@ class FaultSchedule:
         self._impaired: dict[str, tuple[int, int]] = {}
 
     def at(self, sim_ns: int, link: str = "agent") -> FaultsInForce | None:
-        """What is in force on `link` from now on; None while that is what it was. To be asked at every exchange."""
+        """Return the faults on `link` from now on, or None when they have not changed. Call it at every exchange."""
         if sim_ns < self._next_ns.get(link, 0):
             return None
         edges = [edge for timed in self._timed for edge in timed.edges_ns if edge > sim_ns]
@@ -196,7 +196,7 @@ class FaultSchedule:
         return faults
 
     def changed(self, sim_ns: int) -> dict[str, FaultSpec] | None:
-        """All faults in force from now on, by name; None while they are those of the last call."""
+        """Return all active faults by name, or None when they have not changed since the last call."""
         if sim_ns < self._next_ns.get(_ALL, 0):
             return None
         edges = [edge for timed in self._timed for edge in timed.edges_ns if edge > sim_ns]
@@ -204,7 +204,10 @@ class FaultSchedule:
         return {timed.name: timed.fault for timed in self._timed if timed.in_force(sim_ns)}
 
     def set(self, name: str, fault: FaultSpec) -> None:
-        """The fault of this name, or in its place: one that begins anew, or whose end has moved."""
+        """Add a fault, or replace the fault of this name.
+
+        A fault with a new start begins again; otherwise only its end moves.
+        """
         known = next((timed for timed in self._timed if timed.name == name), None)
         if known is None:
             self._timed.append(_Timed(name, fault, self._seeds))
@@ -214,7 +217,7 @@ class FaultSchedule:
         self._next_said_ns = 0
 
     def record(self, sim_ns: int, recorder: Recorder) -> None:
-        """Record and say what has begun and ended since the last call. To be called at every exchange."""
+        """Record and announce the faults that began or ended since the last call. Call it at every exchange."""
         if sim_ns < self._next_said_ns:
             return
         for timed in self._timed:
@@ -230,14 +233,15 @@ class FaultSchedule:
         self._next_said_ns = min(edges, default=NEVER_NS)
 
     def names_in_force(self) -> tuple[str, ...]:
-        """The faults that have been said to have begun and not yet to have ended."""
+        """Return the names of the faults that `record` has announced as begun and not as ended."""
         return tuple(timed.name for timed in self._timed if timed.begun and not timed.ended)
 
     def count_impaired(self, to_agent: int, from_agent: int, told_ns: int | None, link: str = "agent") -> None:
-        """Frames that faults have kept back for good on `link` so far, both ways. To be called after `record`.
+        """Count the frames that faults dropped for good on `link` so far, in both directions. Call it after `record`.
 
-        What came since the last call is put down to each fault that was in force since. The agent told its count at
-        `told_ns` (simulation time, None while unknown), so a fault that is over still gets what is told of its time.
+        Each fault that was active since the last call gets the new frames. The agent reported its count at `told_ns`
+        (simulation time, None if unknown). A fault that has ended therefore still gets the frames that the agent
+        counted while the fault was active.
         """
         before = self._impaired.get(link, (0, 0))
         self._impaired[link] = to_agent, from_agent
@@ -245,7 +249,10 @@ class FaultSchedule:
         self._put_down(link, "actuators", "frames_lost_from_agent", from_agent - before[1], told_ns or 0)
 
     def _put_down(self, link: str, way: str, name: str, count: int, until_ns: int) -> None:
-        """`until_ns`: up to when it was counted."""
+        """Add `count` to the faults of one direction.
+
+        `until_ns`: simulation time up to which the frames were counted.
+        """
         for timed in self._timed:
             fault = timed.fault.link
             if fault is None or fault.which != link or fault.direction not in ("both", way):
@@ -257,7 +264,7 @@ class FaultSchedule:
                     timed.settled.add(way)
 
     def reports(self, sensors: Mapping[str, Mapping[str, int]]) -> list[FaultReport]:
-        """How it went; `sensors` are SensorSuite's counts by fault."""
+        """Return a report for each fault. `sensors`: counts of SensorSuite, by fault."""
         return [
             FaultReport(
                 name=timed.name,
@@ -271,7 +278,7 @@ class FaultSchedule:
 
 
 class _Timed:
-    """One fault, its instants in nanoseconds and what it did. In force from from_ns to before until_ns."""
+    """One fault, its interval in nanoseconds and its counts. It is active for from_ns <= time < until_ns."""
 
     def __init__(self, name: str, fault: FaultSpec, seeds: Seeds) -> None:
         self.name = name
@@ -300,12 +307,12 @@ class _Timed:
 
 
 def span_ns(fault: FaultSpec) -> tuple[int, int]:
-    """From when to before when `fault` is in force."""
+    """Return the interval of `fault` in nanoseconds. The end is exclusive."""
     return round(fault.from_s * 1e9), NEVER_NS if fault.until_s is None else round(fault.until_s * 1e9)
 
 
 def _combined(timed: list[_Timed], link: str) -> FaultsInForce:
-    """All that is in force on one link: the busiest processor counts, offsets and skews add up."""
+    """Combine all active faults on one link. The highest processor load counts; offsets and skews add up."""
     links = [one.fault.link for one in timed if one.fault.link is not None and one.fault.link.which == link]
     agents = [one.fault.agent for one in timed if one.fault.agent is not None and one.fault.agent.which == link]
     return FaultsInForce(
@@ -319,7 +326,7 @@ def _combined(timed: list[_Timed], link: str) -> FaultsInForce:
 
 
 def _one_way(links: list[LinkFault]) -> LinkFaults:
-    """Several faults on one direction: delays add up, and each takes its share independently of the others."""
+    """Combine several faults on one direction. Delays add up; the shares of frames act independently of each other."""
     return LinkFaults(
         delay_s=math.fsum(link.delay_s for link in links),
         jitter_s=math.fsum(link.jitter_s for link in links),

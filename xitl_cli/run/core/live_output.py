@@ -1,6 +1,6 @@
-"""Live outputs: plug-ins that show a run while it goes on, and may pass on what a person asks for.
+"""Live outputs: plug-ins that show a run in progress and may pass on commands of a person.
 
-A run that wants one by its profile loads it from the entry-point group `xitl.live_outputs`:
+A run loads the outputs that its profile selects from the entry-point group `xitl.live_outputs`:
 
     output = factory(profiles)                   profiles: one a vessel
     output.vessel_node(LiveVessel(...))          once for each vessel
@@ -59,7 +59,7 @@ class LiveOutput:
 
 
 def live_outputs(profiles: Sequence[RunProfile]) -> list[LiveOutput]:
-    """The live outputs that a run's first profile asks for. Raises PluginError where one is missing."""
+    """Load the live outputs that the first profile of a run selects. Raises PluginError when one is missing."""
     lead = profiles[0]
     wanted = {"view": lead.view.show, "foxglove": lead.live.foxglove, "ros": lead.ros.enabled}
     return [load(LIVE_OUTPUTS, name)(profiles) for name, is_wanted in wanted.items() if is_wanted]

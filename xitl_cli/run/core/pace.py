@@ -1,4 +1,4 @@
-"""How simulation time goes by: as fast as it can, or with the clock on the wall."""
+"""Pace of the simulation time: as fast as possible, or with the wall clock."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from xitl_cli.record.topics import ClockExchange, PaceReport, TaskTiming
 from xitl_cli.run.core.statistics import Histogram, Slope, TimeBase
 
 SLIP_NS = 500_000_000
-STALL_NS = 40_000_000  # two control cycles at 50 Hz; ArduPilot takes an external IMU for lost after as much
+STALL_NS = 40_000_000  # two control cycles at 50 Hz; after this time ArduPilot treats an external IMU as lost
 ANCHORS_KEPT = 64
 TIME_BASE_HZ = 10.0
 
@@ -19,34 +19,34 @@ Idle = Callable[[float], object]
 
 
 class Pace(Protocol):
-    """Called before every physics step. slips: how often the world stood still because this machine did."""
+    """Called before every physics step. slips: how often the world paused because this machine stalled."""
 
     slips: int
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
-        """Return when it is time for the step that ends at `sim_ns`; `idle` passes the time and may return early."""
+        """Return when the step that ends at `sim_ns` is due. `idle` waits for up to the given time in seconds."""
 
     def sim_of_host(self, host_ns: int) -> int:
-        """Simulation time when the host's monotonic clock shows `host_ns`."""
+        """Return the simulation time when the host's monotonic clock shows `host_ns`."""
 
     def now_sim_ns(self, sim_ns: int) -> int:
-        """Simulation time right now, while the step that ended at `sim_ns` is being worked on."""
+        """Return the simulation time right now, during the work on the step that ended at `sim_ns`."""
 
     def task(self, rate_hz: float) -> TaskTiming:
-        """How the physics kept its deadlines."""
+        """Return the timing of the physics task against its deadlines."""
 
     def slope(self, rate_hz: float) -> Slope:
-        """The host's clock against the number of the step."""
+        """Return the slope of the host's clock against the step number."""
 
     def clock(self, step: int, sim_ns: int) -> ClockExchange | None:
-        """A point of that curve: when the step that ended at `sim_ns` began. None where time is simulation time."""
+        """Return the time at which the step that ended at `sim_ns` began; None in lockstep."""
 
     def report(self) -> PaceReport:
-        """How it went so far."""
+        """Return the report so far."""
 
 
 class Lockstep:
-    """No waiting: time is what the simulation says it is."""
+    """No waiting: the simulation alone defines the time."""
 
     def __init__(self) -> None:
         self.slips = 0
@@ -74,15 +74,15 @@ class Lockstep:
         return PaceReport()
 
 
-LISTEN_S = 0.02  # how soon a run that stands still, or waits for its pace, hears who operates it
-RESUMED_NS = 500_000_000  # a run that is further behind its pace goes on from there and does not race after it
+LISTEN_S = 0.02  # interval at which a paused or waiting run reads the user's commands
+RESUMED_NS = 500_000_000  # a run that is further behind its pace continues from there and does not catch up
 
 
 class OperatedLockstep(Lockstep):
-    """Lockstep that a person may stop, let go on for a while, and slow down: none of it touches the result.
+    """Lockstep that a person may pause, step and slow down. This does not change the result.
 
-    interrupted: whether somebody wants to end the run. listen: set by who operates it; called again and again while the
-    run stands still or waits. factor: times real time, None for as fast as it can.
+    interrupted: returns True when the user asked to stop. listen: callable that the operator node sets; it is called
+    repeatedly while the run is paused or waits. factor: multiple of real time, None for as fast as possible.
     """
 
     def __init__(
@@ -102,26 +102,26 @@ class OperatedLockstep(Lockstep):
 
     @property
     def paused(self) -> bool:
-        """Whether it stands still, or will when a step is over."""
+        """Whether the run is paused, or will be after the current step."""
         return self._stands_at_ns is not None
 
     def pause(self, sim_ns: int) -> None:
-        """Stand still from this instant on."""
+        """Pause from this instant on."""
         self._stands_at_ns = sim_ns
         self._free = False
 
     def step(self, duration_ns: int) -> None:
-        """While paused: go on for so long, and stand still again."""
+        """While paused, run for this duration and pause again."""
         if self._stands_at_ns is not None:
             self._stands_at_ns += duration_ns
 
     def resume(self) -> None:
-        """Go on."""
+        """Continue the run."""
         self._stands_at_ns = self._anchor = None
         self._free = self.factor is None
 
     def set_factor(self, factor: float | None) -> None:
-        """Times real time from now on; None: as fast as it can."""
+        """Set the multiple of real time from now on. None: as fast as possible."""
         self.factor, self._anchor = factor, None
         self._free = factor is None and self._stands_at_ns is None
 
@@ -153,10 +153,10 @@ class OperatedLockstep(Lockstep):
 class Realtime:
     """Absolute deadlines on the monotonic clock.
 
-    A step that starts later than one period behind its deadline counts as missed. Nothing is skipped: physics has to
-    take every step, so a late host catches up, and the count says that it was late. A host that is more than half a
-    second behind was asleep, and does not race after the time it slept through: the world stood still, which is a slip.
-    A stall is the time between two steps when it is longer than STALL_NS, caught up with or not.
+    A step that starts more than one period after its deadline counts as missed. Physics needs every step, so a late
+    host catches up and skips none. A host that is more than half a second late was asleep. It does not catch up: the
+    world was paused, which counts as a slip. A stall is an interval between two steps that is longer than STALL_NS,
+    even if the host catches up.
     """
 
     def __init__(self, period_s: float, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
@@ -215,9 +215,9 @@ class Realtime:
         self._start_ns = host_ns - sim_ns
 
     def sim_of_host(self, host_ns: int) -> int:
-        """Piecewise: each anchor's line, never beyond the next anchor. 0 before the first step.
+        """Piecewise linear: each anchor's line, limited to the simulation time of the next anchor.
 
-        During a slip nobody has noticed yet it stands at the step that is waited for.
+        It is 0 before the first step. During a slip that is not yet detected, it is the time of the step that is due.
         """
         until_ns: int | None = None
         for anchor_ns, sim_ns in reversed(self._anchors):

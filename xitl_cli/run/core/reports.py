@@ -1,4 +1,4 @@
-"""What nodes report of a run: progress while it goes on, and records whose `section` is their part of summary.json."""
+"""Reports of the nodes of a run: the current progress, and records with a `section` for summary.json."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from xitl_cli.run.core.statistics import Histogram
 
 
 class Ending(Enum):
-    """Why a run ended."""
+    """Reason for the end of a run."""
 
     FINISHED = "finished"
     DURATION = "duration reached"
@@ -21,54 +21,56 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the controlling node is.
-
-    target: index of the waypoint it heads for, None when it heads for none. finished: there is nothing more to do.
-    completed: what it was there for is done: every waypoint reached, a script or recording played to its end.
-    waypoints: the mission under way as (north, east), None for the profile's. waits_for: why the vessel's
-    state is still frozen; empty once it may move. guided_ne_m: the place (north, east) it goes to in GUIDED.
-    """
+    """Progress of the controlling node."""
 
     mode: str
     armed: bool = False
     target: int | None = None
+    """Index of the waypoint that the vessel heads for; None without one."""
     reached: int = 0
     finished: bool = False
+    """The node has nothing more to do."""
     completed: bool = False
+    """The node did its task: it reached every waypoint, or played a script or recording to its end."""
     waypoints: tuple[tuple[float, float], ...] | None = None
+    """Active mission as (north, east) in metres; None for the profile's mission."""
     waits_for: str = ""
+    """Reason why the vessel's state is still frozen; empty once the vessel may move."""
     messages: tuple[str, ...] = ()
     guided_ne_m: tuple[float, float] | None = None
+    """Target in GUIDED as (north, east) in metres; None without one."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """One direction of a link over a whole run; counts the other end keeps are None until it has told them.
-
-    name: `sensors` (to the agent) or `actuators` (from it); those of another link than `agent` have its name before
-    them: `standby sensors`.
-    lost: sent and never received. gaps: what the receiver misses, see `SequenceMonitor`. late: out of order. repeated:
-    came twice. unsent: not taken by the transport of the sender. dropped: damaged or unknown ones. refused: without a
-    good signature, or of others than the other end. impaired: kept back for good by an injected fault, part of the lost
-    ones. host_end: what the host's transport has counted beside that, by name, told with the direction that it hears.
-    """
+    """One direction of a link over a whole run. Counts of the other end are None until it has reported them."""
 
     name: str
+    """`sensors` (to the agent) or `actuators` (from it). Other links than `agent` add their name: `standby sensors`."""
     sent: int | None
     received: int | None
     lost: int | None
+    """Frames sent and never received."""
     unsent: int | None
+    """Frames that the sender's transport did not accept."""
     dropped: int
+    """Damaged or unknown frames."""
     latency: Histogram = field(default_factory=Histogram)
     gaps: int | None = None
+    """Frames that the receiver misses, see `SequenceMonitor`."""
     late: int | None = None
+    """Frames out of order."""
     repeated: int | None = None
+    """Frames received twice."""
     refused: int | None = None
+    """Frames without a valid signature, or from another sender than the other end."""
     impaired: int | None = None
+    """Frames that an injected fault dropped for good. They are part of `lost`."""
     host_end: dict[str, int] = field(default_factory=dict)
+    """Other counters of the host's transport, by name. The receiving direction reports them."""
 
     def section(self) -> dict[str, Any]:
-        """A row of `links`."""
+        """Return a row of `links`."""
         return {
             "name": self.name,
             "sent": self.sent,
@@ -88,14 +90,7 @@ class LinkReport:
 
 @dataclass(frozen=True, slots=True)
 class ClockReport:
-    """A node's clock against the host's at the end of a run; None where nothing was measured.
-
-    drift_error_ppm: standard error of the drift, from the fit. drift_std_ppm: how the drift itself varies from one 10 s
-    to the next. slope_s, slope_std_s: mean and standard deviation of
-    the node's time base a sample. residual_us: spread of the exchanges about the estimate. path_delay_us: shortest
-    way there and back, halved. steps: of the node's clock. stood_s: for which a simulated clock stood still with its
-    process, but for what it makes up for.
-    """
+    """A node's clock against the host's at the end of a run. A value is None when nothing was measured."""
 
     node: str
     offset_us: float | None
@@ -103,28 +98,30 @@ class ClockReport:
     asymmetry_bound_us: float | None = None
     samples: int = 0
     residual_us: float | None = None
+    """Spread of the exchanges about the estimate."""
     path_delay_us: float | None = None
+    """Half of the shortest round trip."""
     drift_std_ppm: float | None = None
+    """Standard deviation of the drift between windows of 10 s."""
     slope_s: float | None = None
+    """Mean of the node's time base per sample."""
     slope_std_s: float | None = None
+    """Standard deviation of the node's time base per sample."""
     steps: int = 0
+    """Steps of the node's clock."""
     drift_error_ppm: float | None = None
+    """Standard error of the drift, from the fit."""
     stood_s: float = 0.0
+    """Time for which a simulated clock stopped with its process, less the time that it made up."""
 
     def section(self) -> dict[str, Any]:
-        """A row of `clocks`."""
+        """Return a row of `clocks`."""
         return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
 class NodeReport:
-    """What a machine in the loop says of itself. link: the one it is on. None where it does not tell.
-
-    kind: `real` or `virtual`. flags: how it runs, in words. estimates: those that its control used, efforts: those that
-    its actuation allocated. log_dropped: records that its log had no room for. stations_missed: what ground stations
-    did not get, or said in vain. events_lost: sentences that nobody took in time. controller_failures: steps at
-    which the user's controller raised or gave no usable answer.
-    """
+    """Report of a machine in the loop about itself. A value is None when the machine does not report it."""
 
     nodes: str
     machine: str
@@ -132,44 +129,52 @@ class NodeReport:
     memory_mib: float | None
     refused: int
     link: str = "agent"
+    """Name of the link to the machine."""
     kind: str = "virtual"
+    """`real` or `virtual`."""
     kernel: str = ""
     python: str = ""
     flags: tuple[str, ...] = ()
+    """How the process runs, in words such as `PREEMPT_RT`, `SCHED_FIFO` or `memory locked`."""
     processors: int | None = None
     temperature_c: float | None = None
     cpu_percent: float | None = None
     estimates: int = 0
+    """Estimates that the node's control used."""
     efforts: int = 0
+    """Efforts that the node's actuation allocated."""
     log_dropped: int = 0
+    """Records for which the node's log had no space."""
     stations_missed: int = 0
+    """Messages that ground stations did not get, or sent in vain."""
     events_lost: int = 0
+    """Sentences that were not read in time."""
     controller_failures: int = 0
+    """Steps at which the user's controller raised or gave no usable answer."""
 
     def section(self) -> dict[str, Any]:
-        """A row of `nodes`."""
+        """Return a row of `nodes`."""
         return {**asdict(self), "flags": list(self.flags)}
 
 
 @dataclass(frozen=True, slots=True)
 class ActuatorReport:
-    """How old the motor commands were at the exchanges that used them.
-
-    stale: exchanges at which no new one had come; longest_stale: the most of them in a row.
-    """
+    """Age of the motor commands at the exchanges that used them."""
 
     age: Histogram = field(default_factory=Histogram)
     stale: int = 0
+    """Exchanges without a new command."""
     longest_stale: int = 0
+    """Longest sequence of such exchanges."""
 
     def section(self) -> dict[str, Any]:
-        """`actuators`."""
+        """Return `actuators`."""
         return {"age_us": _quantiles_us(self.age), "stale": self.stale, "longest_stale": self.longest_stale}
 
 
 @dataclass(frozen=True, slots=True)
 class TakeoverReport:
-    """One agent stepped in for another at `at_s`; see TakeoverEvent."""
+    """A takeover of one agent by another at `at_s`; see TakeoverEvent."""
 
     at_s: float
     from_node: str
@@ -178,25 +183,24 @@ class TakeoverReport:
     step: float
 
     def section(self) -> dict[str, Any]:
-        """A row of `takeovers`."""
+        """Return a row of `takeovers`."""
         return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
 class FaultReport:
-    """An injected fault: when it was in force, and counts of what it did.
-
-    from_s None: the run ended before it began; until_s None: it was in force to the end.
-    """
+    """An injected fault: the interval in which it was active, and counts of its effects."""
 
     name: str
     kind: str
     from_s: float | None
+    """None when the run ended before the fault began."""
     until_s: float | None
+    """None when the fault was active until the end of the run."""
     did: dict[str, int] = field(default_factory=dict)
 
     def section(self) -> dict[str, Any]:
-        """A row of `faults`."""
+        """Return a row of `faults`."""
         return asdict(self)
 
 
@@ -205,7 +209,7 @@ Traffic = dict[str, dict[str, dict[int, int]]]
 
 
 def task_section(task: TaskTiming) -> dict[str, Any]:
-    """A row of `tasks`."""
+    """Return a row of `tasks`."""
     return {
         "node": task.node,
         "task": task.task,
@@ -229,7 +233,7 @@ def task_section(task: TaskTiming) -> dict[str, Any]:
 
 
 def _bin_quantile_us(histogram: tuple[int, ...], share: float, max_s: float) -> float | None:
-    """Upper edge of the bin in which `share` of the cycles is reached, not above the maximum; None without cycles."""
+    """Return the upper edge of the bin that contains the quantile `share`, at most the maximum; None without cycles."""
     left = share * sum(histogram)
     if not left:
         return None

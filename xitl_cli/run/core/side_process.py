@@ -1,4 +1,4 @@
-"""A process beside a run, as its view or its bridge to ROS, and the pipe to it."""
+"""A process that runs next to a run, such as its view or its bridge to ROS, and the pipe to it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ LONGEST_REASON = 200
 
 
 def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> subprocess.Popen[bytes]:
-    """`python -m module NUMBER…`, numbers of `sockets`, which it inherits. words: what it writes to its standard error.
+    """Start `python -m module NUMBER…`, with the numbers of the `sockets` that it inherits.
 
-    It is in a session of its own, since Ctrl-C is the run's.
+    words: file for its standard error.
+
+    The process gets a new session, because Ctrl-C is for the run alone.
     """
     numbers = [one.fileno() for one in sockets]
     return subprocess.Popen(
@@ -35,10 +37,10 @@ def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> su
 
 
 class SideProcess:
-    """Before it is started and once it is gone, what is sent to it goes nowhere and nothing comes.
+    """A process with a pipe. Before its start and after its end, `send` discards messages and `receive` returns none.
 
-    on_loss: called once when it is gone before its end, with " (why)", empty if that is not known. patience_s: for
-    which it may take to end.
+    on_loss: called once when the process ends early, with " (why)", or an empty string if the reason is unknown.
+    patience_s: time that the process may take to end.
     """
 
     def __init__(self, module: str, on_loss: Callable[[str], object], patience_s: float) -> None:
@@ -50,7 +52,7 @@ class SideProcess:
         self._words: IO[bytes] | None = None
 
     def start(self, sockets: Sequence[socket.socket] = ()) -> None:
-        """It is given the numbers of `sockets` and, last, of its end of the pipe."""
+        """Start the process. Its arguments are the numbers of `sockets` and, last, of its end of the pipe."""
         ours, theirs = socket.socketpair()
         self._words = tempfile.TemporaryFile()  # noqa: SIM115  # read when the process has ended
         with theirs:
@@ -59,21 +61,21 @@ class SideProcess:
 
     @property
     def gone(self) -> bool:
-        """Whether nobody is there (any more)."""
+        """Whether the process is not running."""
         return self._pipe is None
 
     @property
     def waiting_bytes(self) -> int:
-        """That its pipe has not taken yet."""
+        """Bytes that its pipe has not accepted yet."""
         return 0 if self._pipe is None else self._pipe.waiting_bytes
 
     @property
     def taken_bytes(self) -> int:
-        """That its pipe has taken so far."""
+        """Bytes that its pipe has accepted so far."""
         return 0 if self._pipe is None else self._pipe.taken_bytes
 
     def send(self, message: Any) -> None:
-        """Waits for nothing: see Pipe."""
+        """Send without waiting: see Pipe."""
         if self._pipe is not None:
             try:
                 self._pipe.send(message)
@@ -81,7 +83,7 @@ class SideProcess:
                 self._lose()
 
     def receive(self, timeout_s: float = 0.0) -> list[Any]:
-        """All that has come, after at most `timeout_s`."""
+        """Return all messages that have arrived, after at most `timeout_s`."""
         if self._pipe is None:
             return []
         try:
@@ -91,7 +93,7 @@ class SideProcess:
             return []
 
     def receive_last(self) -> Iterator[Any]:
-        """What it says while it ends as it was told to, until it is gone or its patience is over."""
+        """Yield the messages that the process sends while it ends, at most until its patience is over."""
         until_s = time.monotonic() + self._patience_s
         while self._pipe is not None and time.monotonic() < until_s:
             try:
@@ -100,7 +102,10 @@ class SideProcess:
                 self._disconnect()
 
     def close(self) -> None:
-        """Give it what still waits, and its time to end; kill it when that is over. A second call does nothing."""
+        """Send the remaining messages and give the process time to end; kill it after that.
+
+        A second call does nothing.
+        """
         until_s = time.monotonic() + self._patience_s
         process, pipe, self._process = self._process, self._pipe, None
         if process is not None:
@@ -129,7 +134,10 @@ class SideProcess:
             self._pipe = None
 
     def _why_ended(self) -> str:
-        """The signal that ended it, else the last line that it wrote; empty for neither, and while it goes on."""
+        """Return the signal that ended it, otherwise its last line of output.
+
+        Empty without either, and while it still runs.
+        """
         assert self._process is not None
         assert self._words is not None
         try:

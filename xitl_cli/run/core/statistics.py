@@ -17,7 +17,10 @@ class Histogram:
         self.max_ns = 0
 
     def add(self, value_ns: int) -> None:
-        """Count one value; a negative one (clocks aligned to less than it) counts as 0."""
+        """Count one value.
+
+        A negative value counts as 0; it occurs when the clocks' alignment error exceeds the latency.
+        """
         value_ns = max(value_ns, 0)
         shift = max(value_ns.bit_length() - 6, 0)
         bucket = (shift << 6) + (value_ns >> shift)
@@ -39,7 +42,7 @@ class Histogram:
 
 
 WINDOW_NS = 10_000_000_000
-WINDOW_SAMPLES = 20  # fewer in a window say nothing about drift
+WINDOW_SAMPLES = 20  # a window with fewer samples gives no drift
 
 
 class Spread:
@@ -51,7 +54,7 @@ class Spread:
         self._squares = 0.0
 
     def add(self, value: float) -> None:
-        """One more value."""
+        """Add a value."""
         self.count += 1
         away = value - self.mean
         self.mean += away / self.count
@@ -59,7 +62,7 @@ class Spread:
 
     @property
     def deviation(self) -> float | None:
-        """Standard deviation with one degree of freedom less, None of fewer than two values."""
+        """Standard deviation with one degree of freedom less, None for fewer than two values."""
         return sqrt(self._squares / (self.count - 1)) if self.count > 1 else None
 
 
@@ -72,10 +75,10 @@ class Slope:
 
 
 class TimeBase:
-    """The curve "time base against sample number": its slope and how that varies, in constant memory.
+    """The curve "time base against sample number": its slope and the variation of the slope, in constant memory.
 
-    The mean is the chord from the first sample to the newest; the deviation is that of the steps between neighbours,
-    each divided by the samples it spans.
+    The mean is the chord from the first sample to the newest. The deviation is that of the steps between neighbours.
+    Each step is divided by the number of samples that it spans.
     """
 
     def __init__(self) -> None:
@@ -84,9 +87,9 @@ class TimeBase:
         self._steps = Spread()
 
     def add(self, sample: int, clock_ns: int) -> None:
-        """The node's clock at a sample; what is not above the last one is passed over.
+        """Add the node's clock at a sample. Ignore a sample that is not above the last one.
 
-        A clock that goes back is that of an agent that was started anew.
+        A clock that goes back belongs to an agent that was restarted.
         """
         if self._first is None:
             self._first = self._newest = (sample, clock_ns)
@@ -107,9 +110,9 @@ class TimeBase:
 
 
 class DriftWindows:
-    """How a clock's drift varies: the drift in each 10 s by itself.
+    """Variation of a clock's drift, from the separate drift of each 10 s.
 
-    A window in which the clock stepped, or with too few exchanges, is left out.
+    It leaves out a window in which the clock stepped, and a window with too few exchanges.
     """
 
     def __init__(self, uneven_ns: float = 0.0) -> None:
@@ -119,7 +122,7 @@ class DriftWindows:
         self._drifts = Spread()
 
     def add(self, t1_ns: int, t2_ns: int, t3_ns: int, t4_ns: int) -> None:
-        """An exchange, see ClockSync."""
+        """Add an exchange, see ClockSync."""
         if self._began_ns is None:
             self._began_ns = t1_ns
         if t1_ns - self._began_ns >= WINDOW_NS:
@@ -136,5 +139,5 @@ class DriftWindows:
 
     @property
     def deviation_ppm(self) -> float | None:
-        """Standard deviation over the whole windows so far, None of fewer than two."""
+        """Standard deviation over the complete windows so far, None for fewer than two."""
         return self._drifts.deviation

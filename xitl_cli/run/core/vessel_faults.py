@@ -11,9 +11,9 @@ from xitl_cli.profile.schema.faults import FaultSpec, PropellerFault, RudderFaul
 
 
 class VesselFaults:
-    """The condition of one vessel under the faults in force.
+    """The condition of one vessel under the active faults.
 
-    An actuator that stays as it is keeps the value of the instant at which its fault began.
+    A stuck actuator keeps the value that it had when its fault began.
     """
 
     def __init__(self, model: VesselSpec) -> None:
@@ -21,7 +21,7 @@ class VesselFaults:
         self._kept: dict[tuple[str, str], float] = {}
 
     def condition(self, faults: Mapping[str, FaultSpec], rotor: Array) -> Condition | None:
-        """For the faults in force by name and the (C,) actuators now; None where nothing is wrong."""
+        """Return the condition for the active faults, by name, and the (C,) actuators now; None without a fault."""
         self._kept = {key: value for key, value in self._kept.items() if key[0] in faults}
         actuators: list[ActuatorFault] = []
         batteries: list[BatteryFault] = []

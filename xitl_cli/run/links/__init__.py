@@ -1,1 +1,1 @@
-"""Links to agents: connections, what arrives on them, their counts and clocks, loopbacks."""
+"""Links to agents: connections, inboxes, counts, clocks and loopbacks."""

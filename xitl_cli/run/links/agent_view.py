@@ -1,4 +1,4 @@
-"""The host's picture of an agent, from the messages it sends."""
+"""The host's view of an agent, from the messages that the agent sends."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sim_core.frames import Array
 from sim_core.geodesy import GeodeticPoint, LocalFrame, ardupilot_geodetic
 from xitl_cli.record.topics import MotionEstimate, TaskMissEvent, TaskTiming
 
-ORIGIN_SET = "origin set"  # in ArduPilot's words
+ORIGIN_SET = "origin set"  # text of ArduPilot
 RECENT_TEXTS = 20
 MISSION_COMPLETE = 5  # MISSION_STATE_COMPLETE of MISSION_CURRENT
 SUBSYSTEMS = {
@@ -33,23 +33,23 @@ SUBSYSTEMS = {
     0x200000: "estimator",
     0x2000000: "battery",
 }
-"""What an autopilot needs at sea, by its bit of SYS_STATUS (MAV_SYS_STATUS_SENSOR)."""
+"""Subsystems that an autopilot needs at sea, by their bit of SYS_STATUS (MAV_SYS_STATUS_SENSOR)."""
 
 
 STARTING = (dialect.MAV_STATE_BOOT, dialect.MAV_STATE_CALIBRATING)
-"""Not MAV_STATE_UNINIT: "state is unknown", which simple vehicles say for good."""
+"""MAV_STATE_UNINIT is not included: it means "state is unknown", and simple vehicles always send it."""
 
 
 class AgentView:
-    """Takes every message; keeps the latest of what matters.
+    """Handles every message and keeps the latest relevant values.
 
-    `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
-    are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
-    heard: the autopilot's heartbeat has been; px4: it is a PX4; starting: it says that it boots or calibrates.
-    has_origin: its estimator has an origin. unhealthy: what of it is on and not well. guided_ne_m: the latest target of
-    GUIDED that the host has sent, north and east, until the mode leaves GUIDED. pair_ms: how far apart a position
-    and an attitude may be to make an estimate. sphere_metres: its local position is in ArduPilot's metres, about an
-    origin on the real Earth.
+    It calls `on_text(severity, text)` and `on_estimate(agent_us, estimate)` for each text and estimate. `node`: name
+    for its tasks. `sim_ns(agent_us)`: returns the simulation time of an instant on the agent's clock, None while
+    unknown. heard: a heartbeat of the autopilot has arrived. px4: the autopilot is a PX4. starting: it boots or
+    calibrates. has_origin: its estimator has an origin. unhealthy: its enabled subsystems that are not healthy.
+    guided_ne_m: the latest target of GUIDED from the host, north and east, until the mode leaves GUIDED. pair_ms:
+    largest time between a position and an attitude of one estimate. sphere_metres: its local position is in ArduPilot's
+    metres, about an origin on the real Earth.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class AgentView:
         self._origin_ned_m: Array = np.zeros((1, 3))
         self._deviation_ned_m: Array | None = None
         self._attitude: Any = None
-        self._unpaired: Any = None  # a position whose nearest attitude is still to come
+        self._unpaired: Any = None  # a position that waits for the next attitude
         self._handlers: dict[int, Callable[[Any], object]] = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
@@ -107,13 +107,16 @@ class AgentView:
         }
 
     def handle(self, message: Any) -> None:
-        """Note one message; kinds it has no use for are passed over."""
+        """Handle one message; ignore unknown kinds."""
         handler = self._handlers.get(message.get_msgId())
         if handler is not None:
             handler(message)
 
     def adopt(self, other: AgentView) -> None:
-        """Another agent with the same mission steers now: its state, and what either has reached."""
+        """Take over the state of another agent that now steers with the same mission.
+
+        Reached items of both are kept.
+        """
         self.status, self.info = other.status, other.info
         self._change_mode(other.mode)
         self.armed, self.ready_to_arm = other.armed, other.ready_to_arm
@@ -179,7 +182,7 @@ class AgentView:
             self._estimated(position, message)
 
     def _local_position(self, message: Any) -> None:
-        """With the attitude before it, or, where that is too old, with the next."""
+        """Combine the position with the previous attitude or, if that is too old, with the next one."""
         attitude = self._attitude
         if attitude is not None and 0 <= message.time_boot_ms - attitude.time_boot_ms <= self.pair_ms:
             self._estimated(message, attitude)
@@ -187,7 +190,7 @@ class AgentView:
             self._unpaired = message
 
     def _estimator_status(self, message: Any) -> None:
-        """Its horizontal accuracy is that of both axes together."""
+        """Store the standard deviations. The reported horizontal accuracy is that of both axes together."""
         axis_m = message.pos_horiz_accuracy / math.sqrt(2.0)
         self._deviation_ned_m = np.array([axis_m, axis_m, message.pos_vert_accuracy])
 
@@ -215,7 +218,7 @@ class AgentView:
         self.info = message
 
     def task(self, message: Any) -> TaskTiming:
-        """XITL_TASK_STATS as a record, kept too."""
+        """Return XITL_TASK_STATS as a record, and keep it."""
         name = text_of(message.task)
         cycles = message.cycles > 0
         self.tasks[name] = task = TaskTiming(
@@ -237,7 +240,7 @@ class AgentView:
         return task
 
     def miss(self, message: Any) -> TaskMissEvent | None:
-        """XITL_TASK_MISS as a record, None while its instants have no simulation time."""
+        """Return XITL_TASK_MISS as a record, or None while its instants have no simulation time."""
         due_ns, start_ns, end_ns = map(self._sim_ns, (message.due_usec, message.start_usec, message.end_usec))
         if due_ns is None or start_ns is None or end_ns is None:
             return None

@@ -1,10 +1,11 @@
-"""A process with agents of a fleet, several of them: `python -m xitl_cli.run.links.agent_worker CONTROL PARENT`.
+"""A process with several agents of a fleet: `python -m xitl_cli.run.links.agent_worker CONTROL PARENT`.
 
-Over the socket whose descriptor is CONTROL come a number, options and the agent's own end of a pair, for each agent;
-the answer is its number and why it cannot be made, empty when it can. An agent is closed when the other end of its pair
-is.
-The number of one that fails comes with the reason, and the others go on. The process ends with PARENT, and when the
-control is closed.
+CONTROL is the descriptor of a socket. For each agent the host sends a number, its options and the agent's end of a
+socket pair. The process answers with the number and the reason why it cannot create the agent, or an empty reason. It
+closes an agent when the other end of its pair closes.
+
+When an agent fails, the process sends its number and the reason, and the other agents continue. The process ends with
+PARENT and when the control socket closes.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from agent.assembly import REFUSALS, assemble
 from agent.options import Options
 from agent.wire.socket_pair import SocketPairTransport
 
-IDLE_MS = 20  # so often those are served that wait for others than the host: ground stations
+IDLE_MS = 20  # interval for the agents' other connections, to ground stations
 MESSAGE_BYTES = 1 << 17
 
 
 class HostedAgent:
-    """One of them. Raises `REFUSALS`."""
+    """One agent of the worker. Raises `REFUSALS`."""
 
     def __init__(self, number: int, options: Options, sock: socket.socket) -> None:
         self.number = number
@@ -40,12 +41,15 @@ class HostedAgent:
             raise
 
     def close(self) -> None:
-        """End its log first, its transport last: that tells the other end that all is written."""
+        """Close the log first and the transport last.
+
+        The closed transport shows the other end that all data is written.
+        """
         self._opened.close()
 
 
 class AgentWorker:
-    """The agents that were asked for over `control`."""
+    """The agents that the host requested over `control`."""
 
     def __init__(self, control: socket.socket) -> None:
         self._control = control
@@ -54,7 +58,7 @@ class AgentWorker:
         self._poll.register(control, select.POLLIN)
 
     def serve(self) -> None:
-        """Until the control is closed."""
+        """Serve until the control socket is closed."""
         control = self._control.fileno()
         while True:
             ready = [descriptor for descriptor, _ in self._poll.poll(IDLE_MS)]
@@ -66,12 +70,12 @@ class AgentWorker:
                 self._work(descriptor)
 
     def close(self) -> None:
-        """All that are left."""
+        """Close all remaining agents."""
         for descriptor in list(self._agents):
             self._close(descriptor)
 
     def _make(self) -> bool:
-        """False when there is nobody any more who could ask."""
+        """Create one agent. Returns False when the host has closed the control socket."""
         message, descriptors, _, _ = socket.recv_fds(self._control, MESSAGE_BYTES, 1)
         if not message:
             return False
@@ -92,7 +96,7 @@ class AgentWorker:
         agent = self._agents[descriptor]
         try:
             agent.poll()
-        except Exception as error:  # noqa: BLE001  the host says whose it was
+        except Exception as error:  # noqa: BLE001  the host names the vessel
             traceback.print_exc()
             self._say(agent.number, repr(error))
             agent.transport.lost = True
@@ -108,7 +112,7 @@ class AgentWorker:
 
 
 def main() -> None:
-    """See the module."""
+    """Run the worker; see the module."""
     control, parent = map(int, sys.argv[1:])
     end_with_parent(parent)
     worker = AgentWorker(socket.socket(fileno=control))

@@ -1,8 +1,8 @@
-"""Agents of a fleet in processes beside the host's, several in each: in lockstep both sides work at the same time.
+"""Agents of a fleet in other processes, several in each. In lockstep both sides work at the same time.
 
-A tick is answered when the motor commands are made; telemetry and log of it, and the samples of the next, are work for
-another processor while the host steps the world. What is said on a link is the same as in one process, byte for byte,
-since an agent in lockstep goes by its messages and their order alone.
+An agent answers a tick as soon as it has the motor commands. Another processor handles the telemetry and the log of
+that tick, and the samples of the next, while the host steps the world. The bytes on a link are the same as in one
+process, because an agent in lockstep depends only on its messages and their order.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from xitl_cli.profile.schema import RunProfile
 
 START_S = 60.0
 STOP_S = 10.0
-GATHERED_BYTES = 16 << 10  # the samples of some ticks
+GATHERED_BYTES = 16 << 10  # samples of a few ticks
 _MESSAGE_BYTES = 1 << 17
 
 
 class AgentWorkers:
-    """`processes` workers, each started when it first gets an agent; they get the agents in turns."""
+    """Up to `processes` workers, each started with its first agent. They get the agents in turn."""
 
     def __init__(self, processes: int) -> None:
         self._processes = processes
@@ -37,23 +37,26 @@ class AgentWorkers:
         self._opened = 0
 
     def open(self, options: Options, vessel: str) -> WorkerAgent:
-        """The agent of `vessel` in one of them. Raises UserError, which does not name it, when it cannot be made."""
+        """Create the agent of `vessel` in one of the workers.
+
+        Raises UserError, without the vessel's name, on failure.
+        """
         number, self._opened = self._opened, self._opened + 1
         if len(self._workers) < self._processes:
             self._workers.append(Worker())
         return WorkerAgent(self._workers[number % self._processes], number, options, vessel)
 
     def close(self) -> None:
-        """End all processes; their agents are to be closed before."""
+        """End all processes. Close their agents before."""
         for worker in self._workers:
             worker.close()
         self._workers.clear()
 
 
 def fleet_workers(profiles: Sequence[RunProfile]) -> AgentWorkers | None:
-    """One for each processor that this process may use but its own; None where they would not help.
+    """Return workers for all available processors but the host's, or None when they would not help.
 
-    That is a vessel alone, real time, where the agents wait for the clock, or a single processor.
+    They do not help a single vessel, a real-time run, in which the agents wait for the clock, or a single processor.
     """
     embedded = [each for each in profiles if each.autopilot.kind == "embedded" and each.autopilot.runs == "in-process"]
     spare = len(os.sched_getaffinity(0)) - 1
@@ -63,7 +66,7 @@ def fleet_workers(profiles: Sequence[RunProfile]) -> AgentWorkers | None:
 
 
 class Worker:
-    """A process with agents."""
+    """A process that runs several agents."""
 
     def __init__(self) -> None:
         self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -73,13 +76,13 @@ class Worker:
                 words,
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
-                start_new_session=True,  # a Ctrl-C at the terminal is the host's to pass on
+                start_new_session=True,  # the host passes on a Ctrl-C at the terminal
             )
         self._vessels: list[str] = []
         self._said: dict[int, str] = {}
 
     def make(self, number: int, options: Options, sock: socket.socket, vessel: str) -> None:
-        """An agent with the other end of `sock`. Raises UserError when it cannot be made."""
+        """Create an agent with the other end of `sock`. Raises UserError on failure."""
         self._vessels.append(vessel)
         with sock:
             try:
@@ -105,7 +108,7 @@ class Worker:
             raise self.gone(vessel)
 
     def gone(self, vessel: str) -> UserError:
-        """What to say of a process that has ended, or does not answer."""
+        """Return the error for a process that has ended or does not answer."""
         try:
             code = self._process.wait(STOP_S)
         except subprocess.TimeoutExpired:
@@ -118,7 +121,7 @@ class Worker:
         return UserError(f"the process of {whose} ended: {reason}")
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         self._control.close()
         try:
             self._process.wait(STOP_S)
@@ -127,7 +130,7 @@ class Worker:
             self._process.wait()
 
     def _listen(self, timeout_s: float) -> bool:
-        """Take in one thing that it says; False when it says nothing."""
+        """Read one message of the process. Returns False without a message."""
         if not select.select([self._control], (), (), timeout_s)[0]:
             return False
         try:
@@ -171,7 +174,7 @@ class WorkerAgent:
         )
 
     def close(self) -> None:
-        """Returns when what it wrote is in its files."""
+        """Close the agent, and return when its files are written."""
         if self._pair.fileno() is not None:
             self._pair.finish(STOP_S)
             self._pair.close()

@@ -1,4 +1,4 @@
-"""Connection to one agent: reach it, start it, feed it, watch it, stop it."""
+"""Connection to one agent: connect, start, send, monitor and stop."""
 
 from __future__ import annotations
 
@@ -33,26 +33,30 @@ from xitl_cli.run.links.setup import Plans, set_parameters, upload_plan
 
 @dataclass(frozen=True, slots=True)
 class AgentTerms:
-    """key: the profile's group. who: in sentences. node: what it has to announce, with --role `role`.
-
-    target: its MAVLink system and component. says: what is missed when it is silent, and what it does (`speaks`) when
-    it is back. silent_s: what is too long.
-    """
+    """How a connection identifies and names its agent."""
 
     key: str
+    """Group of the profile."""
     who: str
+    """Name of the agent in sentences."""
     node: str
+    """Node that the agent has to announce."""
     role: str
+    """Value of its option --role."""
     target: Target
+    """MAVLink system and component."""
     connect_timeout_s: float
     silent_s: float
+    """Silence in seconds that ends the run."""
     link_key_file: str | None = None
     says: str = "motor commands"
+    """Messages that are missing during a silence."""
     speaks: str = "commands"
+    """Verb for the return of those messages."""
 
 
 def autopilot_terms(profile: RunProfile, name: str) -> AgentTerms:
-    """Of the agent called `name`: `agent`, or one in standby."""
+    """Return the terms of the agent called `name`: `agent`, or an agent in standby."""
     autopilot = profile.autopilot
     return AgentTerms(
         key="autopilot",
@@ -67,7 +71,7 @@ def autopilot_terms(profile: RunProfile, name: str) -> AgentTerms:
 
 
 def companion_terms(profile: RunProfile) -> AgentTerms:
-    """Of a profile that has one."""
+    """Return the terms of the companion. The profile must have a companion."""
     companion = profile.companion
     assert companion is not None
     return AgentTerms(
@@ -85,7 +89,7 @@ def companion_terms(profile: RunProfile) -> AgentTerms:
 
 
 def _silent_error(peer: str, who: str, seconds: float, sim_s: float) -> UserError:
-    """Nothing came for so long."""
+    """Return the error for an agent that sent nothing for this time."""
     return UserError(
         f"{peer}: {who} stopped answering and was silent for {seconds:.3g} s, at {sim_s:.2f} s of simulation time; "
         "look at its log, its power and the cable"
@@ -93,7 +97,7 @@ def _silent_error(peer: str, who: str, seconds: float, sim_s: float) -> UserErro
 
 
 def _restarted_error(peer: str, who: str, sim_s: float) -> UserError:
-    """It is there, but knows of no run."""
+    """Return the error for an agent that answers but has no run."""
     return UserError(
         f"{peer}: {who} answers but has no run on, at {sim_s:.2f} s of simulation time: it was started anew; look at "
         "its log for why it ended, then run again"
@@ -101,7 +105,7 @@ def _restarted_error(peer: str, who: str, sim_s: float) -> UserError:
 
 
 def _taken_over_error(peer: str, who: str, sim_s: float) -> UserError:
-    """It has the run of somebody else on."""
+    """Return the error for an agent that has the run of another host."""
     return UserError(
         f"{peer}: {who} has another run on, at {sim_s:.2f} s of simulation time: another host has started it; give "
         "each host an agent of its own, and the link a key (--link-key), then run again"
@@ -109,7 +113,7 @@ def _taken_over_error(peer: str, who: str, sim_s: float) -> UserError:
 
 
 def _not_understood_error(terms: AgentTerms, link: Link) -> UserError | None:
-    """Something came, but no good frame; None when nothing did."""
+    """Return the error for data without a valid frame, or None when nothing arrived."""
     where = link.transport.peer
     if link.refused_signature:
         return UserError(
@@ -126,15 +130,15 @@ def _not_understood_error(terms: AgentTerms, link: Link) -> UserError | None:
 
 
 TICK_REPEAT_S = 0.5
-POLL_S = 0.001  # where a link has no descriptor to wait for
+POLL_S = 0.001  # for a link without a descriptor to wait for
 SAID_S = 0.5
 
 
 class Silence:
-    """Watches one agent. It speaks when a motor command of its comes; `limit_s` of silence is more than a run takes.
+    """Monitors the silence of one agent, from one motor command to the next. A run ends after `limit_s` of silence.
 
-    Each silence of at least `SAID_S` is told once when it is noticed and once when it ends. longest_s: the longest.
-    One that a fault of ours makes says nothing of the agent: it is told, and not held against `limit_s`.
+    Each silence of at least `SAID_S` is reported once when it is detected and once when it ends. longest_s: the
+    longest. A silence that an injected fault causes is reported, but does not count towards `limit_s`.
     """
 
     def __init__(self, limit_s: float, now_ns: int) -> None:
@@ -145,11 +149,11 @@ class Silence:
 
     @property
     def under_way(self) -> bool:
-        """Whether a silence has been told and has not ended."""
+        """Whether a silence has been reported and has not ended."""
         return self._said
 
     def heard(self, now_ns: int) -> float | None:
-        """A motor command came: the length in seconds of the silence that it ends, if that was told."""
+        """Note a motor command. Returns the length in seconds of the reported silence that it ends, otherwise None."""
         silent_ns, self._heard_ns = now_ns - self._heard_ns, now_ns
         if not self._said:
             return None
@@ -158,7 +162,7 @@ class Silence:
         return silent_ns * 1e-9
 
     def noticed(self, now_ns: int) -> bool:
-        """Whether a silence is to be told now, for the first time."""
+        """Whether a silence is to be reported now, for the first time."""
         silent_ns = now_ns - self._heard_ns
         if silent_ns < SAID_S * 1e9:
             return False
@@ -167,11 +171,11 @@ class Silence:
         return new
 
     def too_long(self, now_ns: int) -> bool:
-        """Whether it has lasted longer than a run takes."""
+        """Whether the silence has reached the limit."""
         return now_ns - max(self._heard_ns, self._counted_from_ns) >= self._limit_ns
 
     def made_by_fault(self, now_ns: int) -> None:
-        """Until now nothing can have been heard."""
+        """Count the silence from now on: until now a fault blocked the link."""
         self._counted_from_ns = now_ns
 
 
@@ -184,32 +188,33 @@ QUIET_S = 0.1
 SYNC_BURST = 10
 FAULTS_REPEAT_NS = 1_000_000_000
 NOTICE, WARNING = dialect.MAV_SEVERITY_NOTICE, dialect.MAV_SEVERITY_WARNING
-_SOME_RUN = 1  # without a token
+_SOME_RUN = 1  # for an agent without a token
 
 _NEVER_IMPAIRED = {dialect.MAVLINK_MSG_ID_XITL_RUN, dialect.MAVLINK_MSG_ID_XITL_FAULTS}
 
 
 class StoppedWaitingError(Exception):
-    """Somebody ends the run while an answer is waited for."""
+    """The user ended the run while it waited for an answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """What a connection goes by while it waits, where an agent is only as quick as what is behind it.
-
-    silent_s: how long it may be silent in lockstep. check: raises UserError when it is known to be gone. why_silent:
-    what to say of so many seconds of silence until a second of simulation time.
-    """
+    """Rules for a connection that waits for an agent with an autopilot behind it, which sets the agent's speed."""
 
     silent_s: Callable[[], float]
+    """Longest silence in lockstep."""
     check: Callable[[], None] = lambda: None
+    """Raises UserError when the autopilot is known to have ended."""
     why_silent: Callable[[float, float], UserError] | None = None
+    """Returns the error for so many seconds of silence until a second of simulation time."""
 
 
 class AgentConnection:
-    """The agent called `name`, whose messages go to `inbox`. gone: why it cannot go on, None while it can.
+    """The agent called `name`; its messages go to `inbox`.
 
-    terms: those of the profile's autopilot where none are given. why_silent: see Supervision.
+    gone: reason why the agent cannot continue, None while it can.
+
+    terms: by default those of the profile's autopilot. why_silent: see Supervision.
     """
 
     def __init__(
@@ -246,7 +251,7 @@ class AgentConnection:
     # Before the run
 
     def reach(self, peer: Peer) -> None:
-        """Say hello to an agent until it answers. Raises UserError when it does not, or speaks another dialect."""
+        """Send hello until the agent answers. Raises UserError when it does not answer or has another dialect."""
         self._peer = peer
         transport = peer.transport
         if self._profile.faults:
@@ -283,7 +288,10 @@ class AgentConnection:
         parameters: dict[str, float],
         plans: Plans,
     ) -> None:
-        """Start it, set its parameters, upload its plans. Raises UserError when it does not take them."""
+        """Start the agent, set its parameters and upload its plans.
+
+        Raises UserError when the agent does not accept them.
+        """
         self._now_ns = context.clock.now_ns
         self.inbox.begin(context)
         self.link.tap = self.inbox.tap
@@ -299,7 +307,7 @@ class AgentConnection:
         self.inbox.timing.begin()
 
     def _start(self) -> None:
-        """Start, and wait for the answer: both ends count their frames from behind the start message."""
+        """Start, and wait for the answer. Both ends count their frames after the start message."""
         view = self.inbox.view
         view.status = None
 
@@ -310,17 +318,17 @@ class AgentConnection:
         said = self._say_until(self._has_our_run, start, HELLO_INTERVAL_S, START_WAIT_S, self.peer.check)
         if not self._has_our_run():
             raise self.peer.unreachable(START_WAIT_S)
-        if said > 1:  # a start that is slow to arrive starts it once more
+        if said > 1:  # a start message that arrives late starts the run a second time
             self._receive_until(lambda: False, HELLO_INTERVAL_S)
         self.inbox.accounts.started()
 
     def _has_our_run(self) -> bool:
-        """As far as its latest status tells: an agent of an earlier release tells of no token."""
+        """Whether the latest status reports this run. An agent of an earlier release reports no token."""
         status = self.inbox.view.status
         return status is not None and status.running in (_SOME_RUN, self._token or _SOME_RUN)
 
     def _lost_run(self) -> UserError | None:
-        """Why our run is not on there any more; None while it is."""
+        """Return the error for a run that is no longer active on the agent; None while it is."""
         if self.inbox.view.status is None or self._has_our_run():
             return None
         error = _taken_over_error if self.inbox.view.status.running else _restarted_error
@@ -335,29 +343,29 @@ class AgentConnection:
 
     @property
     def peer(self) -> Peer:
-        """Where it runs; `reach` was told."""
+        """The peer that `reach` got."""
         assert self._peer is not None
         return self._peer
 
     def send_sensors(self, messages: list[Any]) -> None:
-        """Samples that are due."""
+        """Send the samples that are due."""
         self.inbox.timing.sent(messages)
         self.link.send(*messages)
 
     def send(self, message: Any) -> None:
-        """An order, or whatever else the agent is to get."""
+        """Send a message to the agent."""
         self.link.send(message)
 
     def send_tick(self, sim_ns: int, tick: int) -> None:
-        """Lockstep: all that was sampled up to now has been sent."""
+        """Lockstep: send the tick that follows all samples up to now."""
         self._refused_before = self._refused
         self.link.send(dialect.MAVLink_xitl_tick_message(sim_ns // 1000, tick))
         self.peer.hand_over()
 
     def wait_for_answer(self, sim_ns: int, tick: int, silent_s: float, check: Callable[[], None]) -> None:
-        """Lockstep: wait for the answer to a tick that was sent, and send it again; what comes meanwhile is taken in.
+        """Lockstep: wait for the answer to a tick, repeat the tick if needed, and handle incoming messages.
 
-        Raises UserError when there is no answer for `silent_s` or the agent is known to be gone, and what `check`
+        Raises UserError when there is no answer for `silent_s` or when the agent has ended. Passes on what `check`
         raises.
         """
         inbox = self.inbox
@@ -380,21 +388,22 @@ class AgentConnection:
 
     @property
     def wait_s(self) -> float:
-        """How long to wait at a time for an answer: an agent in this process works only between the waits."""
+        """Time of one wait for an answer. An agent in this process works only between the waits."""
         return POLL_S if self.link.transport.fileno() is None else TICK_REPEAT_S
 
     def again_s(self, interval_s: float, patience_s: float) -> float:
-        """After how long to say again what was said last and is not answered: after `interval_s` if it may be lost.
+        """Return the time after which to repeat an unanswered message: `interval_s` if the message may be lost.
 
-        On a lossless transport an answer is late, as on a machine that is busy, and to ask twice would make the run
-        another one: there it is asked again when half of the patience is over, as it would fail after the other half.
+        On a lossless transport an answer is only late, for example on a busy machine, and a repeated message would
+        change the run. The message is then repeated after half of `patience_s`, because the connection fails after the
+        other half.
         """
         sure = self.link.transport.lossless and self._refused == self._refused_before
         return 0.5 * patience_s if sure else interval_s
 
     @property
     def _refused(self) -> int:
-        """Changes when the transport has not taken something, or its connection has ended."""
+        """A count that changes when the transport has not accepted a message, or when its connection has ended."""
         return self.link.transport.unsent + self.link.transport.losses
 
     def _say_until(
@@ -405,7 +414,7 @@ class AgentConnection:
         patience_s: float,
         check: Callable[[], object] = lambda: None,
     ) -> int:
-        """Say it, as often as needed, until it is `heard` or the patience is over. Returns how often it was said."""
+        """Call `say` as often as needed, until `heard` is True or the patience is over. Returns the number of calls."""
         began_s = said_s = time.monotonic()
         said = 0
         while not heard() and (now_s := time.monotonic()) - began_s < patience_s:
@@ -417,11 +426,11 @@ class AgentConnection:
         return said
 
     def request_time(self) -> None:
-        """Ask for its time stamps."""
+        """Request the agent's time stamps."""
         self.link.send(self.inbox.timing.request(self.link.counters.sent))
 
     def receive(self, timeout_s: float = 0.0) -> list[Any]:
-        """Take in what has arrived; waits for it at most `timeout_s`."""
+        """Handle the messages that have arrived; wait for them at most `timeout_s`."""
         self.peer.pump()
         messages = self.link.receive(timeout_s)
         if self._reached:
@@ -430,7 +439,7 @@ class AgentConnection:
         return messages
 
     def _agents_own(self, messages: list[Any]) -> list[Any]:
-        """Without what claims to be between the two ends and has another sender: on a bus anybody may send."""
+        """Drop messages of the host-agent protocol from other senders, because any node may send on a bus."""
         own = self.target
         heard = [
             message
@@ -441,14 +450,14 @@ class AgentConnection:
         return heard
 
     def _receive_until(self, done: Callable[[], bool], seconds: float) -> bool:
-        """Take in what arrives until it is done, which is returned, or time is up."""
+        """Handle incoming messages until `done` returns True or the time is up. Returns the result of `done`."""
         until_s = time.monotonic() + seconds
         while not done() and (left_s := until_s - time.monotonic()) > 0.0:
             self.receive(left_s)
         return done()
 
     def watch(self) -> None:
-        """Real time: notice when it is gone, silent or started anew; `gone` then says so."""
+        """Real time: detect an agent that has ended, is silent or was restarted. `gone` then has the reason."""
         now_ns = time.monotonic_ns()
         if self._silence is None:
             self._silence = Silence(self._terms.silent_s, now_ns)
@@ -475,7 +484,7 @@ class AgentConnection:
                 self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
 
     def silent(self, seconds: float) -> UserError:
-        """What to say when the run cannot go on without it."""
+        """Return the error for a run that cannot continue without the agent."""
         if self._why_silent is not None:
             return self._why_silent(seconds, self._sim_s())
         return _silent_error(self.peer.transport.peer, self._who, seconds, self._sim_s())
@@ -484,10 +493,10 @@ class AgentConnection:
         return _not_understood_error(self._terms, self.link)
 
     def apply_faults(self, sim_ns: int, faults: FaultsInForce | None) -> None:
-        """Put new faults in force, and remind the agent of its part once a second. None: as they were."""
+        """Activate new faults, and repeat the agent's part once a second. None: no change."""
         if faults is not None:
             self._faults = faults
-            if self._impaired is None:  # the first that was not in the profile
+            if self._impaired is None:  # the first fault that is not in the profile
                 self._impaired = self._impairable(self.link.transport)
                 self.link.go_through(self._impaired)
             self._impaired.set(faults.to_agent, faults.seed)
@@ -506,7 +515,7 @@ class AgentConnection:
     # After the run
 
     def stop(self) -> None:
-        """End the run at the other end too and let both ends agree on their counts, as far as it still answers."""
+        """End the run at the other end too. Let both ends agree on their counts if the agent still answers."""
         self.inbox.accounts.over = True
         self.inbox.timing.settle()
         if self._peer is None or self.gone is not None:
@@ -535,18 +544,18 @@ class AgentConnection:
         inbox.accounts.stopped(inbox.no_run, sent)
 
     def _drain(self) -> None:
-        """Let what waits for the line or is delayed go out first."""
+        """Wait until queued and delayed frames have been sent."""
         transport, until_s = self.link.transport, time.monotonic() + DRAIN_S
         while (self.link.wake_s() is not None or transport.backlog_s() > 0.0) and time.monotonic() < until_s:
             self.receive(0.01)
 
     @property
     def is_open(self) -> bool:
-        """Whether there is an agent to talk to, from `reach` to `close`."""
+        """Whether an agent is connected, from `reach` to `close`."""
         return self._peer is not None and self.gone is None
 
     def close(self) -> None:
-        """Give back process and sockets. Safe to call at any time."""
+        """Release process and sockets. Safe to call at any time."""
         if self._peer is not None:
             self._peer.close()
             self._peer = None
@@ -555,7 +564,7 @@ class AgentConnection:
 
     @property
     def impaired(self) -> tuple[int, int, int | None]:
-        """Frames that faults have kept back for good: towards the agent, and from it; and when the agent told."""
+        """Frames that faults dropped for good, in each direction, and the simulation time of the agent's count."""
         status = self.inbox.view.status
         ours = 0 if self._impaired is None else self._impaired.lost
         if status is None:
@@ -563,7 +572,7 @@ class AgentConnection:
         return ours, status.frames_impaired, self.inbox.sim_ns(status.time_usec)
 
     def links(self) -> tuple[LinkReport, LinkReport]:
-        """Towards the agent, and from it."""
+        """Return the reports of both directions, towards the agent and from it."""
         inbox = self.inbox
         there, back = inbox.accounts.reports(self._prefix, self.impaired[0], inbox.view.status, inbox.timing)
         return there, replace(
@@ -571,7 +580,7 @@ class AgentConnection:
         )
 
     def warnings(self) -> list[str]:
-        """What a person should know of its link."""
+        """Return warnings about the link for the user."""
         there, back = self.links()
         told = {f"{self._who} refused": there.refused, f"the host refused on the link of {self._who}": back.refused}
         return [
@@ -581,12 +590,12 @@ class AgentConnection:
         ]
 
     def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
-        """Keep how the link has done so far."""
+        """Record the state of the link so far."""
         for report in self.links():
             recorder.write(stamp_ns, link_state(report))
 
     def node(self) -> NodeReport | None:
-        """What it says of its machine, None when it never did."""
+        """Return the agent's report of its machine, or None when it never sent one."""
         status, info = self.inbox.view.status, self.inbox.view.info
         return None if status is None or info is None else node_report(self.name, info, status)
 
@@ -602,7 +611,7 @@ class AgentConnection:
 
 
 def connections_report(agents: Sequence[AgentConnection]) -> dict[str, Any]:
-    """What connections add to a run's report: links, tasks, clocks and nodes, and the traffic for its graph."""
+    """Return the connections' part of a run's report: links, tasks, clocks and nodes, and the traffic for its graph."""
     return {
         "links": [report for agent in agents for report in agent.links()],
         "tasks": [task for agent in agents for task in agent.inbox.view.tasks.values()],
@@ -614,7 +623,7 @@ def connections_report(agents: Sequence[AgentConnection]) -> dict[str, Any]:
 
 
 def wait_for_any(links: Sequence[Link], seconds: float) -> None:
-    """Return when one of them has something to read or wants to be looked after, at the latest after `seconds`."""
+    """Return when a link has something to read or needs service, at the latest after `seconds`."""
     wakes_s = [wake_s for link in links if (wake_s := link.wake_s()) is not None]
     seconds = min([seconds, *wakes_s])
     if seconds <= 0.0:

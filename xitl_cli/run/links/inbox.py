@@ -1,4 +1,4 @@
-"""Messages that arrive from one agent: dispatched, timed, counted and recorded."""
+"""Handles the messages of one agent: dispatches, times, counts and records them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from xitl_cli.run.links.link_timing import LinkTiming, LockstepTiming
 _HEAD = 10  # bytes of a MAVLink 2 frame before its payload
 _US, _MS = 1_000, 1_000_000
 
-# Where the stamp stands in the payload, its size in bytes, and its unit in nanoseconds.
+# Offset of the time stamp in the payload, its size in bytes, and its unit in nanoseconds.
 _STAMPS: dict[int, tuple[int, int, int]] = {
     dialect.MAVLINK_MSG_ID_XITL_ACTUATORS: (0, 8, _US),
     dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: (0, 8, _US),
@@ -38,16 +38,16 @@ _STAMPS: dict[int, tuple[int, int, int]] = {
 
 
 def sent_ns(frame: bytes) -> int | None:
-    """The agent's clock when it sent the frame, None for a message without such a stamp."""
+    """Return the agent's clock at which it sent the frame, or None for a message without such a stamp."""
     stamp = _STAMPS.get(frame[7] | frame[8] << 8 | frame[9] << 16)
     if stamp is None:
         return None
     start, size, unit_ns = stamp
-    end = min(start + size, frame[1])  # zeros at the end of a payload are not sent
+    end = min(start + size, frame[1])  # trailing zeros of a payload are not sent
     return int.from_bytes(frame[_HEAD + start : _HEAD + max(end, start)], "little") * unit_ns
 
 
-OWN_IDS = dialect.MAVLINK_MSG_ID_XITL_RUN  # and above: between host and agent, on the agent's clock
+OWN_IDS = dialect.MAVLINK_MSG_ID_XITL_RUN  # from here on: messages between host and agent, on the agent's clock
 
 _NODES = {"agent": "LC", "companion": "HC"}
 _SPEAKERS = {"agent": "autopilot", "companion": "companion"}
@@ -56,27 +56,27 @@ OnEstimate = Callable[[int | None, MotionEstimate], None]
 
 
 class MessageRoute:
-    """Hands each message to all that subscribed, in their order."""
+    """Passes each message to all subscribers, in the order of their subscription."""
 
     def __init__(self) -> None:
         self._handlers: list[Callable[[Any], object]] = []
 
     def subscribe(self, handler: Callable[[Any], object]) -> None:
-        """From now on."""
+        """Add a handler."""
         self._handlers.append(handler)
 
     def publish(self, message: Any) -> None:
-        """To everybody."""
+        """Pass a message to all handlers."""
         for handler in self._handlers:
             handler(message)
 
 
 class AgentInbox:
-    """The messages of the agent on link `name`. `on_estimate` gets its estimates, and simulation time of each.
+    """The messages of the agent on link `name`. `on_estimate` gets its estimates and the simulation time of each.
 
-    `on_message` gets every message that is not between the two ends alone. command: the latest motor commands, which
-    answer `answered_tick` and came at command_ns on the host's monotonic clock. fresh: whether some came since it was
-    set to False. no_run: the latest status that told of no run, which a delayed one of the run may come after.
+    `on_message` gets every message except those of the host-agent protocol. command: the latest motor commands. They
+    answer `answered_tick` and arrived at command_ns on the host's monotonic clock. fresh: whether commands arrived
+    since it was set to False. no_run: the latest status without a run; a delayed status of the run may follow it.
     """
 
     def __init__(
@@ -117,15 +117,18 @@ class AgentInbox:
         }
 
     def begin(self, context: RunContext) -> None:
-        """From now on record what comes."""
+        """Record messages from now on."""
         self._recorder, self._pace, self._now_ns = context.recorder, context.pace, context.clock.now_ns
 
     def use_vehicle_clock(self, sim_ns: Callable[[int], int | None]) -> None:
-        """The standard messages are another autopilot's: `sim_ns` gives simulation time of an instant of its clock."""
+        """Set the clock of the standard messages, which another autopilot sends.
+
+        `sim_ns`: simulation time of its instants.
+        """
         self._vehicle_sim_ns = sim_ns
 
     def handle(self, messages: list[Any]) -> None:
-        """Messages in the order in which they came."""
+        """Handle messages in the order in which they arrived."""
         handlers, accounts = self._handlers, self.accounts
         for message in messages:
             handler = handlers.get(message.get_msgId())
@@ -137,7 +140,7 @@ class AgentInbox:
             accounts.heard += 1
 
     def tap(self, direction: str, frame: bytes) -> None:
-        """A raw frame on the link, see Link."""
+        """Record a raw frame on the link, see Link."""
         recorder = self._recorder
         assert recorder is not None
         counts, number = self.traffic[direction], frame[7] | frame[8] << 8 | frame[9] << 16
@@ -153,7 +156,7 @@ class AgentInbox:
         recorder.frame_received(now_ns, frame, left_ns, self._name)
 
     def sim_ns(self, agent_us: int) -> int | None:
-        """Simulation time of an instant on the agent's clock, None while the clocks' relation is unknown."""
+        """Return the simulation time of an instant on the agent's clock, None while the clocks' relation is unknown."""
         return self._sim_of(agent_us * 1000)
 
     def _sim_of(self, agent_ns: int) -> int | None:
@@ -165,14 +168,14 @@ class AgentInbox:
         return min(self._pace.sim_of_host(host_ns), self._now_ns())
 
     def age_ns(self) -> int | None:
-        """How long ago on the wall the motor commands were sent, None while that cannot be told."""
+        """Return the wall-clock age of the motor commands, or None while it is unknown."""
         if self._command_stamp_ns is None:
             return None
         sent_at_ns = self.timing.host_ns(self._command_stamp_ns)
         return None if sent_at_ns is None else max(time.monotonic_ns() - sent_at_ns, 0)
 
     def say(self, severity: int, source: str, text: str) -> None:
-        """A sentence for the log."""
+        """Write a sentence to the log."""
         if self._recorder is not None:
             self._recorder.log(self._now_ns(), severity, source, text)
 
@@ -223,7 +226,7 @@ class AgentInbox:
             self._recorder.write(self._now_ns(), node_state(self._name, self.view.info, message))
 
     def _on_vehicle_estimate(self, agent_us: int, estimate: MotionEstimate) -> None:
-        if self._recorder is not None:  # an agent may still be at the run of a host that was killed
+        if self._recorder is not None:  # an agent may still have the run of a host that was killed
             self._on_estimate(self._vehicle_sim_ns(agent_us), estimate)
 
     def _on_text(self, severity: int, text: str) -> None:

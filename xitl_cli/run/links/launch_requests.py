@@ -1,4 +1,4 @@
-"""Requests to put a body into the water, XITL_LAUNCH by UDP: the port of a run, and who asks."""
+"""Requests to put a body into the water, XITL_LAUNCH by UDP: the port of a run, and the client."""
 
 from __future__ import annotations
 
@@ -22,22 +22,26 @@ from xitl_cli.errors import UserError
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
 
 LARGEST = 2048
-AT_ONCE = 32  # datagrams of one look: a flood may not hold the run
+AT_ONCE = 32  # datagrams in one call, so that a flood does not hold up the run
 REMEMBERED = 64
 FARTHEST_M = 100e3
 
 Ask = Callable[[Launch], bool]
-"""Puts it into the water; False when it cannot be."""
+"""Puts the body into the water; returns False when that is impossible."""
 
 
 @dataclass(slots=True)
 class LaunchCounts:
-    """Requests that came, those that came again, those that were refused, and datagrams that held none."""
+    """Counts of requests."""
 
     asked: int = 0
+    """New requests."""
     again: int = 0
+    """Repeated requests."""
     refused: int = 0
+    """Requests that were refused."""
     dropped: int = 0
+    """Datagrams without a request."""
 
 
 class LaunchPort:
@@ -63,13 +67,13 @@ class LaunchPort:
         self._answers: OrderedDict[tuple[Address, int], int] = OrderedDict()
 
     def serve(self, now_ns: int, ask: Ask) -> None:
-        """Hear and answer what has come."""
+        """Read and answer the requests that have arrived."""
         for _ in range(AT_ONCE):
             try:
                 data, source = self._socket.recvfrom(LARGEST)
             except BlockingIOError:
                 return
-            except OSError:  # an answer went to somebody who is gone
+            except OSError:  # an earlier answer went to a socket that is gone
                 continue
             requests = [
                 message
@@ -81,11 +85,11 @@ class LaunchPort:
                 self._answer(request, source, now_ns, ask)
 
     def report(self) -> dict[str, int]:
-        """Counts by name."""
+        """Return the counts by name."""
         return asdict(self.counts)
 
     def close(self) -> None:
-        """Hear no more."""
+        """Close the socket."""
         self._socket.close()
 
     def _answer(self, request: dialect.MAVLink_xitl_launch_message, source: Address, now_ns: int, ask: Ask) -> None:
@@ -114,12 +118,12 @@ class LaunchPort:
         )
         try:
             self._socket.sendto(self._packer.pack(ack), source)
-        except OSError:  # buffers full, or he is gone: he asks again
+        except OSError:  # buffers are full or the client has gone: the client repeats the request
             return
 
 
 def launch_from_request(request: dialect.MAVLink_xitl_launch_message, now_ns: int) -> Launch | None:
-    """The launch that a request is for, None for one that cannot be."""
+    """Return the launch of a request, or None for an invalid request."""
     north_m, east_m = request.pos_ne
     numbers = (north_m, east_m, request.heading, request.size)
     if not all(map(math.isfinite, numbers)) or max(abs(north_m), abs(east_m)) > FARTHEST_M or request.size < 0.0:
@@ -149,10 +153,10 @@ def request_launch(
     length_m: float | None,
     wait_s: float = WAIT_S,
 ) -> None:
-    """Returns when the run has taken it. Raises UserError when it refuses, or nobody answers at `url`."""
+    """Return when the run has accepted the launch. Raises UserError when it refuses, or when `url` does not answer."""
     if not url.startswith("udp://"):
         raise UserError(f"{url}: launches go by UDP; write it like udp://127.0.0.1:14670")
-    # Random for the run to tell requests apart: two commands may well have the same port, one after the other.
+    # A random number distinguishes requests, because two commands in sequence may get the same port.
     request = int.from_bytes(os.urandom(2), "little")
     message = dialect.MAVLink_xitl_launch_message(
         (north_m, east_m), heading_rad, length_m or 0.0, request, BodyKind[kind.upper()]

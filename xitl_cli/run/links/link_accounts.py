@@ -1,4 +1,4 @@
-"""Counts of both ends of a link, and what an agent says of its machine, for the recording and the summary."""
+"""Counts of both ends of a link, and an agent's report of its machine, for the recording and the summary."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from xitl_cli.run.links.link_timing import LinkTiming
 
 
 class LinkAccounts:
-    """One link. The agent's XITL_NODE_STATUS tells its side; the two ends agree once it has answered the stop.
+    """Counts of one link.
 
-    What came from the agent is counted from the status that answers the start to the one that answers the stop. A
-    status counts what was sent before it was made; on a slow line messages made earlier may still go out before it
-    does, which the sequence numbers of the two tell. Until the ends agree, lost is what the receiver misses: see
-    `SequenceMonitor`. It has the host's totals from XITL_TIMESYNC, the agent's from each status.
+    The agent reports its counts in XITL_NODE_STATUS. The two ends agree once the agent has answered the stop.
 
-    link: the host's end, to be set before a status comes. heard: good frames from the agent so far, to be counted one
-    by one, each after it has been looked at. over: the run is; if the ends did not agree then, what arrived at the
-    agent stays unknown.
+    Frames from the agent are counted from the status that answers the start to the status that answers the stop. A
+    status counts the frames that were sent before it was made. On a slow line, older messages may still leave before
+    the status; the sequence numbers of both show that. Until the ends agree, lost is the number of frames that the
+    receiver misses: see `SequenceMonitor`. The agent gets the host's totals from XITL_TIMESYNC, and the host the
+    agent's from each status.
+
+    link: the host's end; set it before the first status. heard: valid frames from the agent so far. Count each frame
+    after it was handled. over: the run is over. If the ends did not agree by then, the number of frames that reached
+    the agent stays unknown.
     """
 
     link: Link
@@ -38,21 +41,27 @@ class LinkAccounts:
         self._final_sent = 0
 
     def status(self, status: Any) -> None:
-        """A status has come: the next that answers the start may be this one."""
+        """Note a status. It may be the answer to the next start."""
         self._latest = status, self.heard
         self.link.heard_total(status.frames_sent, self.heard)
 
     def started(self) -> None:
-        """The latest status answers the start."""
+        """Note that the latest status answers the start."""
         self._base, self._base_heard = self._latest
         self._base_repeated = self.link.counters.repeated
 
     def stopped(self, status: Any, sent: int) -> None:
-        """The status that answers the stop, the latest if several do; `sent` frames went out up to the latest stop."""
+        """Note the status that answers the stop, or the latest of several.
+
+        sent: frames sent up to the latest stop.
+        """
         self._final, self._final_sent = status, sent
 
     def reports(self, prefix: str, impaired: int, status: Any, timing: LinkTiming) -> tuple[LinkReport, LinkReport]:
-        """Towards the agent, and from it. `impaired`: frames that the host kept back; `status`: the latest, or None."""
+        """Return the reports towards the agent and from it.
+
+        `impaired`: frames that the host dropped. `status`: the latest, or None.
+        """
         counters = self.link.counters
         return (
             self._to_agent(prefix, counters, impaired, status, timing.sensors),
@@ -112,14 +121,14 @@ class LinkAccounts:
         )
 
     def _sent_by_agent(self) -> int:
-        """Frames from the status that answered the start, with it, to the one that answered the stop, with it."""
+        """Return the number of frames from the status that answered the start to that for the stop, both included."""
         counted: int = self._final.frames_sent - self._base.frames_sent
         numbers: int = self._final.get_seq() - self._base.get_seq()
         return counted + (numbers - counted + 128) % 256 - 128 + 1
 
 
 def link_state(report: LinkReport) -> LinkState:
-    """The same for the recording."""
+    """Return a report as a record."""
     p50_ns, p99_ns = report.latency.quantile_ns(0.5), report.latency.quantile_ns(0.99)
     return LinkState(
         name=report.name,
@@ -150,7 +159,7 @@ _FLAGS = {
 
 
 def node_report(link: str, info: Any, status: Any) -> NodeReport:
-    """For the summary. `status` is the latest."""
+    """Return the report for the summary. `status`: the latest status."""
     return NodeReport(
         nodes=info.nodes,
         machine=info.machine,
@@ -175,7 +184,7 @@ def node_report(link: str, info: Any, status: Any) -> NodeReport:
 
 
 def node_state(link: str, info: Any, status: Any) -> NodeState:
-    """For the recording."""
+    """Return the record of the node's state."""
     return NodeState(
         node=link,
         nodes=info.nodes,
@@ -205,7 +214,7 @@ def _memory_mib(status: Any) -> float | None:
 
 
 def _cpu_percent(status: Any) -> float | None:
-    """An agent that tells its memory tells its processor time too."""
+    """Return the processor load. An agent that reports its memory reports its load too."""
     return status.cpu_percent if status.memory_kib else None
 
 

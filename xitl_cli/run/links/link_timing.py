@@ -1,4 +1,4 @@
-"""How long messages take on the link to an agent, and how its clock runs against the host's."""
+"""Latency of the messages on the link to an agent, and the agent's clock against the host's."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ STAMPS_KEPT = 4096
 
 
 class LinkTiming:
-    """Real time: from the stamps of the messages that cross the link and a four-timestamp exchange.
+    """Real time: timing from the stamps of the messages on the link and a four-timestamp exchange.
 
-    `node` is whose clock it is, `uneven_ns` as of ClockSync; `clock_ns` is the host's monotonic one. sensors,
-    actuators: latencies, each counted once a later exchange bears out the relation of the clocks; those about a step
-    of the clock are left out.
+    `node`: owner of the clock. `uneven_ns`: as in ClockSync. `clock_ns`: the host's monotonic clock. sensors,
+    actuators: latencies. Each is counted once a later exchange confirms the relation of the clocks. Latencies around a
+    step of the clock are left out.
     """
 
     def __init__(self, node: str, clock_ns: Callable[[], int] = time.monotonic_ns, uneven_ns: float = 0.0) -> None:
@@ -40,12 +40,12 @@ class LinkTiming:
         self._stamps: deque[int] = deque()
 
     def begin(self) -> None:
-        """The run begins: its time base starts with the next request."""
+        """Begin the run: its time base starts with the next request."""
         self._time_base = TimeBase()
         self._time_base_from = self._requests
 
     def sent(self, messages: list[Any]) -> None:
-        """Sensor samples that are about to be sent; the IMU's are timed."""
+        """Note the sensor samples that are about to be sent; only IMU samples are timed."""
         for message in messages:
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_XITL_IMU:
                 self._sent_at_ns[message.time_usec] = self._clock_ns()
@@ -54,7 +54,7 @@ class LinkTiming:
                     self._sent_at_ns.pop(self._stamps.popleft(), None)
 
     def arrived(self, message: Any) -> None:
-        """XITL_ACTUATORS: how long it took, and how long the sample took that it was computed from."""
+        """Note XITL_ACTUATORS: its latency, and the latency of the sample that it was computed from."""
         if not self._sync.ready:
             return
         took_ns = self._clock_ns() - self._sync.to_local(message.time_usec * 1000)
@@ -66,18 +66,18 @@ class LinkTiming:
             self.settle()
 
     def settle(self) -> None:
-        """Count the latencies that wait for an exchange, as at the end of a run."""
+        """Count the latencies that wait for an exchange, for example at the end of a run."""
         for histogram, took_ns in self._unsettled:
             histogram.add(took_ns)
         self._unsettled.clear()
 
     def request(self, frames_sent: int) -> Any:
-        """The next XITL_TIMESYNC to send, at once, behind so many frames."""
+        """Return the next XITL_TIMESYNC, to be sent at once. frames_sent: frames sent before it."""
         self._requests += 1
         return dialect.MAVLink_xitl_timesync_message(self._clock_ns(), 0, 0, self._requests, frames_sent & 0xFFFFFFFF)
 
     def answered(self, message: Any) -> ClockExchange | None:
-        """XITL_TIMESYNC that came back, as a record; None when no clocks could give such stamps."""
+        """Return an answered XITL_TIMESYNC as a record, or None for stamps that are impossible for two clocks."""
         t1_ns, t2_ns, t3_ns, t4_ns = message.t1_ns, message.t2_ns, message.t3_ns, self._clock_ns()
         if not self._sync.add(t1_ns, t2_ns, t3_ns, t4_ns):
             return None
@@ -107,11 +107,11 @@ class LinkTiming:
         )
 
     def host_ns(self, agent_ns: int) -> int | None:
-        """The host's monotonic clock at an instant of the agent's, None while their relation is unknown."""
+        """Return the host's monotonic clock at an instant of the agent's clock, or None while it is unknown."""
         return self._sync.to_local(agent_ns) if self._sync.ready else None
 
     def report(self) -> ClockReport:
-        """The relation of the clocks at the end."""
+        """Return the relation of the clocks at the end."""
         if not self._sync.ready:
             return ClockReport(self._node, None, None)
         estimate, slope = self._sync.estimate, self._time_base.slope
@@ -132,7 +132,7 @@ class LinkTiming:
 
 
 class LockstepTiming(LinkTiming):
-    """Time stands still while messages are on their way, and both ends read one clock."""
+    """Lockstep: no time passes while messages are in transit, and both ends read one clock."""
 
     def sent(self, messages: list[Any]) -> None:
         pass

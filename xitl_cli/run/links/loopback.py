@@ -1,4 +1,4 @@
-"""Lines and buses without hardware, made when a run starts: `serial://pty?baud=…` and `can://slcan/pty?bitrate=…`."""
+"""Lines and buses without hardware, created for a run: `serial://pty?baud=…` and `can://slcan/pty?bitrate=…`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TICK_S = 0.001
 
 
 class PtyPair(ABC):
-    """Two devices, `devices`. Subclasses say what becomes of the bytes, about every millisecond.
+    """Two devices, `devices`. Subclasses move the bytes, about every millisecond.
 
     Raises UserError, which begins with `where`, when there are no pseudo-terminals.
     """
@@ -37,7 +37,7 @@ class PtyPair(ABC):
             for _ in range(2):
                 master, slave = os.openpty()
                 self._masters.append(master)
-                self._slaves.append(slave)  # kept open, so that the line is not hung up while nobody has it
+                self._slaves.append(slave)  # kept open, so that the line does not hang up while it has no user
                 tty.setraw(slave)
                 os.set_blocking(master, False)
         except OSError as error:
@@ -51,19 +51,19 @@ class PtyPair(ABC):
 
     @abstractmethod
     def _room(self, end: int) -> int:
-        """How many bytes are wanted from an end, 0 for none."""
+        """Return the number of bytes to read from an end, 0 for none."""
 
     @abstractmethod
     def _take(self, end: int, data: bytes, now_s: float) -> None:
-        """Bytes that an end has sent."""
+        """Accept the bytes that an end has sent."""
 
     @abstractmethod
     def _due(self, now_s: float) -> list[tuple[int, bytes]]:
-        """(end, bytes) that have arrived by now."""
+        """Return the (end, bytes) that have arrived by now."""
 
     @abstractmethod
     def _busy(self) -> bool:
-        """Whether bytes are under way."""
+        """Whether bytes are in transit."""
 
     def _carry(self) -> None:
         while True:
@@ -78,11 +78,11 @@ class PtyPair(ABC):
                     with suppress(OSError):
                         self._take(end, os.read(self._masters[end], self._room(end)), now_s)
             for end, data in self._due(now_s):
-                with suppress(OSError):  # what a full or absent receiver does not take is lost, as on a real line
+                with suppress(OSError):  # bytes that a full or absent receiver refuses are lost, as on a real line
                     os.write(self._masters[end], data)
 
     def close(self) -> None:
-        """Stop, and take the devices away. A second call does nothing."""
+        """Stop, and remove the devices. A second call does nothing."""
         if self._closed:
             return
         self._closed = True
@@ -98,14 +98,14 @@ class PtyPair(ABC):
                 os.close(descriptor)
 
 
-BUFFER_BYTES = 4096  # as of a UART's driver; what comes when it is full stays with the sender
+BUFFER_BYTES = 4096  # as in a UART driver; the sender keeps further bytes
 
 
 class SerialLoopback(PtyPair):
-    """Two ends, each opened by its URL. Carries `baud` / 10 bytes a second each way, as a line with start and stop bit.
+    """Two ends, each opened by its URL. Carries `baud` / 10 bytes a second in each direction, with start and stop bit.
 
-    Bytes come out when a real line would have brought them, to about a millisecond. Raises UserError where there are
-    no pseudo-terminals.
+    Bytes arrive when a real line would deliver them, to about a millisecond. Raises UserError when there are no
+    pseudo-terminals.
     """
 
     def __init__(self, baud: int) -> None:
@@ -113,7 +113,7 @@ class SerialLoopback(PtyPair):
             raise ValueError(f"serial loopback: baud = {baud}; use more than 0")
         self._byte_s = BITS_PER_BYTE / baud
         self._held = [b"", b""]
-        self._through_s = [0.0, 0.0]  # until then the bytes that came out have occupied the line
+        self._through_s = [0.0, 0.0]  # time until which the delivered bytes occupy the line
         super().__init__("serial://pty")
         self.host_url, self.agent_url = (f"serial://{device}?baud={baud}" for device in self.devices)
 
@@ -139,9 +139,9 @@ class SerialLoopback(PtyPair):
         return any(self._held)
 
 
-MOST_FRAMES = 256  # that an adapter keeps; the computer keeps the rest
+MOST_FRAMES = 256  # frames that an adapter queues; the computer queues the rest
 SHORTEST_LINE, LONGEST_LINE = 6, 140
-_IDENTIFIERS = {b"t": 3, b"T": 8, b"d": 3, b"D": 8, b"b": 3, b"B": 8}  # digits; capital letters: 29 bits
+_IDENTIFIERS = {b"t": 3, b"T": 8, b"d": 3, b"D": 8, b"b": 3, b"B": 8}  # hex digits; capital: 29 bits
 _END = b"\r"
 
 
@@ -152,11 +152,11 @@ class _Frame(NamedTuple):
 
 
 class CanLoopback(PtyPair):
-    """Two nodes of a bus, each opened by its URL; `line` says how fast the bus is.
+    """Two nodes of a bus, each opened by its URL. `line` gives the speed of the bus.
 
-    Of the frames that wait at the two nodes the one with the lower identifier goes first, each node's own in order.
-    Commands to the adapters (bit rates, open, close) are heard and change nothing. Raises UserError where there are no
-    pseudo-terminals.
+    Of the frames that wait at the two nodes, the one with the lower identifier goes first. Each node's frames keep
+    their order. Commands to the adapters (bit rates, open, close) are read and change nothing. Raises UserError when
+    there are no pseudo-terminals.
     """
 
     def __init__(self, line: CanLine) -> None:
@@ -214,8 +214,9 @@ class CanLoopback(PtyPair):
 
 
 class MulticastBus:
-    """A bus of datagrams of this machine at a port of its own, for a URL that gives none: runs beside each other would
-    otherwise share one.
+    """A datagram bus of this machine at a separate port, for a URL without a port.
+
+    Parallel runs would otherwise share one.
     """
 
     def __init__(self, link: str) -> None:
@@ -224,7 +225,7 @@ class MulticastBus:
         self.host_url = self.agent_url = f"{link}{mark}port={self._ports.free('udp')}"
 
     def close(self) -> None:
-        """Others may have the port."""
+        """Release the port."""
         self._ports.close()
 
 
@@ -235,11 +236,14 @@ class Loopback(Protocol):
     agent_url: str
 
     def close(self) -> None:
-        """Take the line away. A second call does nothing."""
+        """Remove the line. A second call does nothing."""
 
 
 def open_loopback(link: str) -> Loopback | None:
-    """The line that a link asks to be made, None for a link that is there or elsewhere. Raises UserError."""
+    """Create the line that a link requests.
+
+    Returns None for a link that exists already or is elsewhere. Raises UserError.
+    """
     url = urlsplit(link)
     try:
         if url.scheme == "serial" and url.netloc == "pty":

@@ -1,4 +1,4 @@
-"""The agent's program: in this process, in one of its own on this machine, or on a board, behind one interface."""
+"""The agent's program behind one interface: in this process, in another process on this machine, or on a board."""
 
 from __future__ import annotations
 
@@ -28,29 +28,30 @@ from xitl_cli.run.links.loopback import open_loopback
 
 @dataclass(frozen=True, slots=True)
 class AgentOptions:
-    """The agent's own options, see `xitl agent --help`. `log_dir` is where its DataFlash log goes, None for no log.
-
-    `system_id`: that of the vessel. `bridge`: it is one to another autopilot. `companion`: it is a companion computer.
-    `fleet`: the vessel is not alone.
-    """
+    """Options of the agent, see `xitl agent --help`."""
 
     system_id: int = Options.system_id
+    """System id of the vessel."""
     ground_stations: tuple[str, ...] = ()
     controller: str | None = None
     signing_key_file: str | None = None
     link_key_file: str | None = None
     log_dir: Path | None = None
+    """Folder of the DataFlash log; None for no log."""
     bridge: BridgeSpec | None = None
+    """Set when the agent is a bridge to another autopilot."""
     companion: bool = False
+    """The agent is a companion computer."""
     fleet: bool = False
+    """The vessel belongs to a fleet."""
 
     @property
     def key(self) -> str:
-        """The profile's group that it comes from."""
+        """The group of the profile that the options come from."""
         return "companion" if self.companion else "autopilot"
 
     def arguments(self) -> list[str]:
-        """The same as a command line."""
+        """Return the options as a command line."""
         given = [("--gcs", url) for url in self.ground_stations]
         others = {
             "--system-id": None if self.system_id == Options.system_id else self.system_id,
@@ -81,7 +82,7 @@ def options_from_profile(
     ground_stations: tuple[str, ...] = (),
     bridge: BridgeSpec | None = None,
 ) -> AgentOptions:
-    """What the profile asks for. `run_directory` is where a log belongs, None keeps none."""
+    """Return the options that the profile sets. `run_directory`: folder for a log, None for no log."""
     autopilot = profile.autopilot
     if bridge is not None:
         fleet = bool(profile.vessel)
@@ -103,24 +104,24 @@ LINES_KEPT = 20
 
 
 class Peer(Protocol):
-    """An agent that can be talked to through `transport`."""
+    """An agent that is reachable through `transport`."""
 
     transport: Transport
 
     def hand_over(self) -> None:
-        """What was sent up to now is enough for the agent to work on, if it does so beside this process."""
+        """Mark the end of a batch of messages. An agent in another process can start to work on it."""
 
     def pump(self) -> None:
-        """Let the agent work; does nothing where it has a processor of its own."""
+        """Let the agent work. Does nothing for an agent with its own processor."""
 
     def check(self) -> None:
-        """Raise UserError when the agent is known to be gone."""
+        """Raise UserError when the agent is known to have ended."""
 
     def unreachable(self, waited_s: float) -> UserError:
-        """What to say when it does not answer."""
+        """Return the error for an agent that does not answer."""
 
     def close(self) -> None:
-        """Stop what was started."""
+        """Stop the started programs."""
 
 
 class InProcessAgent:
@@ -152,7 +153,7 @@ class InProcessAgent:
 
 
 def own_options(options: AgentOptions) -> Options:
-    """As `xitl agent` would get them."""
+    """Return the options as `xitl agent` gets them."""
     if options.bridge is not None:
         bridge = options.bridge
         return Options(
@@ -182,9 +183,9 @@ def own_options(options: AgentOptions) -> Options:
 
 
 class ProcessAgent:
-    """The agent as a process of its own on this machine, at the other end of `url`, or of the line that it asks for.
+    """The agent as a separate process on this machine, at the other end of `url` or of the line that `url` requests.
 
-    Port 0 is one that the agent finds free, so that runs beside each other do not meet.
+    With port 0 the agent chooses a free port, so that parallel runs do not conflict.
     """
 
     def __init__(self, url: str, options: AgentOptions) -> None:
@@ -200,7 +201,7 @@ class ProcessAgent:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            start_new_session=True,  # a Ctrl-C at the terminal is the host's to pass on
+            start_new_session=True,  # the host passes on a Ctrl-C at the terminal
         )
         assert self._process.stdout is not None
         first_line = self._process.stdout.readline()
@@ -209,7 +210,7 @@ class ProcessAgent:
             self.close()
             raise error
         self._said = threading.Thread(target=deque, args=(self._process.stdout, LINES_KEPT), daemon=True)
-        self._said.start()  # what it says later has to be read, or it would wait for that
+        self._said.start()  # later output has to be read, or the agent would block on it
         self._url = url = url if self._loopback is not None else waits_at(first_line)
         try:
             self.transport = open_transport(url, listen=False)
@@ -263,12 +264,12 @@ class ProcessAgent:
 
 
 def waits_at(first_line: str) -> str:
-    """Where the agent listens, of the first line that it says."""
+    """Return the address at which the agent listens, from its first line of output."""
     return first_line.rpartition(f" {WAITS_AT} ")[2].strip()
 
 
 class BoardAgent:
-    """An agent that somebody started on a board."""
+    """An agent that the user started on a board."""
 
     def __init__(self, url: str, options: AgentOptions) -> None:
         self._url = url
@@ -298,7 +299,7 @@ class BoardAgent:
 
 
 def _advice(url: str, role: str = "") -> str:
-    """What to look at when nobody answers at the other end. `role`: the option that it is started with, if any."""
+    """Return advice for an end that does not answer. `role`: the option that the agent needs, if any."""
     scheme, _, rest = url.partition("://")
     if scheme == "serial":
         return (
@@ -320,7 +321,10 @@ def _advice(url: str, role: str = "") -> str:
 
 
 def _is_address(host: str) -> bool:
-    """A board may know itself by its name as 127.0.1.1, where nobody else reaches it."""
+    """Whether the host is an IP address.
+
+    A board may resolve its own name to 127.0.1.1, which is unreachable from outside.
+    """
     try:
         ip_address(host.strip("[]"))
     except ValueError:
@@ -331,9 +335,9 @@ def _is_address(host: str) -> bool:
 def open_peer(
     runs: str, link: str | None, options: AgentOptions, workers: AgentWorkers | None = None, vessel: str = ""
 ) -> Peer:
-    """The peer that a profile asks for, of the vessel called so. Raises UserError when it cannot be opened.
+    """Open the peer that a profile selects for `vessel`. Raises UserError when it cannot be opened.
 
-    workers: have the autopilots that would be in this process, those of a fleet in lockstep.
+    workers: they run the autopilots of a fleet in lockstep that would otherwise be in this process.
     """
     if runs == "in-process":
         return InProcessAgent(options) if workers is None else workers.open(own_options(options), vessel)

@@ -1,4 +1,4 @@
-"""Ports of this machine that a run takes, for itself and for what it starts: no two runs or vessels get the same."""
+"""Ports of this machine for a run and for the programs that it starts. Each run and vessel gets different ports."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from agent.wire.transport import TransportError
 from agent.wire.urls import resolve
 from xitl_cli.errors import UserError
 
-TRIED = 100  # ports, one after the other
+TRIED = 100  # ports in sequence
 _HIGHEST = 65535
 _KINDS = {"tcp": socket.SOCK_STREAM, "udp": socket.SOCK_DGRAM}
 
 
 class PortClaims:
-    """Ports that are this run's until `close`.
+    """Ports that this run has claimed until `close`.
 
-    Who is to have one may open it only seconds later, such as an autopilot that is started. So runs tell each other
-    which ports they have taken, by names that are gone with their process, however that ends.
+    A program, such as an autopilot, may open its port only seconds later. Runs therefore claim ports by names of
+    abstract sockets. These names disappear with their process, however it ends.
     """
 
     def __init__(self) -> None:
         self._claims: list[socket.socket] = []
 
     def free(self, scheme: str) -> int:
-        """A port of the loopback address that nobody has; scheme: `tcp` or `udp`. Raises UserError."""
+        """Return a free port of the loopback address. scheme: `tcp` or `udp`. Raises UserError."""
         for _ in range(TRIED):
             with socket.socket(socket.AF_INET, _KINDS[scheme]) as probe:
                 try:
@@ -40,14 +40,14 @@ class PortClaims:
         raise UserError(f"127.0.0.1: no {scheme.upper()} port is free; end some of the programs that have them")
 
     def free_url(self, url: str) -> str:
-        """The same address, with a free port where it asks for one by port 0."""
+        """Return the address with a free port in place of port 0."""
         parts = urlsplit(url)
         if parts.scheme not in _KINDS or parts.port != 0:
             return url
         return f"{parts.scheme}://{parts.hostname}:{self.free(parts.scheme)}"
 
     def nearest(self, url: str) -> str | None:
-        """The same address at the first port from there on that nobody has, None when some hundred are taken."""
+        """Return the address with the first free port from its own on, or None when about a hundred are in use."""
         parts = urlsplit(url)
         first = parts.port or 1
         for port in range(first, min(first + TRIED, _HIGHEST + 1)):
@@ -57,7 +57,7 @@ class PortClaims:
         return None
 
     def claim(self, scheme: str, port: int) -> bool:
-        """Whether no other run, or vessel of this one, has it."""
+        """Claim the port. Returns False when another run, or vessel of this run, has it."""
         if sys.platform != "linux":
             return True
         claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -70,7 +70,7 @@ class PortClaims:
         return True
 
     def close(self) -> None:
-        """Others may have the ports. A second call does nothing."""
+        """Release the ports. A second call does nothing."""
         for claim in self._claims:
             claim.close()
         self._claims.clear()
@@ -79,7 +79,7 @@ class PortClaims:
 
 
 def is_free(url: SplitResult) -> bool:
-    """Whether it could be opened there; True for what is no address of this machine, which is said later."""
+    """Whether the address can be opened. True also for an address of another machine, which is reported later."""
     kind = _KINDS[url.scheme]
     try:
         family, kind, protocol, _, target = resolve(url, True, kind)

@@ -1,15 +1,15 @@
-"""MAVLink between the vessels of a fleet and all ground stations, as a process of its own.
+"""MAVLink router between the vessels of a fleet and all ground stations, as a separate process.
 
     python -m xitl_cli.run.links.router tcp://127.0.0.1:5760 udp://127.0.0.1:14550
 
-Vessels send to one UDP port of this machine, or are called; stations call at TCP or are sent to at UDP. The first line
-of its output says where; each line of its input is the address of a vessel to call; at the end of its input it writes
-its counts and ends.
+Vessels send to one UDP port of this machine, or the router calls them. Stations connect by TCP, or the router sends to
+them by UDP. The first line of output has the addresses. Each line of input is the address of a vessel to call. At the
+end of the input the router writes its counts and ends.
 
-Frames go on as they came, so that signatures stay good (mavlink.io, "Routing"): one for a system goes to where that
-was heard, the others to everybody; none goes back to where its sender is. Between vessels only what one may want to
-know of another goes: FROM_VESSEL_TO_VESSEL. A vessel's system is at one place: what claims to be from it elsewhere is
-dropped, and so is what came round.
+Frames are forwarded unchanged, so that signatures stay valid (mavlink.io, "Routing"). A frame for a system goes to the
+place of that system, other frames to all places. No frame returns to the place of its sender. Between vessels only the
+messages of FROM_VESSEL_TO_VESSEL are forwarded. A vessel's system has one place. Frames that claim the system elsewhere
+are dropped, and so are frames that come back in a loop.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from agent.wire.transport import DATAGRAM_BYTES, TransportError, open_transport
 from agent.wire.udp import UdpTransport
 
 MOST_STATIONS = 32
-MOST_VESSELS = 300  # places that vessels send from: those of a fleet, and some that were started anew
-STUCK_S = 10.0  # a station that takes nothing for so long is dropped
-MOVED_S = 3.0  # a vessel that was silent for so long may be at another place
-AGAIN_S = 0.5  # how often a vessel is called that has not answered
-LOOK_S = 0.25  # nobody may have said anything: who is stuck, who has to be called
+MOST_VESSELS = 300  # places that vessels send from: those of a fleet, and some that were restarted
+STUCK_S = 10.0  # a station that reads nothing for this time is dropped
+MOVED_S = 3.0  # a vessel that was silent for this time may move to another place
+AGAIN_S = 0.5  # interval for calls to a vessel that has not answered
+LOOK_S = 0.25  # interval of the checks for stuck stations and vessels to call, when no frame arrives
 BUFFER_BYTES = 1 << 22
-BATCH = 64  # datagrams of one turn
+BATCH = 64  # datagrams in one turn
 LARGEST = 2048
 
 FROM_VESSEL_TO_VESSEL = frozenset(
@@ -49,15 +49,20 @@ FROM_VESSEL_TO_VESSEL = frozenset(
         dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     )
 )
-"""Broadcasts that other vessels get too. All telemetry of all to all would be the square of the fleet."""
+"""Broadcasts that other vessels get too. The traffic would grow with the square of the fleet if all telemetry went to
+all.
+"""
 
 _BYTES = {"char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4}
 _BYTES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
-_SO_RXQ_OVFL = 40  # Linux: how many datagrams a socket had no room for
+_SO_RXQ_OVFL = 40  # Linux: number of datagrams that a socket dropped because it was full
 
 
 def _target_offsets() -> dict[int, tuple[int, int | None]]:
-    """Where in the payload the target's system stands and its component, None without one, by message."""
+    """Return the payload offsets of target system and target component by message.
+
+    The component is None if there is none.
+    """
     found = {}
     for number, kind in dialect.mavlink_map.items():
         at, places = 0, {}
@@ -75,27 +80,35 @@ TARGETS = _target_offsets()
 
 @dataclass(slots=True)
 class RouterCounts:
-    """frames_in: good ones. frames_out: handed on, each place counted. dropped: a place did not take them.
-
-    unroutable: for a system that nobody has heard. looped: from a vessel's system, at another place. damaged: bytes
-    that were no frame, in events. overrun: datagrams of vessels that nobody had room for. stations: that called, or
-    answered. turned_away: more than `MOST_STATIONS`, or vessels' places. stuck: stations that took nothing for long.
-    """
+    """Counts of the router."""
 
     frames_in: int = 0
+    """Valid frames."""
     frames_out: int = 0
+    """Forwarded frames, counted for each destination."""
     dropped: int = 0
+    """Frames that a destination did not accept."""
     unroutable: int = 0
+    """Frames for an unknown system."""
     looped: int = 0
+    """Frames from a vessel's system at another place."""
     damaged: int = 0
+    """Events of bytes that were no frame."""
     overrun: int = 0
+    """Datagrams of vessels that the full socket dropped."""
     stations: int = 0
+    """Stations that connected or answered."""
     turned_away: int = 0
+    """Connections above `MOST_STATIONS`, or above the number of vessels' places."""
     stuck: int = 0
+    """Stations that read nothing for too long."""
 
 
 class Place(ABC):
-    """Where frames come from and go to. heard: (system, component) of all that spoke there. vessel: else a station."""
+    """Source and destination of frames.
+
+    heard: (system, component) of all senders there. vessel: False for a station.
+    """
 
     def __init__(self, name: str, stream: bool, vessel: bool) -> None:
         self.name = name
@@ -106,7 +119,7 @@ class Place(ABC):
         self._framer = Framer(stream, foreign=True, mavlink1=True)
 
     def frames_in(self, chunk: bytes) -> list[bytes]:
-        """Good frames that end in this chunk, as of MAVLink 2; see `as_received`."""
+        """Return the valid frames that end in this chunk, in MAVLink 2 format; see `as_received`."""
         return self._framer.feed(chunk)
 
     @property
@@ -116,14 +129,14 @@ class Place(ABC):
 
     @abstractmethod
     def send(self, frames: list[bytes]) -> int:
-        """Hand frames on without waiting; returns how many were dropped for want of room."""
+        """Forward frames without waiting. Returns the number of frames dropped for lack of space."""
 
-    def close(self) -> None:  # noqa: B027  most have nothing to give back
+    def close(self) -> None:  # noqa: B027  most places have nothing to close
         """End the connection."""
 
 
 class TransportPlace(Place):
-    """A station that called or is sent to, or a vessel that is called."""
+    """A station that connected or that the router sends to, or a vessel that the router calls."""
 
     def __init__(self, transport: TcpTransport | UdpTransport, name: str, vessel: bool) -> None:
         super().__init__(name, transport.stream, vessel)
@@ -149,7 +162,7 @@ class TransportPlace(Place):
 
 
 class DatagramPlace(Place):
-    """A vessel that sends to the port of all of them."""
+    """A vessel that sends to the common port."""
 
     def __init__(self, sock: socket.socket, address: tuple[str, int]) -> None:
         super().__init__(f"udp://{address[0]}:{address[1]}", stream=False, vessel=True)
@@ -162,14 +175,14 @@ class DatagramPlace(Place):
             try:
                 self._socket.sendto(datagram, self.address)
             except ConnectionRefusedError:
-                pass  # it is gone
+                pass  # the vessel has gone
             except OSError:
                 dropped += count
         return dropped
 
 
 def _datagrams(frames: list[bytes]) -> list[tuple[bytes, int]]:
-    """As few as hold them, and how many are in each."""
+    """Pack frames into as few datagrams as possible. Returns each datagram and its number of frames."""
     found: list[tuple[bytes, int]] = []
     held: list[bytes] = []
     size = 0
@@ -183,7 +196,7 @@ def _datagrams(frames: list[bytes]) -> list[tuple[bytes, int]]:
 
 
 class Router:
-    """`stations`: tcp://address:port is listened at, udp://host:port is sent to. Raises TransportError."""
+    """Listens at `tcp://address:port` and sends to `udp://host:port` of `stations`. Raises TransportError."""
 
     def __init__(self, stations: Sequence[str]) -> None:
         self.counts = RouterCounts()
@@ -223,17 +236,17 @@ class Router:
 
     @property
     def vessels_url(self) -> str:
-        """Where vessels send to."""
+        """The address that vessels send to."""
         return f"udp://127.0.0.1:{self._vessels.getsockname()[1]}"
 
     @property
     def stations(self) -> tuple[str, ...]:
-        """Where stations may call, then where they are sent to."""
+        """The addresses at which stations may connect, then those that the router sends to."""
         sent_to = [place.name for place in self._places if not place.vessel and place.name.startswith("udp")]
         return (*(listener.address for listener in self._listeners), *sent_to)
 
     def call(self, url: str) -> None:
-        """A vessel that waits to be called: again and again until it answers. Raises TransportError."""
+        """Call a vessel repeatedly until it answers. Raises TransportError."""
         parts = urlsplit(url)
         if parts.scheme == "udp":
             address = (socket.gethostbyname(parts.hostname or ""), parts.port or 0)
@@ -243,7 +256,7 @@ class Router:
         self._add(TransportPlace(TcpCaller(parts), url, vessel=True))
 
     def poll(self, timeout_s: float) -> None:
-        """Pass on what has come, waiting at most `timeout_s` for it."""
+        """Forward the frames that have arrived; wait for them at most `timeout_s`."""
         for key, _ in self._selector.select(min(timeout_s, LOOK_S)):
             key.data()
         now_s = monotonic()
@@ -252,13 +265,13 @@ class Router:
             self._look(now_s)
 
     def report(self) -> dict[str, object]:
-        """Counts, and the places of the systems that were heard, as plain data."""
+        """Return the counts, and the places of the known systems, as plain data."""
         counts = self.counts
         counts.damaged = self._damaged_before + sum(place.damaged for place in self._places)
         return asdict(counts) | {"systems": {str(system): place.name for system, place in sorted(self.owners.items())}}
 
     def close(self) -> None:
-        """End all connections."""
+        """Close all connections."""
         self._selector.close()
         for place in self._places:
             place.close()
@@ -266,7 +279,7 @@ class Router:
             listener.close()
         self._vessels.close()
 
-    # Who is there
+    # Places
 
     def _accept(self, listener: TcpListener) -> None:
         called = listener.accept()
@@ -285,11 +298,11 @@ class Router:
         self._watch(place)
 
     def watch(self, descriptor: int, handle: Callable[[], None]) -> None:
-        """Have `handle` called in `poll` when there is something to read."""
+        """Call `handle` in `poll` when there is something to read."""
         self._selector.register(descriptor, selectors.EVENT_READ, handle)
 
     def _watch(self, place: TransportPlace) -> None:
-        """Its connection of now: a call may have been lost and another one made."""
+        """Watch the current connection of a place. A call may have lost its connection and opened another."""
         transport = place.transport
         descriptor, losses = transport.fileno(), transport.losses if isinstance(transport, TcpTransport) else 0
         now = None if descriptor is None else (descriptor, losses)
@@ -303,11 +316,11 @@ class Router:
             self._selector.register(descriptor, selectors.EVENT_READ, lambda: self._from_place(place))
 
     def _look(self, now_s: float) -> None:
-        """Drop who has left or takes nothing, call who has to be called."""
+        """Drop stations that have left or are stuck, and call vessels that have to be called."""
         for place in [one for one in self._places if isinstance(one, TransportPlace)]:
             transport = place.transport
             if isinstance(transport, TcpCaller):
-                transport.send(b"")  # calls again
+                transport.send(b"")  # connects again
                 self._watch(place)
             elif isinstance(transport, TcpTransport):
                 if not transport.connected:
@@ -323,7 +336,7 @@ class Router:
             if not self._datagrams[address].systems and now_s - called_s >= AGAIN_S:
                 self._to_call[address] = now_s
                 try:
-                    self._vessels.sendto(b"", address)  # a PX4 takes for its station who sends it anything first
+                    self._vessels.sendto(b"", address)  # a PX4 treats the first sender as its ground station
                 except OSError:
                     continue
 
@@ -333,7 +346,7 @@ class Router:
         place.close()
         self._watch(place)
 
-    # What they say
+    # Frames
 
     def _from_place(self, place: TransportPlace) -> None:
         transport = place.transport
@@ -350,7 +363,7 @@ class Router:
         for _ in range(BATCH):
             try:
                 data, extra, _, address = self._vessels.recvmsg(LARGEST, 64)
-            except OSError:  # nothing more, or the answer to a datagram that nobody took
+            except OSError:  # no more data, or the error of an earlier datagram without a receiver
                 return
             for level, kind, value in extra:
                 if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):
@@ -370,7 +383,7 @@ class Router:
         return place
 
     def _pass_on(self, source: Place, frames: list[bytes]) -> None:
-        """Each to where it belongs, all for one place together."""
+        """Forward each frame to its destinations, grouped by destination."""
         outgoing: dict[Place, list[bytes]] = {}
         for frame in frames:
             sender = (frame[5], frame[6])
@@ -390,7 +403,7 @@ class Router:
             self.counts.frames_out += len(leaving) - dropped
 
     def _is_at_home(self, source: Place, system: int) -> bool:
-        """Whether what claims to be from this system comes from where that is. A vessel may move when it was silent."""
+        """Whether a frame of this system comes from the system's place. A vessel that was silent may move."""
         owner = self.owners.get(system)
         if owner is source:
             source.heard_s = monotonic()
@@ -424,18 +437,18 @@ class Router:
 
 
 def _target(number: int, frame: bytes) -> tuple[int, int]:
-    """System and component that a frame is for, 0 for all."""
+    """Return system and component that a frame is for, 0 for all."""
     places = TARGETS.get(number)
     if places is None:
         return 0, 0
     end = 10 + frame[1]
     at, component_at = 10 + places[0], None if places[1] is None else 10 + places[1]
-    system = frame[at] if at < end else 0  # zeros at the end are not sent
+    system = frame[at] if at < end else 0  # trailing zeros are not sent
     return system, frame[component_at] if component_at is not None and component_at < end else 0
 
 
 def main(urls: Sequence[str]) -> int:
-    """Until the end of the input. Exit code 2 with one sentence when a port cannot be had."""
+    """Run until the end of the input. Returns 2 and writes one sentence when a port is not available."""
     try:
         router = Router(urls)
     except TransportError as error:

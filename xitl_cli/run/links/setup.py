@@ -1,4 +1,4 @@
-"""What an autopilot is set up with: parameters and mission of a profile, and bringing both to an agent before a run."""
+"""Setup of an autopilot: parameters and mission of a profile, and their upload to an agent before a run."""
 
 from __future__ import annotations
 
@@ -35,16 +35,17 @@ EXTERNAL_AHRS_PROTOCOL = 36  # SERIALn_PROTOCOL
 SERIAL_PORTS = range(10)
 
 
-# -- parameters of a profile
+# -- Parameters of a profile
 
 
 def embedded_parameters(profile: RunProfile) -> dict[str, float]:
-    """Of the embedded autopilot: its files, then what vessel, site, mission and sensors imply, then the profile's own.
+    """Return the parameters of the embedded autopilot. Later sources override earlier ones.
 
-    Gains that a file gives are not those that the vessel implies.
+    The order is: parameter files, values from vessel, site, mission and sensors, values of the profile. Gains of a file
+    override the gains that follow from the vessel.
     """
     values = parameter_file_values(profile.autopilot.parameter_files, embedded=True)
-    if values.get(SYSTEM_ID) != profile.autopilot.system_id:  # a file of one vessel may serve others
+    if values.get(SYSTEM_ID) != profile.autopilot.system_id:  # a file of one vessel may serve other vessels
         values.pop(SYSTEM_ID, None)
     values = values | vessel_gains(profile.vehicle, profile.mission.speed_mps) | values
     north, east, _ = magnetic_field_ned_gauss(profile.site)
@@ -58,9 +59,9 @@ def embedded_parameters(profile: RunProfile) -> dict[str, float]:
 
 
 def live_parameters(profile: RunProfile) -> dict[str, float]:
-    """Of another autopilot that runs: what the profile implies, and over that what it sets.
+    """Return the parameters of another autopilot that is running. Values in the profile override the implied values.
 
-    A PX4 gets the values of its files here too: there is nothing that it would read them from at its start.
+    A PX4 gets the values of its parameter files here too, because it reads no such files at its start.
     """
     if profile.autopilot.kind == "px4":
         files = parameter_file_values(profile.autopilot.parameter_files)
@@ -71,16 +72,16 @@ def live_parameters(profile: RunProfile) -> dict[str, float]:
 
 
 def start_parameters(profile: RunProfile) -> dict[str, float]:
-    """Of an autopilot that is started here: its files, then as if it ran. Raises UserError.
+    """Return the parameters of an autopilot that the run starts: its files, then `live_parameters`. Raises UserError.
 
-    A PX4 is told of our sensors at its start alone: most of that is in force after a restart.
+    A PX4 gets the parameters of the sensors only at its start, because most of them take effect after a restart.
     """
     sensors = _sensors_of_px4(profile) if profile.autopilot.kind == "px4" else {}
     return sensors | parameter_file_values(profile.autopilot.parameter_files) | live_parameters(profile)
 
 
 def parameter_file_values(names: Iterable[str], embedded: bool = False) -> dict[str, float]:
-    """Values of parameter files, later ones over earlier ones. Raises UserError."""
+    """Return the values of parameter files. Later files override earlier ones. Raises UserError."""
     values: dict[str, float] = {}
     for name in names:
         values.update(read_parameter_file(name, embedded))
@@ -88,12 +89,12 @@ def parameter_file_values(names: Iterable[str], embedded: bool = False) -> dict[
 
 
 def parameter_file_text(values: dict[str, float]) -> str:
-    """A parameter file, as an autopilot reads it at its start."""
+    """Return the text of a parameter file that an autopilot reads at its start."""
     return "".join(f"{name} {value:.9g}\n" for name, value in sorted(values.items()))
 
 
 def serial_port_with(values: dict[str, float], protocol: int = EXTERNAL_AHRS_PROTOCOL) -> int | None:
-    """The lowest serial port that parameters give this protocol, None when there is none."""
+    """Return the lowest serial port with this protocol, or None when there is none."""
     ports = (port for port in SERIAL_PORTS if values.get(f"SERIAL{port}_PROTOCOL") == protocol)
     return next(ports, None)
 
@@ -121,9 +122,9 @@ def _position(name: str, position_frd_m: tuple[float, float, float]) -> dict[str
 
 
 def mission_plans(profile: RunProfile, frame: LocalFrame) -> Plans:
-    """What the profile has of fence, rally points and mission; item 0 of the mission is home, where the vessel starts.
+    """Return fence, rally points and mission of the profile. Item 0 of the mission is home, the start of the vessel.
 
-    A plan without items is left out, so that what an autopilot has stored stays.
+    A plan without items is left out, so that an autopilot keeps its stored plan.
     """
     mission = profile.mission
     plans: Plans = {}
@@ -137,7 +138,7 @@ def mission_plans(profile: RunProfile, frame: LocalFrame) -> Plans:
 
 
 def mission_items(profile: RunProfile, frame: LocalFrame) -> list[PlanItem]:
-    """Home, where the vessel starts, and the items of the mission."""
+    """Return home, which is the start of the vessel, and the items of the mission."""
     mission = profile.mission
     start = mission.start
     points = [(start.north_m, start.east_m), *mission.waypoints_ned_m]
@@ -155,7 +156,7 @@ def _plan_item(frame: LocalFrame, seq: int, item: MissionItemSpec) -> PlanItem:
     return PlanItem(seq, item.frame, item.command, (p1, p2, p3, p4), lat_deg, lon_deg, item.altitude_m)
 
 
-# -- bringing them to an agent; `receive(timeout_s)` returns the messages that arrived
+# -- Upload to an agent; `receive(timeout_s)` returns the messages that arrived
 
 
 def set_parameters(
@@ -166,9 +167,9 @@ def set_parameters(
     key: str = "autopilot",
     lossless: bool = False,
 ) -> None:
-    """Set each and see that it took; `key` is the group of the profile that has them. Raises UserError.
+    """Set each parameter and check its value. `key`: group of the profile with the parameters. Raises UserError.
 
-    lossless: so that nothing need be asked twice.
+    lossless: the link loses nothing, so no request is repeated.
     """
     tries = 1 if lossless else TRIES
     client = ParameterClient(target, tries=tries, answer_s=TRIES * ANSWER_S / tries)
@@ -207,7 +208,7 @@ def upload_plan(
     lossless: bool = False,
     mission_type: int = MISSION,
 ) -> None:
-    """Upload a mission, a fence or rally points. Raises UserError when the agent refuses it or goes silent."""
+    """Upload a mission, a fence or rally points. Raises UserError when the agent refuses it or does not answer."""
     name = PLAN_KEYS[mission_type]
     give_up_s = TRIES * MISSION_S
     repeat_s = give_up_s if lossless else MISSION_S

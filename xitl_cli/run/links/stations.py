@@ -1,4 +1,4 @@
-"""Where ground stations meet the autopilots of a run: each at ports of its own, and all vessels of a fleet at one."""
+"""Addresses of ground stations: each autopilot of a run has its own ports, and a fleet has a common port."""
 
 from __future__ import annotations
 
@@ -19,29 +19,30 @@ from xitl_cli.run.links import router
 from xitl_cli.run.links.ports import TRIED, PortClaims, is_free
 
 STEP = 10
-"""Vessel k of a fleet listens at the port of all of them + 10 k, as ArduPilot's instances do."""
+"""Vessel k of a fleet listens at the common port + 10 k, as ArduPilot's instances do."""
 _ENDS_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class VesselStations:
-    """urls: what the autopilot of a vessel is given. own: those where it is met alone. told: where a person looks
-    first.
-    """
+    """Ground station addresses of a vessel."""
 
     urls: tuple[str, ...] = ()
+    """Addresses that the vessel's autopilot gets."""
     own: tuple[str, ...] = ()
+    """Addresses that serve this vessel alone."""
     told: tuple[str, ...] = ()
+    """Addresses to show to the user."""
 
 
 class StationAddresses(RunNode):
-    """The addresses of a run's vessels, each TCP port this run's alone until `close`. warnings: what was replaced.
+    """The addresses of a run's vessels. Each TCP port belongs to this run until `close`. warnings: replaced ports.
 
-    What several vessels of a fleet ask for, such as the usual addresses, is served by a router: all of them are met
-    there by their system ids, and each at a port of its own too. A usual port that is taken is replaced by the next
-    free one; one that the profile gives is not, as somebody else may have been told of it.
+    A router serves the addresses that several vessels of a fleet share, such as the usual ones. All vessels are
+    reachable there by their system ids, and each also has its own port. A usual port that is in use is replaced by the
+    next free port. A port from the profile is not replaced, because its users may know it already.
 
-    Raises UserError for such a one, and when no port is free.
+    Raises UserError when a port from the profile is in use, and when no port is free.
     """
 
     def __init__(self, profiles: Sequence[RunProfile]) -> None:
@@ -70,7 +71,7 @@ class StationAddresses(RunNode):
         for number, profile in enumerate(profiles, start=1):
             urls = asked[profile.vessel]
             own = [self._opened(url, url in given) for url in urls if url not in shared]
-            if profile.autopilot.kind != "px4":  # whose one link for stations the router calls
+            if profile.autopilot.kind != "px4":  # the router calls a PX4's single link for stations
                 own += [self._opened(_stepped(url, number), False) for url in urls if url in shared and _is_tcp(url)]
             if self._router is None or not urls:
                 self._of[profile.vessel] = VesselStations(tuple(own), tuple(own), tuple(own))
@@ -87,20 +88,20 @@ class StationAddresses(RunNode):
                 self._router.call(board)
 
     def of(self, vessel: str) -> VesselStations:
-        """Those of this vessel; empty for one that somebody else has started."""
+        """Return the addresses of this vessel; empty for a vessel that the user has started."""
         return self._of[vessel]
 
     def call(self, url: str) -> None:
-        """Have the router call a vessel that waits for its ground station at `url`, if there is one."""
+        """Let the router, if there is one, call a vessel that waits for its ground station at `url`."""
         if self._router is not None:
             self._router.call(url)
 
     def report(self) -> dict[str, Any]:
-        """Of a fleet with a router, after `close`: the addresses, and what the router counted."""
+        """Return the addresses and the router's counts of a fleet with a router. Call it after `close`."""
         return self._report
 
     def close(self) -> None:
-        """End the router; others may have the ports. A second call does nothing."""
+        """End the router and release the ports. A second call does nothing."""
         self._ports.close()
         if self._router is None:
             return
@@ -117,7 +118,7 @@ class StationAddresses(RunNode):
         self._report = {"ground_stations": found, "warnings": unheard}
 
     def _opened(self, url: str, given: bool) -> str:
-        """As asked for, or at a port near by."""
+        """Return the requested address, or the address of a nearby port."""
         if not _is_tcp(url):
             return url
         parts = urlsplit(url)
@@ -139,20 +140,20 @@ def _is_tcp(url: str) -> bool:
 
 
 def _stepped(url: str, number: int) -> str:
-    """Where vessel `number` is met alone, of the address of all."""
+    """Return the address of vessel `number` alone, from the common address."""
     parts = urlsplit(url)
     return parts._replace(netloc=f"{parts.netloc.rpartition(':')[0]}:{(parts.port or 0) + STEP * number}").geturl()
 
 
 def _asked_for(profile: RunProfile) -> tuple[str, ...]:
-    """An autopilot that somebody else has started serves its own ground stations."""
+    """Return the requested addresses. An autopilot that the user has started serves its own ground stations."""
     autopilot = profile.autopilot
     elsewhere = autopilot.kind != "embedded" and not autopilot.started_here
     return () if elsewhere else ground_stations_of(profile)
 
 
 def _board_station(profile: RunProfile) -> str | None:
-    """Where the agent on a board listens for ground stations when it is started as the docs say."""
+    """Return the address at which the agent on a board listens for ground stations when started as documented."""
     autopilot = profile.autopilot
     if autopilot.kind != "embedded" or autopilot.runs != "board" or profile.clock.mode != "realtime":
         return None
@@ -164,9 +165,11 @@ def _board_station(profile: RunProfile) -> str | None:
 
 
 class RouterProcess:
-    """The router of a fleet, see xitl_cli/run/links/router.py: beside the run, so that stations never hold it up.
+    """The router of a fleet, see xitl_cli/run/links/router.py.
 
-    vessels_url: where vessels send to. Raises UserError when it cannot open its ports.
+    It is a separate process, so that stations never block a run.
+
+    vessels_url: address that vessels send to. Raises UserError when the router cannot open its ports.
     """
 
     def __init__(self, urls: Sequence[str]) -> None:
@@ -176,7 +179,7 @@ class RouterProcess:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            start_new_session=True,  # a Ctrl-C at the terminal ends the run, which ends this
+            start_new_session=True,  # a Ctrl-C at the terminal ends the run, which ends the router
         )
         assert self._process.stdout is not None
         first_line = self._process.stdout.readline()
@@ -187,16 +190,16 @@ class RouterProcess:
         self.vessels_url: str = json.loads(first_line)["vessels"]
 
     def call(self, url: str) -> None:
-        """A vessel that waits to be called."""
+        """Let the router call a vessel that waits."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(f"{url}\n")
             self._process.stdin.flush()
-        except OSError:  # it has ended, which `close` tells
+        except OSError:  # the router has ended, which `close` reports
             return
 
     def close(self) -> dict[str, Any]:
-        """End it; its counts, empty when it had ended by itself."""
+        """End the router and return its counts; empty when it had ended early."""
         try:
             said, _ = self._process.communicate(timeout=_ENDS_S)
         except subprocess.TimeoutExpired:

@@ -1,9 +1,8 @@
-"""Gains of the embedded autopilot that follow from the vessel, for one that nobody has tuned yet.
+"""Gains of the embedded autopilot that follow from the vessel, for a vessel without tuning.
 
-Feed-forwards are drag over thrust, that of the throttle with the thrust there is at cruise speed. Feed-back and limits
-are those of the full-size catamaran (firmware_params), which was tuned, carried over as a share of what thrust and
-moment can accelerate, and by Froude's law: lengths by the length of the hull, times by its root. What drives the vessel
-is in vessel_outputs.
+Feed-forward gains are drag over thrust. The throttle's gain uses the thrust at cruise speed. Feedback gains and limits
+come from the tuned full-size catamaran (firmware_params). They are scaled by the acceleration from thrust and moment,
+and by Froude's law: lengths by the length of the hull, times by its square root. The actuators are in vessel_outputs.
 """
 
 from __future__ import annotations
@@ -27,13 +26,13 @@ from xitl_cli.run.links.vessel_outputs import (
 )
 
 TUNED_LENGTH_M = 2.3
-_SPEED_RADPS, _RATE_RADPS = 2.5, 1.67  # of the two loops of the tuned vessel: gain times what full demand accelerates
-_TURN_RADPS, _MOST_RADPS = 0.3, math.radians(30.0)  # at which the yaw drag is taken, and what it turns at most
-_STEP_S = 1e-6  # its forces alone are asked for, whatever the steps of the run
+_SPEED_RADPS, _RATE_RADPS = 2.5, 1.67  # gains times full-demand acceleration of the two loops, tuned vessel
+_TURN_RADPS, _MOST_RADPS = 0.3, math.radians(30.0)  # rate at which the yaw drag is taken, and the largest rate
+_STEP_S = 1e-6  # only its forces are used, so the step does not matter
 
 
 class _Steering(NamedTuple):
-    """Moment of full steering, that at which drag and loop are taken, and the most there is at cruise speed."""
+    """Moment of full steering, moment at which drag and loop are evaluated, and largest moment at cruise speed."""
 
     full_nm: float
     at_cruise_nm: float
@@ -41,7 +40,7 @@ class _Steering(NamedTuple):
 
 
 def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
-    """Parameters by name, for a mission at `speed_mps`. Raises ValueError for a vessel that does not float."""
+    """Return parameters by name, for a mission at `speed_mps`. Raises ValueError for a vessel that does not float."""
     quicker = math.sqrt(TUNED_LENGTH_M / vessel.length_m)
     outputs = output_parameters(vessel, speed_mps)
     mixer = make_mixer(Parameters(outputs))
@@ -54,7 +53,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
     drag_n = _drag(body, 0, speed_mps)
     ahead_mps2 = ahead_n / float(inertia[0, 0])
     speed_p = _limited(_SPEED_RADPS * quicker / ahead_mps2, 0.05, 2.0)
-    hardest_mps2 = 0.7 if mixer.pivots else 0.5  # thrust that brakes steers the wrong way or not at all
+    hardest_mps2 = 0.7 if mixer.pivots else 0.5  # thrust that brakes steers in the wrong direction or not at all
     gains = outputs | {
         "CRUISE_SPEED": _limited(speed_mps, 0.1, 30.0),
         "CRUISE_THROTTLE": float(round(_limited(100.0 * _demand(body, drag_n, speed_mps), 1.0, 100.0))),
@@ -62,7 +61,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
         "ATC_SPEED_I": 0.4 * speed_p * quicker,
         "ATC_ACCEL_MAX": _limited(0.3 * ahead_mps2, 0.05, hardest_mps2),
         "ATC_DECEL_MAX": _limited(0.3 * ahead_mps2, 0.05, hardest_mps2),
-        "LOS_LOOKAHEAD": _limited(6.0 / quicker**2, 3.0, 500.0),  # a satellite receiver does not scale
+        "LOS_LOOKAHEAD": _limited(6.0 / quicker**2, 3.0, 500.0),  # the error of a satellite receiver does not scale
         "LOS_KAPPA": 0.8 / quicker,
         "WP_SPEED_MIN": _limited(speed_mps / 3.0 if mixer.pivots else 0.75 * speed_mps, 0.1, 100.0),
         "MOT_THST_EXPO": 1.0,
@@ -70,7 +69,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
         "MOT_SLEWRATE": float(round(_limited(500.0 * quicker, 50.0, 1000.0))),
     }
     if vessel.rudders and not mixer.pivots:
-        gains["LOIT_TYPE"] = 1.0  # a rudder steers where the water comes from ahead
+        gains["LOIT_TYPE"] = 1.0  # a rudder needs flow from ahead to steer
     steering = _steering(vessel, mixer.force if isinstance(mixer, MotorsMixer) else None, ahead_n, drag_n, speed_mps)
     if steering.full_nm <= 0.0:
         return gains
@@ -104,12 +103,12 @@ def _steering(
         lent_nm = min(drag_n * math.tan(math.radians(min(gear.max_angle_deg, 89.0))), ahead_n) * lever_m
         return _Steering(ahead_n * lever_m, ahead_n * lever_m, lent_nm)
     moment_nm = sum(rudder_force_n(vessel, rudder, speed_mps) * -rudder.position_frd_m[0] for rudder in vessel.rudders)
-    # Full steering is full rudder at the base speed; above it the angle falls as the speed grows, the force as it does.
+    # Full steering is full rudder at the base speed. Above it the angle falls and the force grows with the speed.
     return _Steering(moment_nm * RUDDER_BASE_SHARE**2, moment_nm * RUDDER_BASE_SHARE, moment_nm)
 
 
 def _drag(body: Vessel, axis: int, rate: float, speed_mps: float = 0.0) -> float:
-    """What holds a motion along or about one axis back, N or N m, with way on or without."""
+    """Return the drag of a motion along or about one axis in N or N m, at the given forward speed."""
     velocity = np.zeros((1, 6))
     velocity[0, 0] = speed_mps
     velocity[0, axis] = rate
@@ -118,7 +117,7 @@ def _drag(body: Vessel, axis: int, rate: float, speed_mps: float = 0.0) -> float
 
 
 def _demand(body: Vessel, drag_n: float, speed_mps: float) -> float:
-    """Share of full thrust at rest that has to be asked for so that at this speed there is as much as the drag."""
+    """Return the share of full thrust at rest that balances the drag at this speed."""
     demands = np.linspace(0.0, 1.0, 1001)
     ahead = np.cos(np.radians([propeller.angle_deg for propeller in body.model.propellers])).round(3)
     actuators = np.zeros((len(demands), body.model.commands))

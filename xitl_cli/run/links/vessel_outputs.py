@@ -1,7 +1,7 @@
-"""Outputs of the embedded autopilot that follow from the vessel: what drives it, where, and how strongly.
+"""Outputs of the embedded autopilot that follow from the vessel: its actuators, their places and their strength.
 
-Two propellers side by side are steered by their difference, one at the stern by its gear or by rudders, as ArduRover
-has them; anything else is motors and rudders at their places (agent/fcu/control/allocation.py).
+Two propellers side by side steer by their difference. A single propeller at the stern steers by its gear or by rudders.
+Both are as in ArduRover. Other vessels get motors and rudders at their places (agent/fcu/control/allocation.py).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from sim_core.vessel.spec import Propeller, Rudder, VesselSpec
 _FUNCTION = "SERVO{}_FUNCTION"
 _STEERING, _THROTTLE, _FIRST_MOTOR = 26, 70, 33
 RUDDER_BASE_SHARE = 0.5
-"""Of the cruise speed: up to it a rudder turns by all that is asked for."""
+"""Share of the cruise speed up to which a rudder turns by the full demand."""
 
 
 def output_parameters(vessel: VesselSpec, cruise_mps: float) -> dict[str, float]:
-    """SERVOn_, MOTn_, RUDn_ and what belongs to them; nothing for the two propellers that are usual."""
+    """Return SERVOn_, MOTn_, RUDn_ and related parameters; none for the usual two propellers."""
     if is_skid_steered(vessel):
         return {}
     base_mps = min(max(RUDDER_BASE_SHARE * cruise_mps, 0.05), 10.0) if vessel.rudders else 0.0
@@ -39,7 +39,7 @@ def output_parameters(vessel: VesselSpec, cruise_mps: float) -> dict[str, float]
 
 
 def is_skid_steered(vessel: VesselSpec) -> bool:
-    """Two equal fixed propellers ahead, port and starboard, as far out, and no rudder."""
+    """Whether the vessel has two equal fixed propellers, port and starboard at equal distance, and no rudder."""
     if len(vessel.propellers) != 2 or vessel.commands != 2:
         return False
     port, starboard = vessel.propellers
@@ -55,7 +55,7 @@ def is_skid_steered(vessel: VesselSpec) -> bool:
 
 
 def is_steered_at_the_stern(vessel: VesselSpec) -> bool:
-    """One propeller ahead, and either its own gear or rudders, all behind the origin, on the centreline."""
+    """Whether the vessel has one forward propeller on the centreline, with a gear or with rudders behind the origin."""
     if len(vessel.propellers) != 1:
         return False
     (propeller,) = vessel.propellers
@@ -68,7 +68,7 @@ def is_steered_at_the_stern(vessel: VesselSpec) -> bool:
 
 
 def rudder_force_n(vessel: VesselSpec, rudder: Rudder, speed_mps: float) -> float:
-    """Across the hull at full angle, at this speed of the hull and beside any race."""
+    """Return the lateral force in N at full angle, at this speed of the hull and outside any propeller race."""
     alone = Rudders.from_spec(replace(vessel, rudders=(replace(rudder, propeller=None),)), Water())
     flow = np.array([[speed_mps, *[0.0] * (FLOW - 1)]])
     _, right_n = alone.forces_n(np.radians([[rudder.max_angle_deg]]), np.zeros((1, len(vessel.propellers))), flow)
@@ -80,7 +80,7 @@ def _thrust_n(propeller: Propeller) -> tuple[float, float]:
 
 
 def _functions(used: dict[int, int]) -> dict[str, float]:
-    """Of the outputs: those that are usual have none unless they are used."""
+    """Return the functions of the outputs. The usual outputs have none unless they are used."""
     return {_FUNCTION.format(output): float(function) for output, function in sorted(({1: 0, 3: 0} | used).items())}
 
 
@@ -113,7 +113,7 @@ def _motors(vessel: VesselSpec, base_mps: float) -> dict[str, float]:
 
 
 def _race_mps(vessel: VesselSpec, rudder: Rudder) -> float:
-    """Over the rudder at rest with its propeller full ahead, on the share of it that stands in the race."""
+    """Return the race speed in m/s at the rudder, at rest with full thrust ahead, over the share of it in the race."""
     assert rudder.propeller is not None
     blade = Rudders.from_spec(replace(vessel, rudders=(rudder,)), Water())
     ahead_n, _ = _thrust_n(vessel.propellers[rudder.propeller])

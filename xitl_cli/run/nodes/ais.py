@@ -1,4 +1,4 @@
-"""AIS between the vessels of a fleet: each transponder's reports to all who hear them."""
+"""AIS between the vessels of a fleet: sends each transponder's reports to all receivers in range."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ from xitl_cli.seeds import Seeds
 
 LOOKS_HZ = 10.0
 FIRST_S: Mapping[AisClass, float] = {"class-a": 10.0, "class-b": 30.0}
-"""The first report comes at a drawn instant within this, which is between two of a vessel under way."""
+"""The first report is sent at a random instant within this time, which is the report interval of a vessel under way."""
 LOCAL_LINE = "tcp://127.0.0.1:0"
 
 
 class AisLine:
-    """Where an ArduPilot reads the sentences of its AIS receiver: one that is started here calls at `url`.
+    """The line on which an ArduPilot reads the sentences of its AIS receiver.
+
+    An ArduPilot of this run connects to `url`.
 
     Raises UserError when the line that the profile names cannot be opened.
     """
@@ -45,16 +47,16 @@ class AisLine:
 
     @property
     def url(self) -> str:
-        """Its address."""
+        """Address of the line."""
         return self.transport.address
 
     def close(self) -> None:
-        """Give it back."""
+        """Close the line."""
         self.transport.close()
 
 
 def hears_sentences(profile: RunProfile) -> bool:
-    """Whether the autopilot of one of several vessels has a line for AIS: an ArduPilot, if anybody says where."""
+    """Whether the autopilot of a fleet's vessel has a line for AIS: an ArduPilot with a known address for it."""
     autopilot = profile.autopilot
     if not profile.vessel or autopilot.kind != "ardupilot":
         return False
@@ -62,7 +64,7 @@ def hears_sentences(profile: RunProfile) -> bool:
 
 
 def receiver_of(profile: RunProfile, send: Send, line: AisLine | None) -> AisReceiver | None:
-    """How the autopilot of a vessel hears AIS; None for one that does not."""
+    """Return the AIS receiver of a vessel's autopilot, or None without one."""
     if profile.autopilot.kind == "embedded":
         return mavlink_receiver(send)
     if profile.autopilot.kind == "px4":
@@ -71,14 +73,14 @@ def receiver_of(profile: RunProfile, send: Send, line: AisLine | None) -> AisRec
 
 
 def ais_static(spec: AisSpec, length_m: float, beam_m: float, ahead_m: float = 0.0, draft_m: float = 0.0) -> AisStatic:
-    """What a vessel says it is; its middle lies `ahead_m` before the place it reports."""
+    """Return the static data of a vessel. Its middle lies `ahead_m` ahead of the position that it reports."""
     dimensions = AisDimensions.around(length_m, beam_m, ahead_m)
     assert spec.mmsi is not None
     return AisStatic(spec.mmsi, spec.name, spec.callsign, spec.ship_type, dimensions, draft_m)
 
 
 class AisRecorder(RunNode):
-    """A vessel's receiver that also records what it hears."""
+    """A vessel's receiver that also records the transmissions."""
 
     def __init__(self, receive: AisReceiver) -> None:
         self._receive = receive
@@ -96,13 +98,13 @@ class AisRecorder(RunNode):
         self._now_ns = step.now_ns
 
     def __call__(self, heard: AisTransmission) -> None:
-        """One transmission."""
+        """Receive one transmission."""
         self._recorder.write(self._now_ns, ais_report(heard))
         self._receive(heard)
 
 
 def ais_report(heard: AisTransmission) -> AisReport:
-    """A transmission as it is recorded."""
+    """Return a transmission as a record."""
     said = b"".join(sentence for payload in heard.payloads() for sentence in sentences(payload))
     text, report = said.decode("ascii").replace("\r\n", "\n").strip(), heard.report
     if isinstance(report, AisStatic):
@@ -122,9 +124,9 @@ def ais_report(heard: AisTransmission) -> AisReport:
 
 
 class AisNode(RunNode):
-    """Vessels with a voice and a transponder are heard by the others' receivers, as far as the radio reaches.
+    """Sends the reports of vessels that have a voice and a transponder to the receivers in radio range.
 
-    profiles: of the simulated vessels. The scripted ones have voices too.
+    profiles: of the simulated vessels. The scripted vessels have voices too.
     """
 
     def __init__(self, profiles: list[RunProfile], voices: VesselVoices, receivers: Mapping[str, AisReceiver]) -> None:
@@ -173,7 +175,7 @@ class AisNode(RunNode):
                 receive(sent)
 
     def report(self) -> dict[str, Any]:
-        """ais: transmissions, and what became of them at each receiver."""
+        """Return `ais`: the transmissions, and their outcome at each receiver."""
         recorders = [one for one in self._receivers.values() if isinstance(one, AisRecorder)]
         return {
             "ais": {

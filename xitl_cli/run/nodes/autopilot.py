@@ -1,4 +1,4 @@
-"""The autopilot behind an agent, wherever that runs: sensors out over the link, motor commands back."""
+"""The autopilot behind an agent: sends sensor samples over the link and receives motor commands."""
 
 from __future__ import annotations
 
@@ -47,20 +47,22 @@ STILL_AIR = np.zeros((1, 3))
 
 
 def autopilot_links(profile: RunProfile) -> tuple[str, ...]:
-    """Names of the links to its agents."""
+    """Return the names of the links to the autopilot's agents."""
     return ("agent",) if profile.autopilot.standby is None else ("agent", "standby")
 
 
 class AutopilotNode(ControlNode):
-    """Sends samples to its agents and takes in motor commands.
+    """Sends samples to its agents and receives motor commands.
 
-    In lockstep every exchange is a tick (`ticking`, its part of an exchange ahead of the others') and its answer; in
-    real time both sides go on their own. A second agent, if the profile has one in standby, gets all that the first one
-    gets. `make_driver` makes the node that commands it over its first agent; `interrupted` is asked while the answer to
-    a tick is waited for; supervision: see there. workers: have the first agent, were it to be in this process.
-    air: as of make_sensing.
+    In lockstep every exchange is a tick (`ticking`, the part of an exchange ahead of the other nodes) and its answer.
+    In real time both sides run freely. A second agent, if the profile has one in standby, gets the same messages as the
+    first.
 
-    heard: to subscribe to what the active agent says. driver: comes before this node in a run.
+    `make_driver`: creates the node that commands the autopilot over its first agent. `interrupted`: returns True when
+    the user asked to stop; called during the wait for an answer. supervision: see there. workers: run the first agent
+    if it would otherwise be in this process. air: as in make_sensing.
+
+    heard: route to subscribe to the messages of the active agent. driver: runs before this node.
     """
 
     def __init__(
@@ -85,7 +87,7 @@ class AutopilotNode(ControlNode):
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
         self._sensing = make_sensing(profile, seeds, hulls, air)
-        self._recorded = profile.sensors is not None and profile.sensors.recorded is not None  # not of this vessel
+        self._recorded = profile.sensors is not None and profile.sensors.recorded is not None  # another vessel
         self.agents = [self._connection(name) for name in autopilot_links(profile)]
         first, standby = self.agents[0], profile.autopilot.standby
         self.view = first.inbox.view
@@ -124,23 +126,23 @@ class AutopilotNode(ControlNode):
         return self.agents[0] if self._redundancy is None else self._redundancy.active
 
     def send(self, message: Any) -> None:
-        """A command, or whatever else every agent is to get."""
+        """Send a message to every agent."""
         for agent in self._present():
             agent.send(message)
 
     def new_commands(self) -> AutopilotCommands:
-        """For one who commands the autopilot: it knows what it has asked for itself."""
+        """Return a commander of the autopilot with its own record of requests."""
         return AutopilotCommands(self.view, self.send, *self.agents[0].target)
 
     def said(self) -> SelfReport | None:
-        """The newest that the autopilot has told of the vessel's motion, as others may hear it."""
+        """Return the autopilot's newest report of the vessel's motion, as others may receive it."""
         return None if self._estimate is None else report_from_estimate(*self._estimate, self.view.armed)
 
     def _present(self) -> list[AgentConnection]:
         return [agent for agent in self.agents if agent.gone is None]
 
     def _on_message(self, name: str, message: Any) -> None:
-        """Of two agents the active one is heard."""
+        """Handle a message. Of two agents, only the active one counts."""
         if self._redundancy is not None:
             if name != self.active.name:
                 return
@@ -185,7 +187,7 @@ class AutopilotNode(ControlNode):
             self._check.add_truth(step.now_ns, step.motion)
         air_ned_mps = step.state.wind_ned_mps if self._sensing.feels_wind else STILL_AIR
         messages = self._sensing.due(step.number, step.now_ns, step.motion, air_ned_mps)
-        if self._time_is_due:  # ahead of samples and not behind them, where it would wait for a slow board
+        if self._time_is_due:  # sent ahead of the samples; after them it would wait for a slow board
             self._time_is_due = False
             for agent in self._present():
                 agent.request_time()
@@ -208,7 +210,7 @@ class AutopilotNode(ControlNode):
         self.progress = self._progress()
 
     def _take_in(self, now_ns: int) -> None:
-        """Real time: what has come since, whoever sent it."""
+        """Real time: handle all messages that have arrived since the last exchange."""
         assert self._context is not None
         self._time_is_due = self._exchanges % self._sync_every == 0
         for agent in self._present():
@@ -267,15 +269,15 @@ class AutopilotNode(ControlNode):
         directory.keep_dataflash(folder)
 
     def sample_faults(self) -> dict[str, dict[str, int]]:
-        """How many samples each injected fault has touched, by its name."""
+        """Return the number of samples that each injected fault has changed, by the fault's name."""
         return self._sensing.fault_counts()
 
     def set_sample_fault(self, name: str, fault: FaultSpec) -> None:
-        """A fault of the sensors that is not, or not at these times, in the profile."""
+        """Set a fault of the sensors that is not in the profile, or that has other times there."""
         self._sensing.set_fault(name, fault)
 
     def actuator_age(self) -> ActuatorAge:
-        """How old motor commands were so far, for the recording."""
+        """Return the age of the motor commands so far, for the recording."""
         return self._use.record()
 
     def report(self) -> dict[str, Any]:
@@ -295,7 +297,7 @@ class AutopilotNode(ControlNode):
 
 
 class ActuatorUse:
-    """Counts every exchange; a run of exchanges without new commands is as long as it lasts."""
+    """Counts every exchange, and sequences of exchanges without new commands."""
 
     def __init__(self) -> None:
         self.report = ActuatorReport()
@@ -303,7 +305,7 @@ class ActuatorUse:
         self._stale = 0
 
     def add(self, fresh: bool, age_ns: int | None) -> None:
-        """One exchange: whether a new command has come, and the age of the one in use, None while unknown."""
+        """Add an exchange: whether a new command has arrived, and the age of the current one, None while unknown."""
         report = self.report
         self._exchanges += 1
         if age_ns is not None:
@@ -315,7 +317,7 @@ class ActuatorUse:
         self.report = replace(report, stale=report.stale + 1, longest_stale=max(report.longest_stale, self._stale))
 
     def record(self) -> ActuatorAge:
-        """The same for the recording."""
+        """Return the counts as a record."""
         report = self.report
         p50_ns, p99_ns = report.age.quantile_ns(0.5), report.age.quantile_ns(0.99)
         return ActuatorAge(

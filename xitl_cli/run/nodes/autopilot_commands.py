@@ -14,18 +14,18 @@ from xitl_cli.run.links.agent_view import AgentView
 
 REPEAT_S = 1.0
 IGNORE_CHANNEL = 65535
-RELEASE_ABOVE_8 = 65534  # where 0 leaves a channel alone, as a sender of eight channels does
+RELEASE_ABOVE_8 = 65534  # 0 releases channels up to 8 only; a sender of eight channels sends 0 for the others
 RC_CHANNELS = 18
-DO_NOT_CHANGE_SPEED, CHANGE_MODE = -1.0, 1.0  # of DO_REPOSITION
-POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and yaw rate are ignored
-VELOCITY_AND_YAW = 0x09C7  # of one: place, acceleration and yaw rate are
-VELOCITY_AND_YAW_RATE = 0x05C7  # of one: place, acceleration and yaw are
+DO_NOT_CHANGE_SPEED, CHANGE_MODE = -1.0, 1.0  # parameters of DO_REPOSITION
+POSITION_ONLY = 0x0DF8  # mask of a position target: ignores velocity, acceleration, yaw and yaw rate
+VELOCITY_AND_YAW = 0x09C7  # mask: ignores position, acceleration and yaw rate
+VELOCITY_AND_YAW_RATE = 0x05C7  # mask: ignores position, acceleration and yaw
 
 Send = Callable[[Any], object]
 
 
 class AutopilotCommands:
-    """Sends to one autopilot through `send`; `view` knows what it answered."""
+    """Sends to one autopilot through `send`; `view` has its answers."""
 
     def __init__(self, view: AgentView, send: Send, system_id: int, component_id: int) -> None:
         self.view = view
@@ -36,7 +36,7 @@ class AutopilotCommands:
         self._place: tuple[float, float, float] | None = None
 
     def download(self) -> MissionDownload:
-        """A download of the mission, whose messages go out by `send_all`."""
+        """Return a download of the mission. Send its messages with `send_all`."""
         return MissionDownload(self._target)
 
     def send_all(self, messages: Iterable[Any]) -> None:
@@ -45,18 +45,18 @@ class AutopilotCommands:
             self.send(message)
 
     def forget(self) -> None:
-        """The next command is a new one, even when it is the same command again."""
+        """Treat the next command as new, even when it repeats the previous one."""
         self._sent_ns.clear()
 
     def arm(self, sim_ns: int, armed: bool = True) -> bool:
-        """Ask to arm or disarm until it is accepted; True once it is."""
+        """Request to arm or disarm until it is accepted; returns True once it is."""
         return self._command(sim_ns, dialect.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
 
     def set_mode(self, sim_ns: int, mode: str) -> bool:
-        """Ask for the mode until it is in force; True once it is.
+        """Request the mode until it is active; returns True once it is.
 
-        ArduPilot says so in its acknowledgement. PX4's receiver acknowledges before its commander has looked, which may
-        refuse: there the heartbeat tells.
+        ArduPilot confirms the mode in its acknowledgement. PX4's receiver acknowledges before its commander has
+        decided, and the commander may refuse. For PX4 the heartbeat therefore decides.
         """
         self._mode = mode
         if self.view.px4 and mode != "GUIDED":  # its heartbeat has one mode for GUIDED, LOITER and HOLD
@@ -67,22 +67,22 @@ class AutopilotCommands:
         return False
 
     def mode_is_set(self) -> bool:
-        """Whether the mode that was asked for since `forget` is in force."""
+        """Whether the mode that was requested since `forget` is active."""
         if not self.view.px4:
             return self.accepted(dialect.MAV_CMD_DO_SET_MODE)
         asked = dialect.MAV_CMD_DO_SET_MODE in self._sent_ns
         return asked and self.view.mode == shown_mode(self._mode, px4=True)
 
     def stream(self, message: int, rate_hz: float) -> None:
-        """Ask once for a message, by its number, at a rate."""
+        """Request a message once, by its number, at a rate."""
         self.send(command_long(self._target, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, float(message), 1e6 / rate_hz))
 
     def set_waypoint(self, seq: int) -> None:
-        """Head for an item of the mission; nothing answers it."""
+        """Head for an item of the mission. The autopilot does not answer."""
         self.send(dialect.MAVLink_mission_set_current_message(*self._target, seq))
 
     def rc(self, pulses_us: Sequence[int | None]) -> None:
-        """Pulse widths of the RC channels from 1 on; None leaves a channel alone, 0 gives it back."""
+        """Send pulse widths of the RC channels from 1 on. None leaves a channel alone, 0 releases it."""
         channels = [
             IGNORE_CHANNEL if pulse is None else RELEASE_ABOVE_8 if number >= 8 and pulse == 0 else pulse
             for number, pulse in enumerate(pulses_us)
@@ -91,7 +91,10 @@ class AutopilotCommands:
         self.send(dialect.MAVLink_rc_channels_override_message(*self._target, *channels))
 
     def go_to(self, sim_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
-        """A GUIDED target, to be repeated: ArduPilot does not answer it, PX4 begins anew with each and gets it once."""
+        """Send a GUIDED target.
+
+        Repeat it: ArduPilot does not answer. PX4 restarts with each target and gets it once.
+        """
         lat, lon = round(lat_deg * 1e7), round(lon_deg * 1e7)
         self.view.guide(lat_deg, lon_deg)
         if self.view.px4:
@@ -100,16 +103,19 @@ class AutopilotCommands:
         self._target_message(sim_ns, POSITION_ONLY, lat, lon, alt_m)
 
     def sail(self, sim_ns: int, vel_ne_mps: tuple[float, float]) -> None:
-        """A GUIDED velocity, bow ahead, to be repeated: a vessel stops that hears no other for GUID_TIMEOUT, or 3 s.
+        """Send a GUIDED velocity, bow ahead. Repeat it: a vessel stops without a new one for GUID_TIMEOUT, or 3 s.
 
-        The heading is that of the velocity: what carries the vessel off sideways is for who asks. PX4 takes none.
+        The heading is that of the velocity. The caller has to correct for drift to the side. PX4 accepts no velocity.
         """
         yaw_rad = math.atan2(vel_ne_mps[1], vel_ne_mps[0])
         self.view.guided_ne_m = None
         self._target_message(sim_ns, VELOCITY_AND_YAW, 0, 0, 0.0, vel_ne_mps, yaw_rad)
 
     def steer(self, sim_ns: int, speed_mps: float, turn_rate_radps: float) -> None:
-        """A GUIDED speed along the bow and a turn rate to starboard, to be repeated as `sail`. PX4 takes none."""
+        """Send a GUIDED speed along the bow and a turn rate to starboard.
+
+        Repeat it as in `sail`. PX4 accepts neither.
+        """
         boot_ms = sim_ns // 1_000_000 & 0xFFFFFFFF
         place_velocity = (0.0, 0.0, 0.0, speed_mps, 0.0, 0.0)
         rest = (0.0, 0.0, 0.0, 0.0, turn_rate_radps)  # acceleration, yaw, yaw rate
@@ -122,15 +128,15 @@ class AutopilotCommands:
         )
 
     def start_mission(self, sim_ns: int) -> bool:
-        """Ask for the mission on board, from its beginning, until it is accepted; True once it is."""
+        """Request the mission on board, from its beginning, until it is accepted; returns True once it is."""
         return self._command(sim_ns, dialect.MAV_CMD_MISSION_START, 0.0, 0.0)
 
     def clear_mission(self) -> None:
-        """Take the mission off board; its answer is a MISSION_ACK."""
+        """Delete the mission on board. The answer is a MISSION_ACK."""
         self.send(dialect.MAVLink_mission_clear_all_message(*self._target, MISSION))
 
     def upload(self, items: Sequence[PlanItem]) -> MissionUpload:
-        """An upload of a mission, whose messages go out by `send_all`."""
+        """Return an upload of a mission. Send its messages with `send_all`."""
         return MissionUpload(self._target, items)
 
     def _target_message(
@@ -153,7 +159,7 @@ class AutopilotCommands:
         )
 
     def _reposition(self, sim_ns: int, lat: int, lon: int, alt_m: float) -> None:
-        """DO_REPOSITION until it is accepted, and no more while the place is the same."""
+        """Send DO_REPOSITION until it is accepted, and again only for another place."""
         command, place = dialect.MAV_CMD_DO_REPOSITION, (lat, lon, alt_m)
         if place != self._place:
             self._place = place

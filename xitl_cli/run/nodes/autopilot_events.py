@@ -15,14 +15,14 @@ from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import NOTICE, WARNING
 
 CAUSE_NS = 2_000_000_000
-"""A failsafe's sentence and the heartbeat with its mode are at most so far apart, whichever comes first.
+"""Largest time between a failsafe's sentence and the heartbeat with its mode, in either order.
 
-Heartbeats come at 1 Hz. ArduPilot sends one at a mode change at once, and names some failsafes after it.
+Heartbeats arrive at 1 Hz. ArduPilot sends one at once at a mode change, and names some failsafes after it.
 """
 LIMIT_OVER_NS = 3_000_000_000
-"""The fence has limited the speed until so long after the last status that says so: avoidance acts in bursts."""
+"""Time after the last status with a speed limit at which the fence's limit counts as over. Avoidance acts in bursts."""
 VELOCITY_LIMITED = 2  # FENCE_MITIGATE_VEL_LIMIT
-FAILED = (dialect.MAV_STATE_CRITICAL, 6)  # MAV_STATE_EMERGENCY, which the dialect leaves out
+FAILED = (dialect.MAV_STATE_CRITICAL, 6)  # and MAV_STATE_EMERGENCY, which the dialect leaves out
 
 _FAILSAFE = re.compile(
     r"failsafe|\bbreach|\bgeofence .*violat|^crash: |^battery .* is (low|critical)|^ekf variance", re.IGNORECASE
@@ -33,10 +33,10 @@ _PREARM = re.compile(r"^(prearm|arm|preflight fail)\b", re.IGNORECASE)
 
 
 class AutopilotEventNode(RunNode):
-    """Records the mode changes and failsafes of an autopilot that is heard, and reports them in their order.
+    """Records the mode changes and failsafes of an autopilot, and reports them in their order.
 
-    `handle` takes each message after `view` has taken it. An armed vessel that leaves a mode is recorded when the cause
-    is known: at once after a failsafe's sentence, else when CAUSE_NS have passed without one.
+    Call `handle` with each message after `view` has handled it. When an armed vessel leaves a mode, the event is
+    recorded once its cause is known. That is at once after a failsafe's sentence, otherwise after CAUSE_NS without one.
     """
 
     def __init__(self, view: AgentView) -> None:
@@ -55,7 +55,7 @@ class AutopilotEventNode(RunNode):
         self._context = context
 
     def handle(self, message: Any) -> None:
-        """One message of the autopilot."""
+        """Handle one message of the autopilot."""
         if self._context is None:
             return
         number, now_ns = message.get_msgId(), self._context.clock.now_ns()
@@ -111,7 +111,7 @@ class AutopilotEventNode(RunNode):
         self._limited_ns = now_ns
 
     def _in_force(self) -> bool:
-        """Whether the last of its failsafes is not over."""
+        """Whether the last failsafe is still active."""
         names = [event.event for event in self.events if event.event.startswith("failsafe")]
         return bool(names) and names[-1] == "failsafe"
 
@@ -120,20 +120,23 @@ class AutopilotEventNode(RunNode):
         return AutopilotEvent(now_ns / 1e9, event, mode, mode, reason)
 
     def _wait(self, now_ns: int, event: AutopilotEvent) -> None:
-        """For the sentence that explains it, unless that has come or nothing explains such a change."""
+        """Queue the event until its sentence arrives.
+
+        Write it at once if the sentence is known or none can explain the change.
+        """
         self._waiting.append((now_ns, event))
         known = self._cause is not None and now_ns - self._cause[0] <= CAUSE_NS
         if known or event.event == "armed" or event.mode == MISSION_MODE or not self._armed:
             self._write_until(None)
 
     def _write_until(self, until_ns: int | None) -> None:
-        """Write the changes that waited, those up to an instant or all of them."""
+        """Write the queued changes up to an instant, or all of them."""
         while self._waiting and (until_ns is None or self._waiting[0][0] <= until_ns):
             at_ns, event = self._waiting.pop(0)
             cause = self._cause
             if cause is not None and abs(at_ns - cause[0]) <= CAUSE_NS and event.event != "armed":
                 event = replace(event, reason=cause[1])
-                self._cause = None  # the next change is another's
+                self._cause = None  # the next change has another cause
             self._write(event)
 
     def _write(self, event: AutopilotEvent) -> None:
@@ -146,7 +149,7 @@ class AutopilotEventNode(RunNode):
 
 
 def event_text(event: AutopilotEvent) -> str:
-    """The event in one line, for a log and for people."""
+    """Return the event in one line, for a log and for users."""
     change = f"mode {event.mode} after {event.mode_before}" if event.event == "mode" else event.event
     where = "" if event.event == "mode" else f" in mode {event.mode}"
     reason = f": {event.reason}" if event.reason else ""

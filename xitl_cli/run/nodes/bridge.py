@@ -1,4 +1,4 @@
-"""Another autopilot behind a bridge: started, prepared, timed, checked, stopped, its log collected."""
+"""Another autopilot behind a bridge: starts, prepares, times, checks and stops it, and collects its log."""
 
 from __future__ import annotations
 
@@ -44,20 +44,20 @@ DRIVES = 0.02
 
 @dataclass(slots=True)
 class Milestones:
-    """Seconds from the start of the run; None until then.
-
-    heartbeat: first heard. origin: its estimator has an origin. ready: its pre-arm checks pass. armed. motion: after
-    arming, the motors turn and the vessel makes more than `MOVES_MPS` over ground.
-    """
+    """Seconds from the start of the run; None until the milestone is reached."""
 
     heartbeat_s: float | None = None
+    """First heartbeat."""
     origin_s: float | None = None
+    """The estimator has an origin."""
     ready_s: float | None = None
+    """The pre-arm checks pass."""
     armed_s: float | None = None
     motion_s: float | None = None
+    """After arming, the motors turn and the vessel moves faster than `MOVES_MPS` over ground."""
 
     def update(self, sim_ns: int, view: AgentView, command: MotorCommand, motion: Kinematics) -> None:
-        """Look at every exchange."""
+        """Check for new milestones; call it at every exchange."""
         now_s = sim_ns * 1e-9
         if self.heartbeat_s is None and view.heard:
             self.heartbeat_s = now_s
@@ -73,27 +73,28 @@ class Milestones:
                 self.motion_s = now_s
 
 
-_LOOPS = ("NL", "NLoop")  # by version
+_LOOPS = ("NL", "NLoop")  # depends on the version
 
 
 @dataclass(frozen=True, slots=True)
 class SchedulerRecord:
-    """Sums over all rows. long_loops: loops that took longer than the period allows. max_us: the longest loop.
-
-    fields: the columns that this version logs. load_*_percent: of the processor's time. None: not logged.
-    """
+    """Sums over all rows. A value is None when the log does not have it."""
 
     rows: int
     fields: tuple[str, ...]
+    """Columns that this version logs."""
     loops: int | None = None
     long_loops: int | None = None
+    """Loops that took longer than their period."""
     max_us: int | None = None
+    """Longest loop."""
     load_mean_percent: float | None = None
+    """Mean share of the processor's time."""
     load_max_percent: float | None = None
 
 
 def scheduler_record(log: Path) -> SchedulerRecord | None:
-    """From a DataFlash log; None when it cannot be read or has no PM records."""
+    """Read a DataFlash log. Returns None when it cannot be read or has no PM records."""
     try:
         with DataFlashLog(log) as opened:
             table = opened.tables.get("PM")
@@ -103,10 +104,10 @@ def scheduler_record(log: Path) -> SchedulerRecord | None:
 
 
 def drop_partial_record(log: Path) -> int:
-    """Cut the bytes of an incomplete last record off a DataFlash log; returns how many.
+    """Cut an incomplete last record off a DataFlash log; returns the number of bytes.
 
-    ArduPilot writes its log in blocks of 512 bytes, whatever the length of its records (AP_Logger_File::io_timer). So
-    a log ends within a record although the autopilot ended in order.
+    ArduPilot writes its log in blocks of 512 bytes, whatever the length of its records (AP_Logger_File::io_timer). A
+    log may therefore end within a record although the autopilot ended normally.
     """
     try:
         with DataFlashLog(log) as opened:
@@ -133,7 +134,7 @@ def _record(table: Table) -> SchedulerRecord:
 
 
 def _column(table: Table, name: str | None) -> NDArray[np.float64] | None:
-    """As logged, in single counts; None where no row has it."""
+    """Return the logged values without scaling, or None when no row has them."""
     if name is None or table.columns[name].kind != "number" or table.columns[name].shape:
         return None
     values = table.values(name, raw=True).astype(np.float64)
@@ -146,27 +147,29 @@ HOST = "PS1"
 
 @dataclass(frozen=True, slots=True)
 class AutopilotReport:
-    """firmware, vehicle: as it says itself, empty where it never did.
-
-    milestones: see there. bridge: counts of XITL_BRIDGE_STATUS by name, empty where none came. program: what was
-    started here, None for one that somebody else started. log: whether its own log was collected. scheduler: from
-    that log; only of one that runs on a real clock (None: not known) it tells of processor time.
-    utc_offset_s: its UTC less ours.
-    """
+    """Report of another autopilot."""
 
     kind: str
     firmware: str = ""
+    """As the autopilot reports it; empty without a report."""
     vehicle: str = ""
+    """As the autopilot reports it; empty without a report."""
     milestones: Milestones = field(default_factory=Milestones)
     bridge: dict[str, int] = field(default_factory=dict)
+    """Counts of XITL_BRIDGE_STATUS by name; empty without that message."""
     program: str | None = None
+    """Program that the run started; None for an autopilot that the user started."""
     log: bool = False
+    """Whether the autopilot's log was collected."""
     scheduler: SchedulerRecord | None = None
+    """From that log. It measures processor time only with a real clock."""
     real_clock: bool | None = None
+    """Whether the autopilot runs on a real clock; None when unknown."""
     utc_offset_s: float | None = None
+    """The autopilot's UTC less the host's."""
 
     def section(self, tasks: Sequence[TaskTiming]) -> dict[str, Any]:
-        """`autopilot` of summary.json; docs/recording.md explains the keys. tasks: all of the run."""
+        """Return `autopilot` of summary.json; docs/recording.md explains the keys. tasks: all tasks of the run."""
         times, agent = self.milestones, [task for task in tasks if task.node != HOST]
         return {
             "kind": self.kind,
@@ -194,17 +197,17 @@ def _scheduler(record: SchedulerRecord) -> dict[str, Any]:
 BRIDGE = "Bridge: "
 WRONG_VEHICLE = f"{BRIDGE}the autopilot is "
 CHECK_EVERY = 16  # exchanges
-LOCKSTEP_STOP_S = 2.0  # its world goes on until it has heard; if it does not take that any more, it never will
-NO_BRIDGE_NS = 10_000_000_000  # a bridge tells its counts every second
-PAIR_MS = 50  # attitude and position come by their own rates
+LOCKSTEP_STOP_S = 2.0  # the world runs until the autopilot has ended; after this time it no longer responds
+NO_BRIDGE_NS = 10_000_000_000  # a bridge reports its counts every second
+PAIR_MS = 50  # attitude and position arrive at different rates
 _MAKES = {"ardupilot": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, "px4": dialect.MAV_AUTOPILOT_PX4}
-CALL_S = 0.7  # the agent calls again every half second
+CALL_S = 0.7  # the agent connects again every half second
 
 
 def make_launch(
     profile: RunProfile, ports: PortClaims, ground_stations: tuple[str, ...] = (), ais: str | None = None
 ) -> FirmwareLaunch | Px4Launch | None:
-    """The start of the autopilot, where that is ours to do. Raises UserError."""
+    """Return the launcher of an autopilot that this run starts, otherwise None. Raises UserError."""
     if not profile.autopilot.started_here:
         return None
     if profile.autopilot.kind == "px4":
@@ -214,10 +217,11 @@ def make_launch(
 
 
 class BridgeNode(RunNode):
-    """The autopilot of `profile` behind the agent, whose log goes to `run_directory`. bridge: how the agent reaches it.
-    ais: where one that is started here calls for AIS sentences.
+    """The autopilot of `profile` behind the agent. Its log goes to `run_directory`. bridge: settings of the bridge.
 
-    Raises UserError when it is to be started here and there is none.
+    ais: address to which an autopilot of this run connects for AIS sentences.
+
+    Raises UserError when the run has to start the autopilot and cannot find it.
     """
 
     def __init__(
@@ -252,11 +256,11 @@ class BridgeNode(RunNode):
 
     @property
     def station_url(self) -> str | None:
-        """Where it waits for a ground station to call, None where it does not."""
+        """The address at which the autopilot waits for a ground station, or None."""
         return self._launch.station_url if isinstance(self._launch, Px4Launch) else None
 
     def preparation(self, driver: VehicleDriver, agent: AgentConnection, send: Send, frame: LocalFrame) -> Preparation:
-        """What goes before the driver. agent: the one that is the bridge; `send` sends to it."""
+        """Return the driver that runs before `driver`. agent: the bridge; `send` sends to it."""
         profile, autopilot, target = self._profile, self._profile.autopilot, agent.target
         plans = mission_plans(profile, frame)
         self._agent, self._view = agent, agent.inbox.view
@@ -277,9 +281,9 @@ class BridgeNode(RunNode):
         )
 
     def begin(self, context: RunContext) -> None:
-        """Start the firmware, if that is ours to do; stamp by the autopilot's clock what comes in its messages.
+        """Start the firmware if the run has to, and stamp the messages of the autopilot by the autopilot's clock.
 
-        In real time the agent is let call it; in lockstep it does so before time runs.
+        In real time the agent gets time to connect to the autopilot. In lockstep it connects before time runs.
         """
         self._recorder, self._now_ns = context.recorder, context.clock.now_ns
         if self._agent is not None and self._clock is not None:
@@ -287,7 +291,7 @@ class BridgeNode(RunNode):
             self._clock.begin(context)
             inbox.use_vehicle_clock(self._clock.sim_ns)
             inbox.view.pair_ms = PAIR_MS
-            # The world of its own simulator is as ArduPilot counts metres; our receiver is on the Earth.
+            # The world of ArduPilot's simulator uses ArduPilot's metres; our receiver is on the Earth.
             own_world = self._profile.autopilot.kind == "ardupilot" and self.bridge.sensors is not None
             inbox.view.sphere_metres = own_world
         if self._launch is None or self._directory is None or self._agent is None:
@@ -304,7 +308,7 @@ class BridgeNode(RunNode):
     # In the run
 
     def handle(self, message: Any) -> None:
-        """A message that came from the bridge, after the view has seen it."""
+        """Handle a message from the bridge, after the view has handled it."""
         number = message.get_msgId()
         if self._clock is not None:
             self._clock.handle(message)
@@ -319,7 +323,7 @@ class BridgeNode(RunNode):
             self._problem = self._problem or self._other_make(message.autopilot)
         elif number == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._view is not None and self._view.texts:
             text = self._view.texts[-1]
-            if text is not self._text:  # else this is a part of one that is not whole yet
+            if text is not self._text:  # the same object means that the text is not complete yet
                 self._text = text
                 self._note(message.severity, text)
 
@@ -332,7 +336,7 @@ class BridgeNode(RunNode):
             self._complaints.append(text)
 
     def _complained(self) -> str:
-        """The latest troubles that the bridge told of and has not told the end of, to go at the end of a sentence."""
+        """Return the bridge's latest problems that are not over, as the end of a sentence."""
         said = "; ".join(text.removeprefix(BRIDGE) for text in self._complaints)
         return f"; the bridge said: {said}" if said else ""
 
@@ -353,7 +357,7 @@ class BridgeNode(RunNode):
             self.check()
 
     def _check_restart(self, sim_ns: int) -> None:
-        """A mission that was under way is over with it: nobody would arm it again."""
+        """Raise UserError when the autopilot restarted during a mission, because no driver would arm it again."""
         if self.milestones.armed_s is None or self._view is None or self._profile.driver.kind != "mission":
             return
         restarts = 0 if self._status is None else self._status.restarts
@@ -374,7 +378,7 @@ class BridgeNode(RunNode):
         return f"the autopilot is {name} (MAV_AUTOPILOT {mav_autopilot}), not {wanted}"
 
     def check(self) -> None:
-        """Raise UserError when it is known to be gone or to be the wrong one."""
+        """Raise UserError when the autopilot has ended or is the wrong kind."""
         if self._problem is not None:
             raise UserError(f"{self._problem}; use the firmware of one, or another autopilot.bridge.mavlink")
         if self._process is None:
@@ -389,17 +393,20 @@ class BridgeNode(RunNode):
         return self._view is not None and self._view.heard
 
     def _with_build(self, error: UserError) -> UserError:
-        """It ended before it was heard: its options may be those of another build."""
+        """Add a hint on the build to the error of an autopilot that ended before its first heartbeat."""
         build = self._profile.autopilot.firmware_build
         return UserError(f"{error}, and see that it is a {build} build, as autopilot.firmware_build says")
 
     def silent_s(self) -> float:
-        """How long it may be silent in lockstep; at first it may still have to be started elsewhere."""
+        """Return the longest silence in lockstep.
+
+        It is longer at first, when the user may still have to start the autopilot.
+        """
         autopilot = self._profile.autopilot
         return autopilot.silent_s if self._heard else max(autopilot.silent_s, autopilot.connect_timeout_s)
 
     def why_silent(self, seconds: float, sim_s: float) -> UserError:
-        """What to say when it has been silent for too long."""
+        """Return the error for an autopilot that has been silent for too long."""
         if self._process is None and self.bridge.world is not None and not self._heard:
             return UserError(
                 f"{self.bridge.world}: no autopilot asked for the world there in {seconds:.0f} s; start one elsewhere "
@@ -414,7 +421,7 @@ class BridgeNode(RunNode):
     # After the run
 
     def end(self) -> None:
-        """Stop it and keep its log. Safe to call again."""
+        """Stop the autopilot and keep its log. Safe to call again."""
         if self._launch is None:
             return
         if self._process is not None and self._directory is not None:
@@ -431,7 +438,7 @@ class BridgeNode(RunNode):
         self._launch.end()
 
     def _serve(self, seconds: float) -> None:
-        """Let the agent go on with the autopilot's time, in which alone that hears that it is to end."""
+        """Let the agent continue the autopilot's time. The autopilot needs it to notice that it has to end."""
         if self._agent is not None and self._agent.is_open:
             self._agent.receive(seconds)
         else:
@@ -446,7 +453,7 @@ class BridgeNode(RunNode):
         return {"clocks": clocks, "autopilot": self.known()}
 
     def known(self) -> AutopilotReport:
-        """What is known of it."""
+        """Return the report so far."""
         autopilot = self._profile.autopilot
         return AutopilotReport(
             kind=autopilot.kind,

@@ -1,4 +1,4 @@
-"""The clock of another autopilot against the host's, by the standard TIMESYNC message through the bridge."""
+"""Another autopilot's clock against the host's, by the standard TIMESYNC message through the bridge."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from xitl_cli.run.links.link_timing import LinkTiming
 NODE = "autopilot"
 REALTIME_HZ, LOCKSTEP_HZ = 10.0, 1.0
 REQUESTS_KEPT = 256
-SETTLING_NS = 500_000_000  # an autopilot whose clock is further off in lockstep has been in a run before
+SETTLING_NS = 500_000_000  # in lockstep, a clock further off belongs to an autopilot from an earlier run
 SIMULATED_UNEVEN_NS = 110_000_000
-"""How far the clock of a SITL build in real time falls behind and catches up with: it sleeps for some ms at a time, and
-counts up to 100 ms for which it was kept from running as a debt. What it was kept longer it never makes up for
-(ArduPilot, libraries/SITL/SIM_Aircraft.cpp, sync_frame_time).
+"""Time by which the clock of a SITL build in real time falls behind and catches up. The build sleeps for some ms at a
+time. It counts up to 100 ms without processor time as a debt, and never makes up for more (ArduPilot,
+libraries/SITL/SIM_Aircraft.cpp, sync_frame_time).
 """
-OLDEST_UTC_S = 1e9  # before it has the time from a satellite it counts from 1970
+OLDEST_UTC_S = 1e9  # without the time of a satellite, the autopilot counts from 1970
 
 Send = Callable[[Any], object]
 
 
 class UnevenClock:
-    """Steps of a clock that stands still whenever its process does, and makes up for `uneven_ns` of that at most.
+    """Steps of a clock that stops whenever its process does, and makes up for at most `uneven_ns` of that.
 
-    It cannot go back, nor on by more than the time that has passed and what it makes up for: either is a step. All
-    else is time that it lost, `lost_s` in all.
+    A step is a jump back, or a jump ahead by more than the elapsed time and the time that the clock makes up for. All
+    else is time that the clock lost, `lost_s` in total.
     """
 
     def __init__(self, uneven_ns: int) -> None:
         self.steps = 0
         self._uneven_ns = uneven_ns
         self._lost_ns = 0
-        self._levels: tuple[int, int] | None = None  # highest and lowest offset since the last step, for certain
+        self._levels: tuple[int, int] | None = None  # highest and lowest offset since the last step, as bounds
         self._node_ns = 0
 
     def add(self, sent_ns: int, node_ns: int, returned_ns: int) -> None:
-        """It showed `node_ns` at an instant between the two of the host's clock."""
+        """Add a reading: the clock showed `node_ns` between the two instants of the host's clock."""
         least_ns, most_ns = node_ns - returned_ns, node_ns - sent_ns
         if self._levels is not None:
             highest_ns, lowest_ns = self._levels
@@ -64,13 +64,13 @@ class UnevenClock:
 
 
 class AutopilotClock:
-    """Asks for its time now and then, and answers when it asks.
+    """Requests the autopilot's time at intervals, and answers its requests.
 
-    In real time offset and drift against the host's monotonic clock are estimated as for an agent. In lockstep it is
-    told the time, and the offset is that of its answer against the tick that brought the request: it may be an
-    exchange behind, and its answer takes some more, which is the bound. `uneven_ns`: of a simulated clock in real time,
-    see UnevenClock. utc_offset_s: its UTC (SYSTEM_TIME) less this machine's, None in lockstep and until it knows the
-    time.
+    In real time, offset and drift against the host's monotonic clock are estimated as for an agent. In lockstep the
+    autopilot gets its time from the run. The offset is that of its answer against the tick with the request. It may be
+    an exchange late, and its answer takes more time, which gives the bound. `uneven_ns`: for a simulated clock in real
+    time, see UnevenClock. utc_offset_s: the autopilot's UTC (SYSTEM_TIME) less this machine's. It is None in lockstep
+    and until the autopilot knows the time.
     """
 
     def __init__(self, lockstep: bool, send: Send, uneven_ns: int = 0) -> None:
@@ -92,11 +92,11 @@ class AutopilotClock:
         self._now_ns: Callable[[], int] = lambda: 0
 
     def begin(self, context: RunContext) -> None:
-        """The run begins."""
+        """Begin the run."""
         self._recorder, self._pace, self._now_ns = context.recorder, context.pace, context.clock.now_ns
 
     def update(self, sim_ns: int) -> None:
-        """Ask when it is time to."""
+        """Send a request when it is due."""
         if self._asked_ns is not None and sim_ns - self._asked_ns < self._every_ns:
             return
         self._asked_ns = sim_ns
@@ -108,7 +108,7 @@ class AutopilotClock:
         self._send(dialect.MAVLink_timesync_message(0, stamp_ns))
 
     def handle(self, message: Any) -> None:
-        """A message of the autopilot."""
+        """Handle a message of the autopilot."""
         number = message.get_msgId()
         if number == dialect.MAVLINK_MSG_ID_TIMESYNC:
             if message.tc1 == 0:
@@ -121,7 +121,7 @@ class AutopilotClock:
                 self.utc_offset_s = utc_s - time.time()
 
     def sim_ns(self, autopilot_us: int) -> int | None:
-        """Simulation time of an instant on its clock, None while their relation is unknown."""
+        """Return the simulation time of an instant on the autopilot's clock, None while their relation is unknown."""
         if self._lockstep:
             stamp_ns = autopilot_us * 1000 - self._ahead_ns
             return stamp_ns if stamp_ns <= self._now_ns() + SETTLING_NS else None
@@ -131,7 +131,7 @@ class AutopilotClock:
         return min(self._pace.sim_of_host(host_ns), self._now_ns())
 
     def report(self) -> ClockReport:
-        """The relation at the end."""
+        """Return the relation of the clocks at the end."""
         if not self._lockstep:
             found = self._timing.report()
             uneven = self._uneven

@@ -1,4 +1,4 @@
-"""The companion computer of a run: its link, its place in the exchanges, and what goes between it and the autopilot."""
+"""The companion computer of a run: its link, its part of the exchanges, and its messages to and from the autopilot."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ TO_AUTOPILOT = _ids(
     *("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "OBSTACLE_DISTANCE", "DISTANCE_SENSOR"),
 )
 KEPT_ELSEWHERE = _ids("XITL_CLOUD", "XITL_PING")
-"""Not kept as frames: a recording has them as /lidar/points, /sonar/ping and /companion/map."""
+"""Not recorded as frames: a recording has them as /lidar/points, /sonar/ping and /companion/map."""
 
 
 def companion_parameters(profile: RunProfile) -> dict[str, float]:
-    """What vessel, lidar and mission imply, then the profile's own."""
+    """Return the values that follow from vessel, lidar and mission, overridden by the profile's values."""
     assert profile.companion is not None
     vessel = profile.vehicle
     water = profile.environment.water
@@ -71,7 +71,7 @@ _TICK = dialect.MAVLINK_MSG_ID_XITL_TICK
 
 @dataclass(slots=True)
 class _Batch:
-    """What came up to the answer to a tick."""
+    """Frames and messages up to the answer to a tick."""
 
     tick: int = -1
     frames: list[bytes] = field(default_factory=list)
@@ -79,11 +79,11 @@ class _Batch:
 
 
 class CompanionInbox(AgentInbox):
-    """As of an agent. Any word is a sign of life, and it answers a tick with the tick.
+    """The messages of a companion, as AgentInbox. Any message is a sign of life, and a tick is answered with the tick.
 
-    While `holds`, what comes waits until `release`, with the answer that it came ahead of: when it came on the wall
-    clock then makes no difference. answered_tick: the latest answer that has come. warnings: the first few sentences
-    that it, or the run about it, said of what went wrong, each once.
+    While `holds` is True, messages wait until `release` of the answer that follows them. Their arrival on the wall
+    clock then makes no difference. answered_tick: the latest answer that has arrived. warnings: the first few
+    sentences, each once, in which the companion or the run reported a problem with it.
     """
 
     def __init__(
@@ -124,12 +124,12 @@ class CompanionInbox(AgentInbox):
             self._frames.append(_Batch())
 
     def release(self, tick: int) -> None:
-        """Take in all that came up to the answer to `tick`."""
+        """Handle all messages up to the answer to `tick`."""
         while self._messages[0].tick >= 0 and self._messages[0].tick <= tick:
             self._take_in(self._frames.popleft(), self._messages.popleft())
 
     def release_all(self) -> None:
-        """Hold nothing any more, and take in what is left."""
+        """Stop holding messages, and handle the remaining ones."""
         self.holds = False
         for frames, said in zip(self._frames, self._messages, strict=True):
             self._take_in(frames, said)
@@ -154,7 +154,7 @@ def _id_of(frame: bytes) -> int:
 
 
 def _pass_over(stamp_ns: int | None, estimate: MotionEstimate) -> None:
-    """A companion has no estimate of the kind that an autopilot has."""
+    """Ignore the estimate. A companion has no estimate of the autopilot's kind."""
 
 
 REPEAT_S = 0.5
@@ -162,15 +162,15 @@ SYNC_EVERY_S = 0.1
 
 
 class CompanionNode(RunNode):
-    """One companion. The run goes on without it when it is gone, which `gone` then says.
+    """One companion. The run continues without it when it has ended; `gone` then has the reason.
 
-    In lockstep what it says up to its answer to tick n takes effect at exchange n + lag, wherever it runs: so a run
-    repeats, and the companion works through one cloud while the host goes on. In real time it takes effect when it
-    comes.
+    In lockstep its messages up to its answer to tick n take effect at exchange n + lag, wherever it runs. A run
+    therefore repeats, and the companion processes a cloud while the host continues. In real time they take effect when
+    they arrive.
 
-    `to_autopilot` sends to the autopilot, `interrupted` is asked while the companion is waited for. heard: to subscribe
-    to what it says, when that takes effect. gone_s: simulation time at which it was given up, None while it is there.
-    intake: its part of an exchange ahead of the autopilot.
+    `to_autopilot`: sends to the autopilot. `interrupted`: returns True when the user asked to stop; called during
+    waits. heard: route to subscribe to the messages when they take effect. gone_s: simulation time at which the run
+    gave the companion up, None while it is present. intake: its part of an exchange ahead of the autopilot.
     """
 
     def __init__(
@@ -203,7 +203,7 @@ class CompanionNode(RunNode):
 
     @property
     def gone(self) -> UserError | None:
-        """Why it does not go on."""
+        """The reason why the companion does not continue."""
         return self.agent.gone
 
     def links(self) -> Sequence[Link]:
@@ -226,17 +226,17 @@ class CompanionNode(RunNode):
     # In the run
 
     def send(self, messages: Sequence[Any]) -> None:
-        """What its sensors have seen."""
+        """Send the data of the companion's sensors."""
         if self.gone is None:
             self.agent.send_sensors(list(messages))
 
     def forward(self, message: Any) -> None:
-        """A message of the autopilot, passed on with the next exchange if it is meant for others."""
+        """Pass on a message of the autopilot with the next exchange if it is for the companion."""
         if message.get_msgId() in TO_COMPANION and self.gone is None:
             self._forwards.append(message)
 
     def _take_effect(self, step: RunStep) -> None:
-        """Ahead of the autopilot's part of an exchange: what it says takes effect."""
+        """Let the companion's messages take effect, ahead of the autopilot's part of an exchange."""
         self._exchanges += 1
         if self.gone is not None:
             return
@@ -249,7 +249,7 @@ class CompanionNode(RunNode):
         self.inbox.release(due)
 
     def exchange(self, step: RunStep) -> None:
-        """It hears what the autopilot said, and in lockstep that time has gone on."""
+        """Pass on the autopilot's messages and, in lockstep, the tick."""
         if self.gone is not None:
             return
         if self._forwards:
@@ -276,9 +276,9 @@ class CompanionNode(RunNode):
             self._give_up(self.gone)
 
     def _wait_for_room(self) -> None:
-        """A companion that is busy reads late; what it is sent meanwhile must not be lost, or the run would not repeat.
+        """Wait until the transport has space. A busy companion reads late, and a lost message would make runs differ.
 
-        Not when it hangs or is gone, or somebody ends the run: `_wait_for` finds that out.
+        Do not wait for a companion that hangs or has ended, or when the user ends the run: `_wait_for` detects that.
         """
         transport = self.agent.link.transport
         started_s = time.monotonic()
@@ -290,7 +290,10 @@ class CompanionNode(RunNode):
         self._stuck = False
 
     def _wait_for(self, tick: int) -> None:
-        """Raises StoppedWaitingError when somebody ends the run meanwhile; one that stays silent is given up."""
+        """Wait for an answer, and give up a companion that stays silent.
+
+        Raises StoppedWaitingError when the user ends the run.
+        """
         started_s = sent_s = looked_s = time.monotonic()
         while self.inbox.answered_tick < tick:
             self.agent.receive(REPEAT_S)
@@ -325,7 +328,7 @@ class CompanionNode(RunNode):
     # After the run
 
     def end(self) -> None:
-        """What it says while it is asked for its final counts counts too."""
+        """Stop the companion. Its messages during the request for the final counts still count."""
         self._ended = True
         if self._lockstep and self.gone is None and self._sent is not None:
             self._wait_for(self._sent[1])

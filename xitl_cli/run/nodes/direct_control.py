@@ -1,4 +1,4 @@
-"""Direct control without an autopilot: ideal control laws, a script or a recording, straight to the vessel."""
+"""Direct control without an autopilot: ideal control laws, a script or a recording command the vessel."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from xitl_cli.run.world.world import local_frame
 
 
 class IdealControl(ControlNode):
-    """Guidance, control and allocation of the embedded autopilot, with the truth for an estimate.
+    """Guidance, control and allocation of the embedded autopilot, with the truth as the estimate.
 
-    others: which other vessels it has to wait for, for people; empty when it may set out.
+    others: returns a text with the vessels to wait for; empty when this vessel may set out.
     """
 
     def __init__(self, profile: RunProfile, others: Callable[[], str] = nobody) -> None:
@@ -97,9 +97,9 @@ class IdealControl(ControlNode):
 
 
 class DirectController:
-    """The profile's controller where no autopilot can go on without it: its failure ends the run.
+    """The profile's controller without an autopilot to replace it: its failure ends the run.
 
-    commands: how many the vessel takes. Each method raises UserError, with the controller's name, when it fails.
+    commands: number of commands of the vessel. Each method raises UserError, with the controller's name, when it fails.
     """
 
     def __init__(self, profile: RunProfile, parameters: Parameters, commands: int) -> None:
@@ -109,12 +109,12 @@ class DirectController:
         self._check("when it was made")
 
     def restart(self) -> None:
-        """Another order follows."""
+        """Restart for another order."""
         self._guard.restart()
         self._check("at its restart")
 
     def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> ControllerOutput:
-        """Its answer, limited to [-1, 1]."""
+        """Return the controller's answer, limited to [-1, 1]."""
         answer = self._guard.control(order, estimate, dt_s, self._commands)
         self._check(f"at {estimate.stamp_ns / 1e9:.2f} s")
         return answer
@@ -127,7 +127,7 @@ class DirectController:
 
 
 def _chosen_controller(profile: RunProfile) -> MakeController:
-    """The controller that the profile names, else the autopilot's own."""
+    """Return the controller that the profile names, otherwise the autopilot's."""
     if profile.autopilot.controller is None:
         return HeadingSpeedController
     try:
@@ -137,7 +137,7 @@ def _chosen_controller(profile: RunProfile) -> MakeController:
 
 
 def true_estimate(sim_ns: int, motion: Kinematics) -> StateEstimate:
-    """What an estimator without errors would say."""
+    """Return the estimate of an estimator without errors."""
     rotation = motion.rot_ned_frd[0].tolist()
     w, x, y, z = motion.quat_ned_frd[0].tolist()
     p, q, r = motion.gyro_frd_radps[0].tolist()
@@ -158,7 +158,7 @@ def true_estimate(sim_ns: int, motion: Kinematics) -> StateEstimate:
 
 
 class ScheduledControl(ControlNode):
-    """Plays a script or a recording; knows no waypoints. Played to its end it has completed what it was for."""
+    """Plays a script or a recording without waypoints. It is completed when it was played to its end."""
 
     def __init__(self, schedule: MotorSchedule, mode: str, commands: int) -> None:
         self.command = MotorCommand(schedule.motors_at(0) or (0.0,) * commands, armed=True)
@@ -190,9 +190,9 @@ def allocated(allocator: ThrustAllocator, answer: ControllerOutput, dt_s: float,
 
 
 def direct_control(profile: RunProfile, others: Callable[[], str] = nobody) -> ControlNode:
-    """What moves the vessel of a profile without an autopilot. Raises UserError for a file that cannot be replayed.
+    """Return the control of a vessel without an autopilot. Raises UserError for a file that cannot be replayed.
 
-    others: which other vessels a mission has to wait for, for people.
+    others: returns a text with the vessels that a mission has to wait for.
     """
     driver, vessel = profile.driver, profile.vehicle
     if driver.kind == "script":

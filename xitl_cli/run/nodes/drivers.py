@@ -1,4 +1,4 @@
-"""Drivers: who commands an autopilot in a run. A mission, a ground station, a script, a recording, nodes, or nobody."""
+"""Drivers command an autopilot in a run: a mission, a ground station, a script, a recording, ROS nodes, or none."""
 
 from __future__ import annotations
 
@@ -23,53 +23,55 @@ from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
 
 
 class VehicleDriver(RunNode):
-    """Commands an autopilot: asked at every exchange, on simulation time."""
+    """Commands an autopilot: called at every exchange, on simulation time."""
 
     def exchange(self, step: RunStep) -> None:
         self.update(step.now_ns)
 
     def update(self, sim_ns: int) -> None:
-        """Send the commands that are due. Raises UserError when the autopilot cannot be brought under way."""
+        """Send the commands that are due. Raises UserError when the autopilot cannot be started."""
 
     def handle(self, message: Any) -> None:
-        """A message of the autopilot, after the view has seen it."""
+        """Handle a message of the autopilot, after the view has handled it."""
 
     @property
     def ready(self) -> bool:
-        """Whether those that set out together need not wait for it."""
+        """Whether the vessels that set out together can go without waiting for this one."""
         return True
 
     @property
     def departed(self) -> bool:
-        """Whether it has given the orders that it begins with, so that others may give theirs."""
+        """Whether the driver has given its first orders, so that others may give theirs."""
         return True
 
     def finish(self) -> None:
-        """Somebody ends the run: for one that has no end of its own."""
+        """End the run, for a driver without its own end."""
 
     def progress(self) -> Progress:
-        """How far it is, without what the view alone knows (mode, armed, messages)."""
+        """Return the progress, without the values that only the view has (mode, armed, messages)."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What is to be sailed of the profile's mission: numbers of its items, and whether a jump repeats some."""
+    """The items of the profile's mission to sail."""
 
     seqs: tuple[int, ...] = ()
+    """Numbers of the items."""
     jumps: bool = False
+    """Whether a jump repeats some items."""
 
     def reached(self, view: AgentView) -> int:
-        """How many of the items were reached."""
+        """Return the number of items that were reached."""
         return len(view.reached_seqs.intersection(self.seqs))
 
     def is_sailed(self, view: AgentView) -> bool:
-        """Whether all were reached, and, where items are repeated, the autopilot says that the mission is complete."""
+        """Whether all items were reached and, if items repeat, the autopilot reports a complete mission."""
         all_reached = 0 < len(self.seqs) == self.reached(view)
         return all_reached and (view.mission_complete or not self.jumps)
 
     def target(self, view: AgentView) -> int:
-        """The index of the item under way: of those in order the first that was not reached."""
+        """Return the index of the active item: the first that was not reached, if items do not repeat."""
         if self.jumps and view.target_seq in self.seqs:
             return self.seqs.index(view.target_seq)
         left = (number for number, seq in enumerate(self.seqs) if seq not in view.reached_seqs)
@@ -77,7 +79,7 @@ class Course:
 
 
 class NoDriver(VehicleDriver):
-    """Nobody gives orders; a mission that the autopilot starts by itself still counts."""
+    """Gives no orders; a mission that the autopilot starts by itself still counts."""
 
     def __init__(self, commands: AutopilotCommands, course: Course) -> None:
         self._view = commands.view
@@ -89,7 +91,7 @@ class NoDriver(VehicleDriver):
 
 
 def nobody() -> str:
-    """Whom a vessel waits for that waits for none."""
+    """Return an empty text: the vessel waits for no other."""
     return ""
 
 
@@ -100,11 +102,11 @@ def make_driver(
     ground_stations: tuple[str, ...] = (),
     others: Callable[[], str] = nobody,
 ) -> VehicleDriver:
-    """The driver that the profile asks for; stations may call at `ground_stations`.
+    """Return the driver that the profile selects. `ground_stations`: addresses at which stations may connect.
 
-    others: which other vessels it has to wait for, for people; empty when it may set out.
+    others: returns a text with the vessels to wait for; empty when this vessel may set out.
 
-    Raises UserError when its file cannot be played.
+    Raises UserError when the driver's file cannot be played.
     """
     driver, course = profile.driver, Course(tuple(profile.mission.course), profile.mission.jumps)
     if driver.kind == "mission":
@@ -122,12 +124,12 @@ def make_driver(
 
 
 READY_TIMEOUT_S = 60.0
-ASK_WHY_S = 5.0  # before giving up
-PREARM = ("PreArm: ", "Arm: ", "Preflight Fail: ")  # as ArduPilot and PX4 say it
+ASK_WHY_S = 5.0  # time before the timeout at which to ask for the reasons
+PREARM = ("PreArm: ", "Arm: ", "Preflight Fail: ")  # prefixes of ArduPilot and PX4
 
 
 class ArmingPhase(Enum):
-    """What is waited for."""
+    """The event that the sequence waits for."""
 
     READY = "the autopilot to become ready to arm"
     ARMED = "the autopilot to arm"
@@ -138,8 +140,8 @@ class ArmingPhase(Enum):
 class ArmingSequence:
     """Arms the autopilot when it is ready and sets a mode.
 
-    Raises UserError from `update` when that is not done `timeout_s` after the start, or after the last look at which
-    it was ready and others were not. waits_for: the other vessels that it waits for now, as it was last asked.
+    `update` raises UserError when that is not done `timeout_s` after the start. The time restarts while the autopilot
+    is ready and other vessels are not. waits_for: the vessels that it waits for, as of the last update.
     """
 
     def __init__(
@@ -159,11 +161,11 @@ class ArmingSequence:
 
     @property
     def ready(self) -> bool:
-        """Whether it would arm if it were not for others."""
+        """Whether it would arm without other vessels to wait for."""
         return self.phase is not ArmingPhase.READY or self._commands.view.ready_to_arm
 
     def update(self, sim_ns: int) -> bool:
-        """One look at the autopilot; sends the next command when it is time. True once it is under way."""
+        """Check the autopilot and send the command that is due. Returns True once the sequence is complete."""
         commands = self._commands
         self.waits_for = self._others() if self.phase is ArmingPhase.READY else ""
         if self.phase is ArmingPhase.READY and commands.view.ready_to_arm:
@@ -173,7 +175,7 @@ class ArmingSequence:
             commands.forget()
             self.phase = ArmingPhase.ARMED
         if self.phase is ArmingPhase.READY and sim_ns - self._from_ns > (self._timeout_s - ASK_WHY_S) * 1e9:
-            commands.arm(sim_ns)  # refused, with the reasons
+            commands.arm(sim_ns)  # the refusal gives the reasons
         if self.phase is ArmingPhase.ARMED and commands.arm(sim_ns):
             self.phase = ArmingPhase.STARTED
         if self.phase is ArmingPhase.STARTED and commands.set_mode(sim_ns, self._mode):
@@ -185,9 +187,9 @@ class ArmingSequence:
 
 
 def why_not_armed(texts: Iterable[str], unhealthy: Sequence[str] = ()) -> str:
-    """What keeps it from arming, each once, else the last thing it said and what of it is not well; empty if nothing.
+    """Return the reasons that prevent arming, each once, as the end of a sentence.
 
-    It goes at the end of a sentence.
+    Without reasons, return the last text and the unhealthy subsystems; empty without either.
     """
     said = list(texts)
     reasons = list(dict.fromkeys(text for text in said if text.startswith(PREARM)))
@@ -196,7 +198,7 @@ def why_not_armed(texts: Iterable[str], unhealthy: Sequence[str] = ()) -> str:
 
 
 class MissionDriver(VehicleDriver):
-    """Sends the commands a person at a ground station would; done when the course is sailed."""
+    """Sends the commands that a person at a ground station would; done when the course is sailed."""
 
     def __init__(
         self,
@@ -225,7 +227,7 @@ class MissionDriver(VehicleDriver):
 
     def progress(self) -> Progress:
         reached, done = self._course.reached(self._view), self._course.is_sailed(self._view)
-        # The acknowledgement of AUTO comes before the heartbeat that shows it.
+        # The acknowledgement of AUTO arrives before the heartbeat with the mode.
         sailing = self._under_way and (self._view.mode == MISSION_MODE or not self._auto_heard)
         target = self._course.target(self._view) if sailing and not done else None
         waits_for = self._departure.waits_for
@@ -236,10 +238,10 @@ RC_TRIM_US, RC_SPAN_US = 1500, 400
 
 
 class ReplayDriver(VehicleDriver):
-    """Plays `schedule` (port, starboard) once the autopilot is armed in MANUAL; the vessel is held until then.
+    """Plays `schedule` (port, starboard) once the autopilot is armed in MANUAL. The vessel is held until then.
 
-    The pulses go out at every exchange. The autopilot mixes and shapes them for its motors, which repeats the recorded
-    commands only as well as its settings equal those of the recorded vehicle.
+    Pulses are sent at every exchange. The autopilot mixes and shapes them for its motors. The recorded commands repeat
+    only as well as its settings match those of the recorded vehicle.
     """
 
     def __init__(
@@ -280,16 +282,16 @@ class ReplayDriver(VehicleDriver):
         return Progress("", finished=done, completed=done, waypoints=(), waits_for=waits_for)
 
 
-LAST_ORDER_S = 2.0  # an end waits so long for the orders of its own step
-RC_INTERVAL_S = 0.1  # an autopilot takes an override that is not repeated for a lost transmitter
+LAST_ORDER_S = 2.0  # at the end, wait this long for the orders of the last step
+RC_INTERVAL_S = 0.1  # without repetition, an autopilot treats an override as a lost transmitter
 
 
 class ScriptDriver(VehicleDriver):
     """Gives the orders of each step from its time on: mode, then arm, then RC and target.
 
-    Mode and arm are repeated every second until they are accepted or the next step begins; RC pulses stay in force,
-    and are repeated, until a later step gives others. Completed is a script whose steps were all reached and whose
-    orders were all accepted. The mission on board, which a script may start, has this course.
+    Mode and arm are repeated every second until they are accepted or the next step begins. RC pulses stay active, and
+    are repeated, until a later step changes them. A script is completed when all steps were reached and all orders were
+    accepted. course: the mission on board, which a script may start.
     """
 
     def __init__(
@@ -339,7 +341,7 @@ class ScriptDriver(VehicleDriver):
         )
 
     def _settled(self) -> bool:
-        """Whether the orders of the step in force were accepted."""
+        """Whether the orders of the current step were accepted."""
         mode = self._mode_set or self._commands.mode_is_set()
         return mode and (self._armed or self._commands.accepted(dialect.MAV_CMD_COMPONENT_ARM_DISARM))
 
@@ -356,7 +358,7 @@ class ScriptDriver(VehicleDriver):
             self._pulses_ns = None
 
     def _go_to(self, sim_ns: int) -> None:
-        """Nothing answers a target: it is repeated while the step is in force and the vehicle is in GUIDED."""
+        """Repeat the target, which has no answer, during the step while the vehicle is in GUIDED."""
         target = self._targets[self._number]
         if target is None or not _is_due(self._target_ns, REPEAT_S, sim_ns):
             return
@@ -382,15 +384,15 @@ def _place(frame: LocalFrame, goto_ned_m: tuple[float, float] | None) -> tuple[f
     return float(lat[0]), float(lon[0]), float(alt[0])
 
 
-DOWNLOAD_S = 10.0  # a download that takes longer is given up silently
-FAREWELL_S = 2.0  # after the last waypoint, for the ground station to hear of it
+DOWNLOAD_S = 10.0  # a download that takes longer is given up without a message
+FAREWELL_S = 2.0  # time after the last waypoint for the ground station to receive it
 
 
 class GroundStationDriver(VehicleDriver):
     """Sends no commands. The vessel is held until the autopilot is armed for the first time.
 
-    The mission that is started is downloaded, so that the run is judged by what was drawn. With `stay` the run goes on
-    after it. `addresses`: where the autopilot talks to ground stations.
+    The driver downloads the mission when it starts, so that the run is judged by that mission. With `stay` the run
+    continues after the mission. `addresses`: addresses of the autopilot for ground stations.
     """
 
     def __init__(self, commands: AutopilotCommands, frame: LocalFrame, addresses: Sequence[str], stay: bool) -> None:
@@ -420,7 +422,7 @@ class GroundStationDriver(VehicleDriver):
         if auto and not self._was_auto:
             self._download, self._download_ns = self._commands.download(), sim_ns
             if self._reached() == len(self._seqs):
-                view.reached_seqs.clear()  # sailed before: this is another time
+                view.reached_seqs.clear()  # the item was reached in an earlier pass
         self._was_auto = auto
         if self._download_ns is not None and sim_ns - self._download_ns <= DOWNLOAD_S * 1e9:
             self._commands.send_all(self._download.poll(sim_ns))
@@ -453,7 +455,7 @@ class GroundStationDriver(VehicleDriver):
         return sum(seq in self._view.reached_seqs for seq in self._seqs)
 
     def _adopt(self) -> None:
-        """Judge by the mission that was downloaded; places of another mission are forgotten."""
+        """Judge by the mission that was downloaded, and forget the reached items of another mission."""
         items = [item for item in self._download.items if item.seq > 0 and item.command == dialect.MAV_CMD_NAV_WAYPOINT]
         seqs = tuple(item.seq for item in items)
         alt_m = np.full(len(items), self._frame.altitude_m)
@@ -471,15 +473,20 @@ class GroundStationDriver(VehicleDriver):
 
 
 def _said(address: str) -> str:
-    """`udp://127.0.0.1:14550` is sent to and `tcp://0.0.0.0:5760` waits, which is what a person has to know."""
+    """Describe an address for the user.
+
+    The autopilot sends to `udp://127.0.0.1:14550` and listens at `tcp://0.0.0.0:5760`.
+    """
     scheme, _, place = address.partition("://")
     return f"sends to UDP {place}" if scheme == "udp" else f"listens at TCP {place}"
 
 
 class RosDriver(VehicleDriver):
-    """Brings the vessel into GUIDED, armed, for nodes to drive it by an operator's orders; it has no end but `finish`.
+    """Brings the vessel into GUIDED and arms it, for ROS nodes that give an operator's orders.
 
-    Without `arms` that is left to them too. A mission that one of them starts counts as of a ground station.
+    It ends only by `finish`.
+
+    Without `arms` the nodes do that too. A mission that a node starts counts like that of a ground station.
     """
 
     def __init__(

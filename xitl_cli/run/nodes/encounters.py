@@ -1,4 +1,4 @@
-"""Scores how near the vessels of a fleet came to each other, and who had to give way."""
+"""Scores the distances between the vessels of a fleet, and which vessel had to give way."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from xitl_cli.run.traffic.encounter_watch import ClosestApproach, EncounterWatch
 from xitl_cli.run.world.plant import Plant
 
 WATCH_HZ = 10.0
-TOLD_S = 1.0  # between two records of an encounter under way
+TOLD_S = 1.0  # interval between two records of an active encounter
 
 
 class EncounterNode(RunNode):
-    """Watches all pairs by the truth, scripted vessels among them; hulls nearer than `too_close_m` are told."""
+    """Watches all pairs by the truth, with scripted vessels; reports hulls nearer than `too_close_m`."""
 
     def __init__(self, plant: Plant, fleet: Fleet, too_close_m: float, physics_rate_hz: float) -> None:
         self._plant = plant
@@ -51,7 +51,7 @@ class EncounterNode(RunNode):
                 self._recorder.write(step.now_ns, _record(pair, self._watch.approach(pair.pair)))
 
     def report(self) -> dict[str, Any]:
-        """encounters: see docs/fleets.md."""
+        """Return `encounters`: see docs/fleets.md."""
         found = self._watch.approaches()
         nearest = min(found, key=lambda one: one.hull_distance_m, default=None)
         return {

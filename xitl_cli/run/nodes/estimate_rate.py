@@ -1,4 +1,4 @@
-"""The rate at which the autopilot tells its estimate, where nodes of ROS steer by it."""
+"""The rate of the autopilot's estimates, for ROS nodes that steer by them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _ESTIMATE = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_AT
 
 
 class EstimateRate(RunNode):
-    """Asks for position and attitude at `rate_hz`, and again while estimates come more slowly.
+    """Requests position and attitude at `rate_hz`, and again while estimates arrive more slowly.
 
-    A bridge asks its autopilot for a rate of its own at the start, so that an acknowledgement says little. One that
-    keeps to its own rate is left alone after ASKS.
+    A bridge requests its own rate from its autopilot at the start, so an acknowledgement proves little. An autopilot
+    that keeps another rate gets no more than ASKS requests.
     """
 
     def __init__(self, commands: AutopilotCommands, rate_hz: float) -> None:

@@ -16,7 +16,7 @@ KEPT_S = 1.0
 
 
 class TruthHistory:
-    """Motion at every physics step, found again by its instant."""
+    """Motion at every physics step, by its instant."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_ns = 1e9 / rate_hz
@@ -24,12 +24,15 @@ class TruthHistory:
         self._newest_ns = 0
 
     def add(self, stamp_ns: int, motion: Kinematics) -> None:
-        """The motion after the step that ended at `stamp_ns`."""
+        """Add the motion after the step that ended at `stamp_ns`."""
         self._newest_ns = stamp_ns
         self._motions.append(motion)
 
     def at(self, stamp_ns: int) -> Kinematics | None:
-        """The motion nearest to an instant, None when it is older than what is kept; a future one gets the newest."""
+        """Return the motion nearest to an instant.
+
+        Too old an instant gives None, and a future one the newest motion.
+        """
         back = max(round((self._newest_ns - stamp_ns) / self._period_ns), 0)
         return self._motions[-1 - back] if back < len(self._motions) else None
 
@@ -50,7 +53,7 @@ class EstimationScore:
         quat_ned_frd: NDArray[np.float64],
         pos_deviation_ned_m: NDArray[np.float64] | None = None,
     ) -> None:
-        """One estimate beside the truth of the same instant; positions (3,), quaternions (4,)."""
+        """Add an estimate and the truth of the same instant; positions (3,), quaternions (4,)."""
         north, east = (pos_ned_m - true_pos_ned_m)[:2].tolist()
         self._position.add(north * north + east * east)
         if pos_deviation_ned_m is not None and pos_deviation_ned_m[:2].all():
@@ -61,20 +64,21 @@ class EstimationScore:
 
     @property
     def position_rms_m(self) -> float | None:
-        """None when there was no estimate."""
+        """Root mean square of the position error; None without an estimate."""
         return self._position.value()
 
     @property
     def position_nees(self) -> float | None:
-        """Mean of the squared horizontal error over its variance, 2 where the estimator is right about it (Bar-Shalom,
-        Li and Kirubarajan 2001, 5.4); None where it does not say how well it knows the position.
+        """Mean of the squared horizontal error over its variance (Bar-Shalom, Li and Kirubarajan 2001, 5.4).
+
+        It is 2 for a consistent estimator, and None when the estimator gives no position accuracy.
         """
         rms = self._normalised.value()
         return None if rms is None else rms * rms
 
     @property
     def heading_rms_deg(self) -> float | None:
-        """None when there was no estimate."""
+        """Root mean square of the heading error; None without an estimate."""
         return self._heading.value()
 
 
@@ -84,7 +88,10 @@ def _yaw_rad(quat: NDArray[np.float64]) -> float:
 
 
 class EstimateCheck:
-    """Truth goes in as it happens, estimates as they come. score: of those while armed, position_error_m: newest."""
+    """Compares estimates with the truth.
+
+    score: of the estimates while armed. position_error_m: of the newest estimate.
+    """
 
     def __init__(self, physics_rate_hz: float) -> None:
         self._history = TruthHistory(physics_rate_hz)
@@ -92,11 +99,11 @@ class EstimateCheck:
         self.position_error_m: float | None = None
 
     def add_truth(self, sim_ns: int, motion: Kinematics) -> None:
-        """After every physics step."""
+        """Add the truth after every physics step."""
         self._history.add(sim_ns, motion)
 
     def add_estimate(self, stamp_ns: int | None, estimate: MotionEstimate, armed: bool) -> None:
-        """Of the instant `stamp_ns`; passed over where that is not known, or too long ago."""
+        """Add an estimate of the instant `stamp_ns`. Ignore it if the instant is unknown or too old."""
         truth = None if stamp_ns is None else self._history.at(stamp_ns)
         if truth is None:
             return

@@ -1,4 +1,4 @@
-"""Fault injection on links, agents and the vessel itself, by the schedule of the profile."""
+"""Fault injection on links, agents and the vessel, by the schedule of the profile."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ COUNT_RATE_HZ = 1.0
 
 
 class FaultInjection(RunNode):
-    """Puts faults in force on the links to `agents` and on the vessel of `plant`.
+    """Activates faults on the links to `agents` and on the vessel of `plant`.
 
-    Links of `autopilots` are counted once more at the end. sample_faults: how many samples each fault has touched, by
-    its name: the sensors inject theirs by themselves, and learn of others by set_sample_fault.
+    Links of `autopilots` are counted once more at the end. sample_faults: returns the number of samples that each fault
+    has changed, by its name. The sensors inject faults of the profile by themselves and get others by set_sample_fault.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class FaultInjection(RunNode):
                     self.schedule.count_impaired(*agent.impaired, agent.name)
 
     def set(self, name: str, fault: FaultSpec) -> None:
-        """A fault from now on, or another end of one: see FaultSchedule."""
+        """Set a fault from now on, or change the end of a fault: see FaultSchedule."""
         self.schedule.set(name, fault)
         self._set_sample_fault(name, fault)
 

@@ -1,4 +1,4 @@
-"""What a companion computer found in a run: recorded as it comes, scored against the truth, kept as files."""
+"""The results of a companion computer in a run: recorded as they arrive, scored against the truth, saved as files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from xitl_cli.run.world.world import local_frame
 from xitl_cli.scenery import Scenery
 
 TRUTH_RATE_HZ = 50.0
-TRUTH_KEPT_S = 10.0  # an odometry that is later has no truth
+TRUTH_KEPT_S = 10.0  # an odometry message that is later has no truth
 SEEN_RATE_HZ = 10.0
 _MANOEUVRES = {
     dialect.XITL_MANOEUVRE_NONE: "none",
@@ -51,7 +51,7 @@ _UNCOUNTED = ("time_usec", "latency", "manoeuvre")
 
 
 class _Poses:
-    """Poses of a run, packed: one that goes on overnight has half a million."""
+    """Poses of a run in packed form, because a long run has half a million."""
 
     def __init__(self) -> None:
         self._stamps_ns = array("q")
@@ -70,9 +70,9 @@ class _Poses:
 
 
 class FindingsNode(RunNode):
-    """Handles what the companion says (`handle`) and what the autopilot says of its origin (`handle_autopilot`).
+    """Handles the messages of the companion (`handle`) and the origin from the autopilot (`handle_autopilot`).
 
-    Poses and maps are in the frame `odom`: forward, right, down of the body where the odometry began. status: the
+    Poses and maps are in the frame `odom`: forward, right, down of the body at the start of the odometry. status: the
     latest XITL_COMPANION_STATUS, None before the first.
     """
 
@@ -112,30 +112,30 @@ class FindingsNode(RunNode):
             self.score.see(motion.pos_ned_m[0], math.atan2(rotation[1, 0], rotation[0, 0]), step.state.debris)
 
     def handle(self, message: Any) -> None:
-        """A message of the companion."""
+        """Handle a message of the companion."""
         handler = self._handlers.get(message.get_msgId())
         if handler is not None and self._recorder is not None:
             handler(message)
 
     def handle_autopilot(self, message: Any) -> None:
-        """GPS_GLOBAL_ORIGIN is where the autopilot's local frame is, which obstacles are told in."""
+        """Handle GPS_GLOBAL_ORIGIN, the origin of the autopilot's local frame, in which obstacles are reported."""
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
             place = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
             self._origin_ned_m = self._frame.ned(*np.array([place]).T)[0]
             self.score.origin_ne_m = (float(self._origin_ned_m[0]), float(self._origin_ned_m[1]))
 
-    # What was found
+    # Results
 
     def odometry(self) -> Trajectory:
-        """Poses of the companion's odometry, in `odom`."""
+        """Return the poses of the companion's odometry, in `odom`."""
         return self._odometry.trajectory()
 
     def truth(self) -> Trajectory:
-        """The body's true poses at the same instants, in NED, as far as they were told of in time."""
+        """Return the true poses of the body at the same instants, in NED, for poses that arrived in time."""
         return self._truth.trajectory()
 
     def map_points(self, source: MapSource) -> tuple[Array, NDArray[np.uint8]]:
-        """(k, 3) in `odom` and their intensity (k,)."""
+        """Return the points (k, 3) in `odom` and their intensity (k,)."""
         points, intensity = self.maps[source]
         return (
             np.frombuffer(points, dtype=np.float32).reshape(-1, 3).astype(float),
@@ -143,7 +143,7 @@ class FindingsNode(RunNode):
         )
 
     def companion(self) -> dict[str, Any]:
-        """The last status that came, all zeros before the first."""
+        """Return the latest status, with zeros before the first."""
         status = dialect.MAVLink_xitl_companion_status_message(*_ZEROS) if self.status is None else self.status
         counts = {name: getattr(status, name) for name in status.fieldnames if name not in _UNCOUNTED}
         lost = {"map_chunks_lost": self.clouds.chunks_lost}
@@ -162,7 +162,7 @@ class FindingsNode(RunNode):
         }
 
     def save(self, folder: Path) -> None:
-        """Map and trajectory, where there is one, and the truth with it."""
+        """Save the map, the trajectory and the truth, if there is an odometry."""
         odometry = self.odometry()
         if not len(odometry.stamp_ns):
             return
@@ -200,7 +200,7 @@ class FindingsNode(RunNode):
         self._recorder.perception.odometry(stamp_ns, pose, velocity)
 
     def _true_pose(self, stamp_ns: int) -> tuple[Array, Array]:
-        """Between the two truths about an instant of the last seconds: place and attitude, both linearly."""
+        """Return place and attitude at an instant of the last seconds, by linear interpolation of the truth."""
         recent = self._recent
         after = bisect_left(recent, stamp_ns, key=lambda pose: pose[0])
         if after in (0, len(recent)):
@@ -237,8 +237,9 @@ class FindingsNode(RunNode):
 def findings_from_profile(
     profile: RunProfile, scenery: Scenery, others: Callable[[], Bodies] | None = None
 ) -> FindingsNode:
-    """For the companion of a profile that has one, with the truth of the world that it looks at. others: as of
-    ObstacleScore.
+    """Return the findings for the companion of the profile, with the truth of its world.
+
+    others: as in ObstacleScore.
     """
     sensors, vessel = profile.sensors, profile.vehicle
     looks = sensors is not None and sensors.lidar is not None

@@ -1,4 +1,4 @@
-"""The autopilot that a profile has started here: its ports, its command line, its parameters, its directory."""
+"""The autopilot that a run starts: its ports, command line, parameters and directory."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from xitl_cli.run.links.setup import EXTERNAL_AHRS_PROTOCOL, parameter_file_text
 from xitl_cli.shipped import firmware_params_dir
 
 PARAMETERS = "parameters.parm"
-SCRIPTS = "scripts"  # where a SITL build looks for them
+SCRIPTS = "scripts"  # folder in which a SITL build looks for scripts
 LISTENS_S = 10.0
-AIS_PROTOCOL, AIS_PORTS = 40, (5, 6, 7)  # those that a SITL gives to nothing else
-STATION_PORTS = (1, 2)  # SERIAL1 and SERIAL2 speak MAVLink unless told otherwise
+AIS_PROTOCOL, AIS_PORTS = 40, (5, 6, 7)  # ports that a SITL leaves unused
+STATION_PORTS = (1, 2)  # SERIAL1 and SERIAL2 use MAVLink by default
 SCRIPTING = {"SCR_ENABLE": 1, "SCR_SDEV_EN": 1, "SCR_SDEV1_PROTO": EXTERNAL_AHRS_PROTOCOL}
-SPEEDUP = 200  # as fast as the world comes
+SPEEDUP = 200  # high enough that the world sets the pace
 _LISTENS = ("SERIAL0 on TCP port", "Waiting for connection", "Loaded defaults")
 
 
 def resolved_bridge(bridge: BridgeSpec, ports: PortClaims) -> BridgeSpec:
-    """Port 0 in an address of the bridge is one that is free."""
+    """Replace port 0 in addresses of the bridge by free ports."""
 
     def free(url: str | None) -> str | None:
         return None if url is None else ports.free_url(url)
@@ -40,11 +40,11 @@ def resolved_bridge(bridge: BridgeSpec, ports: PortClaims) -> BridgeSpec:
 
 
 class FirmwareLaunch:
-    """Starts the firmware of `profile`; `bridge` has the ports of the bridge, `ground_stations` theirs.
+    """Starts the firmware of `profile`. `bridge` has the ports of the bridge, `ground_stations` those of the stations.
 
-    rc_port: where it may hear radio control, which nobody sends. ais: where it calls for AIS sentences.
+    rc_port: port for radio control, which receives nothing. ais: address to which it connects for AIS sentences.
 
-    Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
+    Raises UserError without a firmware, or when its parameters do not allow the simulated sensors.
     """
 
     log_name = DATAFLASH
@@ -72,7 +72,7 @@ class FirmwareLaunch:
             self._check_scripting()
 
     def start(self, run_directory: Path) -> FirmwareProcess:
-        """In `autopilot/` of the run's directory, which is made anew. Raises UserError."""
+        """Start it in a new folder `autopilot/` of the run's directory. Raises UserError."""
         directory = run_directory.absolute() / AUTOPILOT
         try:
             shutil.rmtree(directory, ignore_errors=True)
@@ -88,10 +88,10 @@ class FirmwareLaunch:
         return process
 
     def end(self) -> None:
-        """There is nothing to give back."""
+        """Do nothing: there is nothing to release."""
 
     def arguments(self) -> list[str]:
-        """Its command line."""
+        """Return the command line."""
         autopilot = self._profile.autopilot
         own = self._sitl() if autopilot.firmware_build == "sitl" else self._linux()
         return [*own, "--defaults", PARAMETERS, *autopilot.firmware_arguments]
@@ -130,7 +130,10 @@ class FirmwareLaunch:
         return words + _serial_words(serial)
 
     def _check_scripting(self) -> None:
-        """With the driver on and nothing at its other end, ArduPilot crashes as it starts."""
+        """Check the scripting parameters.
+
+        With the driver on and no script at its other end, ArduPilot crashes at its start.
+        """
         for name, wanted in SCRIPTING.items():
             value = self._values.get(name, 0.0)
             if value != wanted:
@@ -140,13 +143,13 @@ class FirmwareLaunch:
                 )
 
     def _stations(self) -> Iterator[tuple[int, SplitResult]]:
-        """Its serial ports for ground stations, and their addresses."""
+        """Yield the serial ports for ground stations with their addresses."""
         taken = serial_port_with(self._values)
         ports = (port for port in STATION_PORTS if port != taken)
         return zip(ports, map(urlsplit, self._ground_stations), strict=False)
 
     def _ais_port(self) -> int:
-        """The one that its parameters name for AIS, else the first that they leave alone."""
+        """Return the port that the parameters use for AIS, otherwise the first unused one."""
         named = serial_port_with(self._values, AIS_PROTOCOL)
         free = (port for port in AIS_PORTS if f"SERIAL{port}_PROTOCOL" not in self._values)
         return next(free, AIS_PORTS[-1]) if named is None else named
@@ -163,12 +166,15 @@ class FirmwareLaunch:
 
 
 def _system_parameters(system_id: int) -> dict[str, float]:
-    """Its MAVLink system by the name of each version: it passes over those that it does not know. It is 1 by itself."""
+    """Return the parameters of the MAVLink system, by the names of all versions.
+
+    A version ignores unknown names. Default: 1.
+    """
     return {} if system_id == 1 else dict.fromkeys(("MAV_SYSID", "SYSID_THISMAV"), float(system_id))
 
 
 def _linux_path(url: str, waits: bool = False) -> str:
-    """How ArduPilot's Linux builds name the other end: they serve TCP, wait for UDP, open a device."""
+    """Return the name of the other end for ArduPilot's Linux builds, which serve TCP, wait for UDP or open a device."""
     parts = urlsplit(url)
     if parts.scheme == "serial":
         return parts.path

@@ -1,4 +1,4 @@
-"""The driver of a follower: GUIDED, to a place beside its leader, by what the leader's autopilot says of itself."""
+"""The driver of a follower: GUIDED, to a place relative to its leader, by the reports of the leader's autopilot."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from xitl_cli.run.traffic.following import MOVED_M, FollowLaw, LeaderTrack
 from xitl_cli.run.traffic.self_report import Point, VesselVoices
 
 RATE_HZ = 5.0
-STATION_M = 3.0  # the first time that it is so near to its place, it is there
+STATION_M = 3.0  # distance to its place at which the follower has reached it the first time
 STATION_ERRORS = ("rms_m", "p50_m", "p95_m", "max_m", "behind_max_m", "ahead_max_m", "beside_p95_m")
 
 
 class FollowDriver(VehicleDriver):
-    """Arms, then asks for velocities over ground while the leader is under way, and for the place itself once it lies.
+    """Arms, requests velocities over ground while the leader is under way, and the place itself once the leader stops.
 
-    A leader that has said nothing for a while may have stopped: the follower goes to its place behind where the leader
-    was heard last. After `spec.lost_s` it is lost: the follower says so and keeps that place until it is heard again.
-    There is nothing more to do when the leader has finished. vessel: the follower's name,
-    whose voice says where it is itself.
+    A leader that was silent for a while may have stopped. The follower then goes to its place behind the leader's last
+    position. After `spec.lost_s` the leader is lost: the follower reports it and keeps that place until the leader
+    reports again. The follower is finished when the leader is. vessel: name of the follower, for the voice with its
+    position.
     """
 
     def __init__(
@@ -55,9 +55,9 @@ class FollowDriver(VehicleDriver):
         self._asked_ns: int | None = None
         self._place: Point | None = None
         self._place_ns = 0
-        self._lost: list[float] = []  # at, s
+        self._lost: list[float] = []  # times in s
         self._is_lost = False
-        self._off_m: list[tuple[float, float, float]] = []  # from the place, behind it on the track, beside the track
+        self._off_m: list[tuple[float, float, float]] = []  # distance from the place, behind it and across the track
         self._settled_s: float | None = None
 
     def begin(self, context: RunContext) -> None:
@@ -109,7 +109,7 @@ class FollowDriver(VehicleDriver):
         self._is_lost = lost
 
     def _keep(self, sim_ns: int, place: Point) -> None:
-        """Go to a place and stay: said when it is another, and once a second."""
+        """Go to a place and stay. Send a new place at once, and repeat it once a second."""
         if place == self._place and sim_ns - self._place_ns < REPEAT_S * 1e9:
             return
         self._place, self._place_ns = place, sim_ns
@@ -126,7 +126,7 @@ class FollowDriver(VehicleDriver):
         return Progress("", finished=done, completed=done and not self._is_lost, waypoints=(), waits_for=waits_for)
 
     def report(self) -> dict[str, Any]:
-        """follow: how far from its place it was, by what both said of themselves, since it was first there."""
+        """Return `follow`: distances from the place since it was first reached, by the reports of both vessels."""
         errors: dict[str, float | None] = dict.fromkeys(STATION_ERRORS)
         if self._off_m:
             off, behind, beside = np.array(self._off_m).T

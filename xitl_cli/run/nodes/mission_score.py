@@ -27,16 +27,16 @@ class RootMeanSquare:
 
 
 class MissionScore:
-    """Cross-track error of the true track against the true legs, and how close it came to each waypoint.
+    """Cross-track error of the true track against the true legs, and the closest distance to each waypoint.
 
-    The first leg starts where the vessel was when the mission began. Waypoints are (north, east) in metres.
+    The first leg starts at the vessel's position when the mission began. Waypoints are (north, east) in metres.
     """
 
     def __init__(self, waypoints: Sequence[Point]) -> None:
         self._begin(waypoints)
 
     def follow(self, waypoints: Sequence[Point]) -> bool:
-        """Judge by these waypoints from now on; from the beginning, and true, when they are not those of before."""
+        """Judge by these waypoints from now on. If they are new, start again and return True."""
         another = list(waypoints) != self._waypoints
         if another:
             self._begin(waypoints)
@@ -47,12 +47,12 @@ class MissionScore:
         self._start: Point | None = None
         self._cross_track = RootMeanSquare()
         self.cross_track_max_m = 0.0
-        self.latest_m: float | None = None  # None while it heads for no waypoint of the mission
+        self.latest_m: float | None = None  # None while the vessel heads for no waypoint of the mission
         self.closest_m: list[float | None] = [None] * len(self._waypoints)
         self.reached = 0
 
     def add(self, position: Point, target: int, reached: int) -> None:
-        """One look at the vessel: true position, index of the waypoint it heads for, how many are behind it."""
+        """Add the true position, the index of the current waypoint, and the number of waypoints reached."""
         self._start = self._start or position
         self.reached = max(self.reached, reached)
         if not 0 <= target < len(self._waypoints):
@@ -74,16 +74,16 @@ class MissionScore:
 
     @property
     def completed(self) -> bool:
-        """Every waypoint was reached; a mission without waypoints is never complete."""
+        """Whether every waypoint was reached; a mission without waypoints is never complete."""
         return 0 < self.total == self.reached
 
     @property
     def cross_track_rms_m(self) -> float | None:
-        """None before the mission began."""
+        """Root mean square of the cross-track error; None before the mission began."""
         return self._cross_track.value()
 
     def section(self) -> dict[str, Any]:
-        """`mission` of summary.json."""
+        """Return `mission` of summary.json."""
         return {
             "completed": self.completed,
             "waypoints_reached": self.reached,
@@ -95,7 +95,7 @@ class MissionScore:
 
 
 def cross_track_m(position: Point, origin: Point, goal: Point) -> float:
-    """Distance to the right of the line from origin to goal; from the goal itself when the leg has no length."""
+    """Return the distance to the right of the line from origin to goal, or from the goal when the leg has no length."""
     along_n, along_e = goal[0] - origin[0], goal[1] - origin[1]
     length = math.hypot(along_n, along_e)
     if length < 1e-6:
@@ -104,9 +104,9 @@ def cross_track_m(position: Point, origin: Point, goal: Point) -> float:
 
 
 class MissionNode(RunNode):
-    """Scores the mission that the controlling node is on, by the true track, and draws one that is not the profile's.
+    """Scores the controlling node's mission by the true track, and draws a mission that differs from the profile's.
 
-    others: where that was taken up, then its waypoints, (north, east); None while there is none.
+    others: start and waypoints of such a mission, (north, east) in metres; None without one.
     """
 
     def __init__(self, profile: RunProfile, control: ControlNode) -> None:

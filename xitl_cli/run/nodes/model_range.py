@@ -1,4 +1,4 @@
-"""Where a run left what the models of vessel and waves hold for: how far, and for how much of its time."""
+"""Shows where a run left the valid range of the vessel and wave models: how far, and for how much of its time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SOURCE = "physics"
 
 
 class RangeLook(NamedTuple):
-    """A vessel at one instant. length_m: overall, of its hulls."""
+    """A vessel at one instant. length_m: overall length of its hulls."""
 
     simulation: Simulation
     state: SimulationState
@@ -29,25 +29,23 @@ class RangeLook(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RangeLimit:
-    """A figure that has to stay at or below `most`; docs/seas.md argues for each.
-
-    text: the sentence of the summary, from the largest and the share of the time above.
-    """
+    """A figure that has to stay at or below `most`; docs/seas.md gives the reason for each."""
 
     key: str
     most: float
     figure: Callable[[RangeLook], float]
     text: str
+    """Sentence of the summary, with the largest value and the share of the time above the limit."""
 
 
 def froude_number(look: RangeLook) -> float:
-    """Speed through the water over the root of g times the length."""
+    """Return the speed through the water over the root of g times the length."""
     through = look.state.vessel.motion.vel_ned_mps[0] - look.state.current_ned_mps[0]
     return math.hypot(*through[:2]) / math.sqrt(GRAVITY_MPS2 * look.length_m)
 
 
 def deck_under_water(look: RangeLook) -> float:
-    """Share of the hulls' strips that are under water with their deck."""
+    """Return the share of the hulls' strips with their deck under water."""
     motion = look.state.vessel.motion
     buoyancy = look.simulation.vessel.buoyancy
     _, under = buoyancy.immersion(motion.pos_ned_m, motion.rot_ned_frd[:, 2], look.state.surface)
@@ -55,12 +53,12 @@ def deck_under_water(look: RangeLook) -> float:
 
 
 def surface_slope(look: RangeLook) -> float:
-    """Of the water at the hulls: k a of a regular wave."""
+    """Return the slope of the water at the hulls: k a of a regular wave."""
     return math.hypot(*look.state.surface.gradient_ned[0, :2])
 
 
 def motion_per_step(look: RangeLook) -> float:
-    """Turn in rad, or change of speed in m/s, within one step, whichever is more; a blow is not asked."""
+    """Return the larger of turn in rad and change of speed in m/s within one step; 0 during contact."""
     if len(look.state.contacts):
         return 0.0
     motion = look.state.vessel.motion
@@ -91,11 +89,11 @@ LIMITS = (
 
 
 class ModelRange(RunNode):
-    """Looks RATE_HZ times a second at a vessel that is not held; says once, as it happens, what leaves its range."""
+    """Checks a vessel that is not held at RATE_HZ. Warns once for each figure that leaves its range."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._length_m = simulation.vessel.model.length_m  # which is made of the hulls anew each time
+        self._length_m = simulation.vessel.model.length_m  # the property computes it each time
         self._every = max(round(1.0 / (RATE_HZ * simulation.dt_s)), 1)
         self._looks = 0
         self._most = [0.0] * len(LIMITS)
@@ -119,7 +117,7 @@ class ModelRange(RunNode):
                 self._outside[number] += 1
 
     def report(self) -> dict[str, Any]:
-        """model_range: by figure its limit, the largest seen and the share of the time above; warnings: what was."""
+        """Return `model_range`: limit, largest value and share of the time above, by figure; and `warnings`."""
         shares = [outside / self._looks if self._looks else 0.0 for outside in self._outside]
         seen = list(zip(LIMITS, self._most, shares, strict=True))
         return {

@@ -1,4 +1,4 @@
-"""Score of the obstacle detection against the drifting bodies as they truly were."""
+"""Score of the obstacle detection against the true drifting bodies."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ from sim_core.world.rays import Bodies, RayCaster
 Array = NDArray[float64]
 
 NEAR_M = 2.0
-"""A track is of a body when it lies within this and half the body's length of its middle."""
-_STANDING_M = 3.0  # a track so near to what stands is of it
+"""A track belongs to a body when it lies within this and half the body's length of the body's middle."""
+_STANDING_M = 3.0  # a track this near to a fixed object belongs to it
 _GRID = 9
 _ABOVE_M = 60.0
 _AFLOAT_DOWN_M = 0.3
 
 
 class ObstacleScore:
-    """`see` the truth some ten times a second, `hear` every XITL_OBSTACLE; `report` at the end.
+    """Call `see` with the truth some ten times a second, `hear` with every XITL_OBSTACLE, and `report` at the end.
 
-    hull_m: length and width of the vessel. standing: rays at all that does not move, None where there is no such thing.
-    water_down_m: the level of the water. others: what rays meet, debris first and then the hulls of others, a track of
-    which is not a false one; None where there is nobody else. Tracks are in the autopilot's local NED, whose origin is
-    origin_ne_m.
+    hull_m: length and width of the vessel. standing: rays at all fixed objects, None without any. water_down_m: level
+    of the water. others: bodies that rays hit, first debris and then the hulls of other vessels; None without any. A
+    track of another hull is not a false one. Tracks are in the autopilot's local NED with the origin origin_ne_m.
     """
 
     def __init__(
@@ -51,13 +50,13 @@ class ObstacleScore:
         self._of_something: dict[int, bool] = {}
 
     def see(self, pos_ned_m: Array, yaw_rad: float, debris: DebrisState) -> None:
-        """The vessel's place (3,) and heading, and what is adrift, at one instant."""
+        """Note the vessel's position (3,) and heading, and the drifting bodies, at one instant."""
         self._debris, self._place_ne_m, self._yaw_rad = debris, pos_ned_m[:2], yaw_rad
         for number, gap_m in enumerate(self._gaps_m(np.zeros(2), self._half_m).tolist()):
             self._clearance_m[number] = min(gap_m, self._clearance_m.get(number, math.inf))
 
     def hear(self, message: Any) -> None:
-        """An XITL_OBSTACLE, as news of the instant last seen."""
+        """Note an XITL_OBSTACLE, as a report on the instant last seen."""
         place = np.array(message.pos_ned[:2], dtype=float) + self.origin_ne_m
         number = int(message.id)
         if not np.isfinite(place).all():
@@ -77,7 +76,10 @@ class ObstacleScore:
         self._of_something[number] = known or self._vessel_near(place) or self._stands_near(place)
 
     def _gaps_m(self, middle_fr_m: Array, half_m: tuple[float, float]) -> Array:
-        """(B,) from a box of the vessel, half_m long and wide about middle_fr_m, to the edges of the bodies in plan."""
+        """Return the distances (B,) in plan from a box of the vessel to the edges of the bodies.
+
+        The box is `half_m` long and wide on each side of `middle_fr_m`.
+        """
         debris = self._debris
         if debris is None or not len(debris.bodies):
             return np.empty(0)
@@ -94,7 +96,7 @@ class ObstacleScore:
         return gaps
 
     def _vessel_near(self, place_ne_m: Array) -> bool:
-        """Whether another vessel is about a place."""
+        """Whether another vessel is near a place."""
         if self._others is None:
             return False
         bodies, adrift = self._others(), 0 if self._debris is None else len(self._debris.bodies)
@@ -103,7 +105,7 @@ class ObstacleScore:
         return bool((off < reach).any())
 
     def _stands_near(self, place_ne_m: Array) -> bool:
-        """Whether something stands out of the water about a place: rays from high above say so."""
+        """Whether a fixed object rises from the water near a place, by rays from high above."""
         if self._standing is None:
             return False
         offsets = np.linspace(-_STANDING_M, _STANDING_M, _GRID)
@@ -115,7 +117,7 @@ class ObstacleScore:
         return bool((range_m < _ABOVE_M + _AFLOAT_DOWN_M).any())
 
     def report(self) -> dict[str, Any]:
-        """The counts for the summary's section `obstacles`."""
+        """Return the counts for the summary's section `obstacles`."""
         launched = 0 if self._debris is None else len(self._debris.bodies)
         return {
             "launched": launched,

@@ -1,4 +1,4 @@
-"""The instruments of a companion: lidar and sonar, whose messages go to it."""
+"""The instruments of a companion: lidar and sonar. Their messages go to the companion."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ SOURCE = "perception"
 
 
 class PerceptionInstrument(Protocol):
-    """A sensor of the companion. address: where others may talk to it too, None for nowhere."""
+    """A sensor of the companion. address: where other programs may connect to it, or None."""
 
     @property
     def address(self) -> str | None: ...
 
     def begin(self, recorder: PerceptionRecorder) -> None:
-        """The run starts; what it measures is recorded there."""
+        """Start the run and record the measurements with `recorder`."""
 
     def update(self, step: RunStep) -> list[Message]:
-        """After each physics step: the messages that are due."""
+        """Return the messages that are due after a physics step."""
 
     def report(self) -> dict[str, Any]:
-        """What it did, for the summary."""
+        """Return the instrument's part of the summary."""
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release the instrument's resources."""
 
 
 class PerceptionNode(RunNode):
-    """Instruments by name. `send` sends to the companion; `warnings`: what of the world looks wrong at the start."""
+    """Instruments by name. `send`: sends to the companion. `warnings`: returns problems of the world at the start."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Preparation of another autopilot before it is commanded: hear it, set its parameters, upload the mission."""
+"""Preparation of another autopilot: wait for its heartbeat, set its parameters, upload the mission."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ SHORTEST_HEARTBEAT_S = 20.0
 ANSWER_S = 1.0
 TRIES = 5
 MISSION_S = 20.0
-REFUSED_S = 10.0  # an autopilot that has just been started has no room for a mission yet
+REFUSED_S = 10.0  # an autopilot that was just started has no space for a mission yet
 PREFLIGHT_CALIBRATION = 241  # MAV_CMD_PREFLIGHT_CALIBRATION
 ACCEPT_AS_IS = 76.0  # its parameter 5, as ArduPilot reads it
 NOT_TAKEN = "the link may lose too much: check the cable, and autopilot.bridge.mavlink"
 WALL_SHARE = 0.25
-"""Of the seconds of simulation time, so many have to have passed on the wall too: see PatientTimer."""
+"""Share of the simulation time that must also have passed on the wall clock: see PatientTimer."""
 
 
 class PatientTimer(Timer):
-    """Over when simulation time and the wall say so; in real time that is the one of the simulation.
+    """A timer that ends when both simulation time and the wall clock allow it. In real time, simulation time decides.
 
-    In lockstep simulation time runs many times faster than a line and a process can.
+    In lockstep, simulation time runs many times faster than a line and a process can.
     """
 
     def __init__(self) -> None:
@@ -51,10 +51,10 @@ class PatientTimer(Timer):
 
 
 class ParameterStep:
-    """Sets what differs, one after the other, and sees that it took.
+    """Sets the parameters that differ, one after the other, and checks them.
 
-    `update` is called at every exchange, `handle` for every message. Raises UserError from `update` when the autopilot
-    does not know a parameter or keeps another value. changed: names of what was set.
+    Call `update` at every exchange and `handle` for every message. `update` raises UserError when the autopilot does
+    not know a parameter or keeps another value. changed: names of the parameters that were set.
     """
 
     def __init__(self, send: Send, target: Target, values: Mapping[str, float], px4: bool = False) -> None:
@@ -68,11 +68,11 @@ class ParameterStep:
 
     @property
     def done(self) -> bool:
-        """Whether all are as they should be."""
+        """Whether all parameters have their values."""
         return not self._left
 
     def update(self, sim_ns: int) -> None:
-        """Ask what is due."""
+        """Send the request that is due."""
         if self._refusal is not None:
             raise UserError(self._refusal)
         if not self._left:
@@ -92,7 +92,7 @@ class ParameterStep:
             )
 
     def handle(self, message: Any) -> None:
-        """A message of the autopilot."""
+        """Handle a message of the autopilot."""
         if self._request is None:
             return
         self._request.handle(message, 0)
@@ -115,9 +115,9 @@ class ParameterStep:
 
 
 class MissionStep:
-    """Uploads plans one after the other; item 0 of a mission is home. `update` and `handle` as above.
+    """Uploads plans one after the other; item 0 of a mission is home. `update` and `handle` as in ParameterStep.
 
-    Raises UserError from `update` when the autopilot refuses one or does not finish taking it.
+    `update` raises UserError when the autopilot refuses a plan or does not finish its upload.
     """
 
     def __init__(self, send: Send, target: Target, plans: Plans) -> None:
@@ -142,11 +142,11 @@ class MissionStep:
 
     @property
     def done(self) -> bool:
-        """Whether all are on board."""
+        """Whether all plans are uploaded."""
         return not self._left
 
     def update(self, sim_ns: int) -> None:
-        """Announce it, and again while nobody asks for it."""
+        """Announce the plan, and repeat that until the autopilot requests it."""
         self._now_ns = sim_ns
         if not self._left:
             return
@@ -161,7 +161,7 @@ class MissionStep:
         raise UserError(f"{key}: the autopilot refused it ({result_name(upload.result)})")
 
     def handle(self, message: Any) -> None:
-        """A message of the autopilot."""
+        """Handle a message of the autopilot."""
         if not self._left:
             return
         mission_type, upload = self._left[0]
@@ -169,16 +169,16 @@ class MissionStep:
             self._send(reply)
         if upload.accepted:
             self._left.pop(0)
-            if mission_type == MISSION:  # it may be from a run before
+            if mission_type == MISSION:  # the current item may be from an earlier run
                 self._send(dialect.MAVLink_mission_set_current_message(*self._target, 1))
 
 
 class CalibrationStep:
-    """Has the accelerometer offsets in the parameters accepted as a calibration; `update` and `handle` as above.
+    """Accepts the accelerometer offsets of the parameters as a calibration; `update` and `handle` as in ParameterStep.
 
-    An autopilot whose storage is empty, started here or on a board, takes no accelerometer for calibrated, whatever the
-    parameters say. A SITL build does. Refused or not known, it is left at that: the pre-arm checks then say what is
-    missing.
+    An autopilot with empty storage, on this machine or on a board, treats no accelerometer as calibrated, whatever its
+    parameters. A SITL build does. If the command is refused or unknown, the step ends. The pre-arm checks then report
+    the missing calibration.
     """
 
     def __init__(self, send: Send, target: Target, wanted: bool) -> None:
@@ -189,27 +189,27 @@ class CalibrationStep:
 
     @property
     def done(self) -> bool:
-        """Whether it was answered, or not in the end."""
+        """Whether the command was answered or has timed out."""
         return not self._wanted or self._request.done
 
     def update(self, sim_ns: int) -> None:
-        """Ask, and again while nobody answers."""
+        """Send the command, and repeat it until it is answered."""
         if self._wanted:
             for message in self._request.poll(sim_ns):
                 self._send(message)
 
     def handle(self, message: Any) -> None:
-        """A message of the autopilot."""
+        """Handle a message of the autopilot."""
         self._request.handle(message, 0)
 
 
 class Preparation(VehicleDriver):
-    """A driver that goes before another one: all on simulation time, repeated where something was lost.
+    """A driver that runs before another driver, on simulation time. It repeats lost messages.
 
-    With `held` the vessel's state is frozen until the autopilot has armed for the first time. `where` is its address,
-    for people; it is given up when nothing of it was heard for `heartbeat_s` from the start, or when it is still
-    starting after `arm_timeout_s`, when a driver would give up too. `complained` ends the sentence, as it does when a
-    step or the other driver gives up.
+    With `held` the vessel's state is frozen until the autopilot has armed for the first time. `where`: address of the
+    autopilot, for messages. The driver gives up without a heartbeat for `heartbeat_s` from the start, or when the
+    autopilot still boots after `arm_timeout_s`, the time of other drivers. `complained`: returns the end of the error's
+    sentence, also for an error of a step or of the other driver.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The PX4 that a profile has started here: its instance and thereby its ports, its parameters, its directory."""
+"""The PX4 that a run starts: its instance, which gives its ports, its parameters and its directory."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from xitl_cli.run.links.ports import PortClaims, is_free
 from xitl_cli.run.links.setup import start_parameters
 
 LOCAL = "127.0.0.1"
-STATION_PORT = 18570  # its link to ground stations; it sends to UDP 14550
-AIRFRAME = 1061  # a differential rover that leaves the simulation to others; in PX4's airframes for software alone
+STATION_PORT = 18570  # PX4's port for ground stations; PX4 sends to UDP 14550
+AIRFRAME = 1061  # a differential rover with an external simulator; an airframe of PX4 for software only
 STARTS_S = 10.0
 STARTUP = "startup.sh"
 _OWN_SYSTEM = "param set MAV_SYS_ID $((px4_instance+1))"
@@ -29,7 +29,9 @@ _CALLS = ("Waiting for simulator", "Simulator connected")
 
 
 class Px4Launch:
-    """Starts the PX4 of `profile`. bridge: as in the profile, with the ports of the instance, which is kept till `end`.
+    """Starts the PX4 of `profile`.
+
+    bridge: as in the profile, with the ports of the instance, which is reserved until `end`.
 
     Raises UserError when there is no PX4, or no instance is free.
     """
@@ -51,11 +53,11 @@ class Px4Launch:
 
     @property
     def station_url(self) -> str:
-        """Where it waits for its ground station: it sends to UDP 14550 until somebody else speaks to it there."""
+        """The address for its ground station. It sends to UDP 14550 until another station sends to this address."""
         return f"udp://{LOCAL}:{STATION_PORT + self.instance}"
 
     def start(self, run_directory: Path) -> FirmwareProcess:
-        """In `autopilot/` of the run's directory, which is made anew. Raises UserError."""
+        """Start it in a new folder `autopilot/` of the run's directory. Raises UserError."""
         directory = run_directory.absolute() / AUTOPILOT
         try:
             shutil.rmtree(directory, ignore_errors=True)
@@ -70,12 +72,15 @@ class Px4Launch:
         return process
 
     def arguments(self) -> list[str]:
-        """Its command line."""
+        """Return the command line."""
         startup = ["-s", STARTUP] if self._startup_text() is not None else []
         return ["-d", "-i", str(self.instance), *startup, str(self._data), *self._profile.autopilot.firmware_arguments]
 
     def _startup_text(self) -> str | None:
-        """A start script that gives it the vessel's system id, None where its own does: instance i is system i + 1."""
+        """Return a start script with the vessel's system id, or None when the default fits.
+
+        The default of instance i is system i + 1.
+        """
         system_id = self._profile.autopilot.system_id
         if system_id == self.instance + 1:
             return None
@@ -83,7 +88,10 @@ class Px4Launch:
         return text.replace(_OWN_SYSTEM, f"param set MAV_SYS_ID {system_id}") if _OWN_SYSTEM in text else None
 
     def environment(self) -> Mapping[str, str]:
-        """Ours without what is meant for another PX4. Parameters come this way: some are read at its start alone."""
+        """Return this process's environment without variables for another PX4, and with the parameters.
+
+        PX4 reads some parameters at its start only, and gets them this way.
+        """
         values = start_parameters(self._profile)
         airframe = values.pop("SYS_AUTOSTART", AIRFRAME)
         ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
@@ -91,11 +99,11 @@ class Px4Launch:
         return ours | told | {"PX4_SYS_AUTOSTART": f"{airframe:.0f}"}
 
     def end(self) -> None:
-        """Give the instance back. Safe to call again."""
+        """Release the instance. Safe to call again."""
         self._kept.close()
 
     def _reserved(self, bridge: BridgeSpec) -> int:
-        """The instance of the port that the profile names, else the lowest whose ports are free."""
+        """Return the instance of the port in the profile, otherwise the lowest instance with free ports."""
         port = urlsplit(bridge.sensor_link or "").port or 0
         wanted = [port - PX4_SIMULATOR_PORT] if port else range(MOST_PX4_INSTANCES)
         for instance in wanted:
@@ -108,7 +116,7 @@ class Px4Launch:
         )
 
     def _reserve(self, instance: int) -> bool:
-        """Whether nobody has its ports, and no other run is about to."""
+        """Reserve the ports of an instance. Returns False when another program or run has one of them."""
         ports = PortClaims()
         wanted = [("tcp", PX4_SIMULATOR_PORT), ("udp", PX4_MAVLINK_PORT), ("udp", STATION_PORT)]
         for scheme, first in wanted:

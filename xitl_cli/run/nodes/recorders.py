@@ -27,7 +27,7 @@ LINKS_RATE_HZ = 1.0
 
 
 class TruthRecorder(RunNode):
-    """Records motor commands, the vessel's true state and what surrounds it."""
+    """Records motor commands, the vessel's true state and its environment."""
 
     def __init__(self, profile: RunProfile, control: ControlNode, plant: PlantView) -> None:
         self._plant = plant
@@ -63,9 +63,9 @@ class TruthRecorder(RunNode):
 
 
 class SensorRecorder(RunNode):
-    """Records what the sensors measure where there is no autopilot, in the frames that one would be sent.
+    """Records the sensor data of a vessel without an autopilot, in the frames that an autopilot would get.
 
-    hulls, air: as of make_sensing.
+    hulls, air: as in make_sensing.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class SensorRecorder(RunNode):
 
 
 class PaceRecorder(RunNode):
-    """Records how the physics kept its time, and in real time the host's clock."""
+    """Records the timing of the physics and, in real time, the host's clock."""
 
     def __init__(self, clock: ClockSpec) -> None:
         self._rate_hz = clock.physics_rate_hz
@@ -120,8 +120,9 @@ class PaceRecorder(RunNode):
 
 
 class LinkRecorder(RunNode):
-    """Records how the links to `agents` have done, once a second and when both ends have given their final counts, and
-    once a second how old motor commands were, where `age` tells.
+    """Records the state of the links to `agents` once a second, and after both ends have given their final counts.
+
+    Also records the age of the motor commands once a second, if there is `age`.
     """
 
     def __init__(

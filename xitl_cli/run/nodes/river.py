@@ -1,4 +1,4 @@
-"""The river in a run: bodies put into the water, told of and recorded, and what the vessel runs into."""
+"""The river in a run: launches, announces and records drifting bodies, and records the vessel's collisions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SOURCE = "world"
 
 
 class CollisionNode(RunNode):
-    """Records what a vessel hits. others: it is not alone in the water, and hits their hulls at least."""
+    """Records collisions of a vessel. others: there are other vessels, so collisions with their hulls are possible."""
 
     def __init__(self, plant: PlantView, others: bool) -> None:
         self._plant = plant
@@ -56,7 +56,7 @@ class CollisionNode(RunNode):
                 self._record_contact(recorder, now_ns, touching.what, began=False)
 
     def report(self) -> dict[str, Any]:
-        """collisions: None where the vessel feels nothing."""
+        """Return `collisions`; None when the vessel feels no contact."""
         feels = self._others or self._plant.simulation.waterway.contact
         return {"collisions": self._collisions.report() if feels else None}
 
@@ -67,11 +67,10 @@ class CollisionNode(RunNode):
 
 
 class RiverNode(RunNode):
-    """Records what is adrift, and launches what the vessel is to meet: of several, the first that sails.
+    """Records drifting bodies, and launches the bodies that the vessel is to meet. In a fleet this is the first vessel.
 
-    encounters: what is launched when; port: where launches are asked for, None: nowhere. drawn: bodies are drawn in the
-    recording. launching: its part of an exchange, behind that of the node which moves the vessel and tells with
-    `progress` where it is heading.
+    encounters: the planned launches. port: socket for launch requests, or None. drawn: draw bodies in the recording.
+    launching: its part of an exchange, after the node that moves the vessel. `progress` of that node gives its target.
     """
 
     def __init__(
@@ -141,7 +140,7 @@ class RiverNode(RunNode):
             self._port.close()
 
     def launch(self, body: Launch) -> None:
-        """Put it into the water, unless there are too many; on open water that makes it one to run into."""
+        """Put a body into the water unless there are too many. Open water then becomes a waterway with contact."""
         plant = self._plant
         if len(plant.state.debris.bodies) >= MOST_BODIES:
             self._refused += 1
@@ -151,7 +150,10 @@ class RiverNode(RunNode):
         plant.launch(body)
 
     def refusal(self, one: Launch) -> str | None:
-        """Why it cannot be put into the water: no such body, land, a vessel, or too many; None where it can."""
+        """Return the reason why a body cannot be launched: no such body, land, a vessel, or too many bodies.
+
+        Otherwise None.
+        """
         try:
             body = make_body(one.kind, one.length_m, self._plant.simulation.environment.water.density_kgpm3)
         except ValueError as error:
@@ -185,16 +187,16 @@ class RiverNode(RunNode):
 
 
 def river_from_profile(profile: RunProfile, seeds: Seeds, plant: Plant, progress: Callable[[], Progress]) -> RiverNode:
-    """What the profile's `world.debris` asks for. Raises UserError when a port cannot be had.
+    """Return the node for the profile's `world.debris`. Raises UserError when its port is not available.
 
-    profile: of the first vessel, and `progress` what that is up to.
+    profile: of the first vessel. `progress`: returns that vessel's progress.
     """
     simulation = plant.simulation
     waterway = simulation.waterway
     debris, mission = profile.world.debris, profile.mission
     start = (mission.start.north_m, mission.start.east_m)
     legs = MissionLegs([start, *mission.course_ned_m])
-    current = simulation.environment.current  # the mean one, as it is planned with
+    current = simulation.environment.current  # the mean current, for the plan
     encounters = DebrisEncounters(
         draw_encounters(debris.encounters, legs.length_m, default_rng(seeds.sequence("encounters"))),
         legs,

@@ -1,4 +1,4 @@
-"""Nodes of ROS in the place of the companion: what went through them, for the graph of the run."""
+"""ROS nodes in place of the companion: counts their messages for the graph of the run."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _STANDS_FOR = {
     "/sonar/ping": dialect.MAVLINK_MSG_ID_XITL_PING,
     "/estimate/odometry": dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
 }
-"""What our companion would be sent in place of a topic, as graph/measured.py knows what goes where."""
+"""Message that xitl's companion would get instead of each topic, in the terms of graph/measured.py."""
 
 
 class RosCompanionNode(RunNode):
-    """They are there when they have given an order: what they saw and planned went through them then.
+    """The nodes count as present when they have given an order. Their sensor data then count as used.
 
-    asked_by: orders to the vessel that were carried out, by who asked.
+    asked_by: number of executed orders to the vessel, by client.
     """
 
     def __init__(self, companion: CompanionSpec, asked_by: Counter[str]) -> None:

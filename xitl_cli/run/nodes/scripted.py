@@ -15,7 +15,7 @@ NO_ROTORS = np.empty((1, 0))
 
 
 class ScriptedRecorder(RunNode):
-    """State, odometry and pose of each on topics with its name, as of the others."""
+    """Records state, odometry and pose of each scripted vessel on topics with its name."""
 
     def __init__(self, fleet: Fleet, physics_rate_hz: float, truth_rate_hz: float, drawn: bool) -> None:
         self._vessels = fleet.traffic

@@ -1,4 +1,4 @@
-"""Redundancy of two agents: one stands by in the state of the active one, and takes over when that goes silent."""
+"""Redundancy of two agents: the standby follows the active agent's state and takes over when that agent is silent."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 
 @dataclass(frozen=True, slots=True)
 class AgentSwitch:
-    """The active agent was silent for `silent_ns`; `active` steers from now on."""
+    """A switch of the active agent."""
 
     active: int
+    """Number of the agent that steers from now on."""
     silent_ns: int
+    """Silence of the former agent."""
 
 
 class TakeoverDecision:
-    """Which of the agents steers; agent 0 does at the start.
+    """Decides which agent steers; agent 0 does at the start.
 
-    An agent speaks when a motor command of its comes. When the active one has been silent for `takeover_s` and another
-    has not, that one takes over. It stays so until it is silent itself: the first one gets nothing back by returning.
-    Instants are of any one clock.
+    Motor commands are an agent's signs of life. When the active agent has been silent for `takeover_s` and another has
+    not, the other takes over. It stays active until it is silent itself, even if the first agent returns. All instants
+    are of one clock.
     """
 
     def __init__(self, takeover_s: float, agents: int = 2, now_ns: int = 0) -> None:
@@ -39,11 +41,11 @@ class TakeoverDecision:
         self._heard_ns = [now_ns] * agents
 
     def heard(self, agent: int, now_ns: int) -> None:
-        """A motor command came."""
+        """Note a motor command of an agent."""
         self._heard_ns[agent] = now_ns
 
     def decide(self, now_ns: int) -> AgentSwitch | None:
-        """The switch that is due now, if any; `active` has then changed."""
+        """Return the switch that is due now, or None; `active` has then changed."""
         silent_ns = now_ns - self._heard_ns[self.active]
         if silent_ns < self._limit_ns:
             return None
@@ -55,11 +57,11 @@ class TakeoverDecision:
 
 
 class MotorRamp:
-    """Motor commands on their way from one agent's to another's, at most `max_step` of each an exchange.
+    """Ramp of the motor commands from one agent's to another's, by at most `max_step` for each motor and exchange.
 
-    Started by `start`, it ends at the first exchange at which all motors are where they should be; outside of that
-    commands go through as they are. `largest` is the largest step that it has let through since it was started; the
-    first exchange tells, since where a motor has further to go it takes the whole step.
+    It starts with `start` and ends at the first exchange at which all motors have their commands. At other times
+    commands pass unchanged. `largest`: the largest step since the start. The first exchange determines it, because a
+    motor that has further to go makes a full step.
     """
 
     def __init__(self, max_step: float) -> None:
@@ -69,7 +71,7 @@ class MotorRamp:
         self._under_way = False
 
     def start(self) -> None:
-        """Another agent steers from the next exchange on."""
+        """Start the ramp: another agent steers from the next exchange on."""
         self._under_way = True
         self.largest = 0.0
 
@@ -79,7 +81,7 @@ class MotorRamp:
         return self._under_way
 
     def next(self, wanted: Sequence[float]) -> tuple[float, ...]:
-        """The commands of this exchange; call it once an exchange."""
+        """Return the commands of this exchange; call it once an exchange."""
         if self._under_way and self._last:
             limit = self._max_step
             pairs = list(zip(self._last, wanted, strict=True))
@@ -93,13 +95,13 @@ class MotorRamp:
         return self._last
 
 
-SETTLED_NS = 1_500_000_000  # heartbeats come at 1 Hz: before, two that were told the same may seem to differ
+SETTLED_NS = 1_500_000_000  # heartbeats arrive at 1 Hz: before, agents with the same orders may seem to differ
 PATIENCE_NS = 3_000_000_000
 SPEAKS_NS = 500_000_000
 
 
 class StandbyFollower:
-    """Brings an agent that does not steer into the state of the one that does: armed or not, mode, waypoint."""
+    """Brings a standby agent into the state of the active agent: armed or not, mode, waypoint."""
 
     def __init__(self, agent: AgentConnection) -> None:
         self._view = agent.inbox.view
@@ -108,7 +110,7 @@ class StandbyFollower:
         self._astray_ns: int | None = None
 
     def update(self, sim_ns: int, active: AgentView, speaks: bool = True) -> None:
-        """Give the orders that are due. Nobody is brought to where one was that no longer `speaks`."""
+        """Send the orders that are due. An active agent that no longer `speaks` is not followed."""
         if not speaks:
             self._astray_ns = None
             return
@@ -137,9 +139,9 @@ class StandbyFollower:
 
 
 class Redundancy:
-    """Decides at every exchange who steers, and with which motor commands.
+    """Decides at every exchange which agent steers, and with which motor commands.
 
-    `view` is what the driver sees: that of the active agent, with the waypoints that any has reached.
+    `view`: view of the driver. It has the state of the active agent, and the waypoints that any agent has reached.
     """
 
     def __init__(self, agents: Sequence[AgentConnection], view: AgentView, standby: StandbySpec) -> None:
@@ -152,11 +154,14 @@ class Redundancy:
 
     @property
     def active(self) -> AgentConnection:
-        """Who steers."""
+        """The agent that steers."""
         return self._agents[self._decision.active]
 
     def update(self, sim_ns: int, recorder: Recorder) -> tuple[float, ...]:
-        """Once all that has come is taken in: switch if it is time, keep the others in line. Returns the motors."""
+        """Switch if it is due, and keep the standby agent in line.
+
+        Returns the motors. Call it after all messages are handled.
+        """
         before = self.active
         for number, agent in enumerate(self._agents):
             if agent.gone is None and agent.inbox.command_ns:

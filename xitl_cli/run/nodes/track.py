@@ -1,4 +1,4 @@
-"""How far and how fast one of several vessels went, by the truth, and how it was at the end."""
+"""Distance and speed of a vessel of a fleet, by the truth, and its state at the end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from xitl_cli.run.core.node import ControlNode, RunNode, RunStep
 
 
 class TrackNode(RunNode):
-    """Adds up the way over ground, exchange by exchange, while the vessel is not held."""
+    """Adds up the distance over ground at each exchange, while the vessel is not held."""
 
     def __init__(self, control: ControlNode) -> None:
         self._control = control
@@ -34,7 +34,7 @@ class TrackNode(RunNode):
         self._heading_deg = math.degrees(math.atan2(rotation[1, 0], rotation[0, 0])) % 360.0
 
     def report(self) -> dict[str, Any]:
-        """track: at the end of the run mode, place, heading and speed; path and speeds over ground of all of it."""
+        """Return `track`: mode, place, heading and speed at the end; path and speeds over ground of the whole run."""
         progress, length_s = self._control.progress, (self._now_ns - self._first_ns) * 1e-9
         north_m, east_m = self._place or (None, None)
         return {

@@ -1,1 +1,1 @@
-"""What a person does to a run as it goes on: actions, how they are carried out, and how they are given again."""
+"""Actions of a person during a run: their definition, their execution, and their replay."""

@@ -1,9 +1,10 @@
-"""Actions: JSON objects with a name, `action`, and its keys; names, bounds and refusals are as of a profile's keys.
+"""Actions: JSON objects with a name, `action`, and its keys; names, bounds and errors are as for a profile's keys.
 
     {"action": "wind", "mean_mps": 6, "direction_deg": 90}
+
     action = read_action({"action": "launch", "kind": "trunk", "north_m": 5, "east_m": 60})
 
-Those of the environment have the keys of the profile's own group; what is not given stays as it is.
+Actions of the environment have the keys of the profile's group. Missing keys keep their values.
 """
 
 from __future__ import annotations
@@ -22,34 +23,34 @@ from xitl_cli.profile.schema.faults import AgentName, Delay, LinkFault
 
 T = TypeVar("T")
 Way = Annotated[float, Bounds(at_least=-100_000, at_most=100_000)]
-MOST_WAYPOINTS = 700  # of an ArduRover
+MOST_WAYPOINTS = 700  # limit of an ArduRover
 ENVIRONMENT: Mapping[str, type[Specification]] = {"wind": WindSpec, "current": CurrentSpec, "waves": WaveSpec}
 
 
 class ActionError(UserError):
-    """An action that cannot be: what is wrong with it, in one sentence."""
+    """An action that is not possible, with the reason in one sentence."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pause(Specification):
-    """Stand still from the next exchange on."""
+    """Pause from the next exchange on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resume(Specification):
-    """Go on."""
+    """Continue the run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step(Specification):
-    """Go on for a while, then stand still again."""
+    """Run for a while, then pause again."""
 
     seconds: Annotated[float, Bounds(above=0, at_most=3600)] = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangePace(Specification):
-    """How fast simulation time goes by."""
+    """Set the speed of the simulation time."""
 
     factor: Annotated[
         Annotated[float, Bounds(at_least=0.01, at_most=1000)] | None, "times real time; null: as fast as it can"
@@ -69,7 +70,7 @@ class LaunchBody(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImpairLink(Specification):
-    """Make a link to an agent bad, frame by frame; without more keys it is good again."""
+    """Impair a link to an agent, frame by frame; without more keys it is good again."""
 
     vessel: Annotated[str, "of several"] = ""
     link: AgentName = "agent"
@@ -82,7 +83,7 @@ class ImpairLink(Specification):
     cut: bool = False
 
     def fault(self) -> LinkFault | None:
-        """As a profile has it; None for a good link."""
+        """Return the fault as in a profile; None for a good link."""
         values = {key: value for key, value in asdict(self).items() if key not in ("vessel", "link")}
         found = LinkFault(which=self.link, **values)
         return None if found == LinkFault(which=self.link, direction=self.direction) else found
@@ -90,7 +91,7 @@ class ImpairLink(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SwitchFault(Specification):
-    """A fault of the profile, or a shipped one, begins now, or ends."""
+    """Begin or end a fault of the profile, or a shipped one, now."""
 
     name: str
     on: bool = True
@@ -107,7 +108,7 @@ class Arm(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangeMode(Specification):
-    """Another mode, as a ground station asks for it."""
+    """Change the mode, as a ground station does."""
 
     mode: str
     vessel: str = ""
@@ -115,7 +116,7 @@ class ChangeMode(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoTo(Specification):
-    """A place to go to in GUIDED."""
+    """Go to a place in GUIDED."""
 
     north_m: Way
     east_m: Way
@@ -124,7 +125,7 @@ class GoTo(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SteerVelocity(Specification):
-    """A speed over ground and a turn rate, in force while they are repeated."""
+    """Steer with a speed over ground and a turn rate, as long as they are repeated."""
 
     speed_mps: Annotated[Annotated[float, Bounds(at_least=-100, at_most=100)], "ahead, negative astern"]
     turn_rate_radps: Annotated[Annotated[float, Bounds(at_least=-10, at_most=10)], "positive to starboard"]
@@ -133,7 +134,7 @@ class SteerVelocity(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandMotor(Specification):
-    """A motor command as it is, of a vessel without an autopilot, in force while it is repeated."""
+    """Command a motor of a vessel without an autopilot directly, as long as the command is repeated."""
 
     number: Annotated[Annotated[int, Bounds(at_least=0, at_most=99)], "of propellers, then gears, then rudders, from 0"]
     command: Annotated[float, Bounds(at_least=-1, at_most=1)]
@@ -158,7 +159,7 @@ class ChangeMission(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndRun(Specification):
-    """The run is over: of a vessel that `driver.kind: ros` drives, which has no end of its own."""
+    """End the run of a vessel that `driver.kind: ros` drives, which has no other end."""
 
     vessel: str = ""
 
@@ -183,13 +184,13 @@ GROUPS: Mapping[str, type[Specification]] = {
 STEERED = ("arm", "mode", "goto", "velocity", "motor", "mission")
 """Orders to a vessel."""
 STREAMED = ("velocity", "motor")
-"""Those that programs repeat many times a second: the latest before an exchange counts, and none is said."""
+"""Orders that programs repeat many times a second. The latest before an exchange counts, and none is logged."""
 OF_PACE = ("pause", "resume", "step", "pace")
-"""Those that do not touch the result."""
+"""Actions that do not affect the result."""
 
 
 def action_name(action: object) -> str:
-    """Which one it is. Raises ActionError for none."""
+    """Return the name of the action. Raises ActionError for an unknown one."""
     if not isinstance(action, Mapping):
         raise ActionError('an action is a JSON object with the key "action", such as {"action": "pause"}')
     name = action.get("action")
@@ -201,7 +202,7 @@ def action_name(action: object) -> str:
 
 
 def read_action(action: Mapping[str, Any], before: Specification | None = None) -> Specification:
-    """The action's keys, checked; `before`: the group of the environment that it changes.
+    """Return the action's keys, checked. `before`: the group of the environment that the action changes.
 
     Raises ActionError.
     """
@@ -220,7 +221,7 @@ def _first_key(group: type[Specification]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Groups as dicts, all the way down."""
+    """Convert groups to dicts at all levels."""
     if isinstance(value, Specification):
         return {key: _plain(getattr(value, key)) for key in _keys(type(value))}
     return tuple(map(_plain, value)) if isinstance(value, tuple) else value
@@ -231,7 +232,7 @@ def _keys(group: Any) -> dict[str, Any]:
 
 
 def _laid_on(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Groups within a group keep what is not given."""
+    """Merge `given` into `known`. Groups within a group keep the missing keys."""
     return {
         key: {**known[key], **_laid_on(known[key], value)}
         if isinstance(value, Mapping) and isinstance(known.get(key), dict)

@@ -1,4 +1,4 @@
-"""A vessel without an autopilot that an operator drives: by motor commands, or by a speed and a turn rate."""
+"""A vessel without an autopilot that an operator drives, by motor commands or by a speed and a turn rate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class _Repeated(Generic[T]):
-    """A command and when it came, as of the first look at it. begins: there was none before it."""
+    """A command and the time of its first check. begins: there was no command before it."""
 
     def __init__(self, value: T, begins: bool = False) -> None:
         self.value = value
@@ -30,17 +30,17 @@ class _Repeated(Generic[T]):
         self._since_ns: int | None = None
 
     def silent(self, now_ns: int, silent_ns: int) -> bool:
-        """Whether it came longer ago."""
+        """Whether the command is older than `silent_ns`."""
         if self._since_ns is None:
             self._since_ns = now_ns
         return now_ns - self._since_ns > silent_ns
 
 
 class OperatedControl(ControlNode):
-    """Does what an operator orders: motor commands as they are, or a speed and a turn rate by the control laws of the
-    embedded autopilot, with the truth for an estimate. The last of the two kinds counts.
+    """Executes an operator's orders: direct motor commands, or a speed and a turn rate by the embedded control laws.
 
-    What has not been repeated for `silent_s` is neutral, each motor by itself: silences counts that.
+    The control laws use the truth as the estimate. The latest of the two kinds of orders counts. A command that was not
+    repeated for `silent_s` becomes neutral, for each motor separately. silences: number of such commands.
     """
 
     def __init__(self, profile: RunProfile, silent_s: float = SILENT_S) -> None:
@@ -59,10 +59,10 @@ class OperatedControl(ControlNode):
         self.command = MotorCommand(self._neutral, armed=True)
         self.progress = self._progress()
 
-    # Orders, as of an operator's Steering
+    # Orders, as in an operator's Steering
 
     def check(self, order: object) -> None:
-        """Raises ActionError."""
+        """Raise ActionError for an order that is not possible."""
         if isinstance(order, CommandMotor):
             if order.number >= self._vessel.commands:
                 last = self._vessel.commands - 1
@@ -78,7 +78,7 @@ class OperatedControl(ControlNode):
             )
 
     def give(self, order: object) -> None:
-        """In place of what was in force, but for other motors."""
+        """Replace the active order; commands of other motors stay."""
         if isinstance(order, CommandMotor):
             self._velocity = None
             self._motors[order.number] = _Repeated(order.command)
@@ -89,7 +89,7 @@ class OperatedControl(ControlNode):
             self._ended = True
 
     def update(self, now_ns: int, say: Say) -> None:
-        """See what has fallen silent."""
+        """Check for commands that have become silent."""
         for number, motor in list(self._motors.items()):
             if motor.silent(now_ns, self._silent_ns):
                 del self._motors[number]

@@ -1,4 +1,4 @@
-"""Wind, current and waves that change as a run goes on, smoothly."""
+"""Smooth changes of wind, current and waves during a run."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from xitl_cli.seeds import Seeds
 
 
 class EnvironmentChanges:
-    """The environment of a plant that began with `spec`; `seeds` are those that its waves were drawn from.
+    """The environment of a plant that began with `spec`. `seeds`: the seeds of its waves.
 
-    asked: what it is to be. What is asked for goes over from what is within sim_core's `Transition`; meanwhile
-    something else may be asked for, which then follows.
+    asked: the requested environment. The environment changes from the current one by sim_core's `Transition`. A request
+    during a transition follows after it.
     """
 
     def __init__(self, plant: Plant, spec: EnvironmentSpec, seeds: Seeds) -> None:
@@ -40,16 +40,16 @@ class EnvironmentChanges:
 
     @property
     def waves(self) -> WaveField | FlatWater:
-        """As they are now; another object when they are others."""
+        """The current waves; a new object after each change."""
         return self._plant.simulation.environment.waves
 
     @property
     def is_settled(self) -> bool:
-        """Whether nothing is on its way to something else."""
+        """Whether no transition is active."""
         return self._transition is None
 
     def read(self, name: str, action: Mapping[str, Any]) -> Specification:
-        """The group that would be asked for. Raises ActionError."""
+        """Return the group that an action requests. Raises ActionError."""
         group = read_action(action, getattr(self.asked, name))
         if isinstance(group, WaveSpec) and group.spectrum == "none" and group.significant_height_m:
             raise ActionError(
@@ -59,12 +59,12 @@ class EnvironmentChanges:
         return group
 
     def ask(self, name: str, group: Specification) -> None:
-        """Another `wind`, `current` or `waves`."""
+        """Request another `wind`, `current` or `waves`."""
         changed: dict[str, Any] = {name: group}
         self.asked = replace(self.asked, **changed)
 
     def update(self, now_ns: int) -> None:
-        """Go on with what changes. To be called at every exchange."""
+        """Continue the transition. Call it at every exchange."""
         time_s = now_ns * 1e-9
         if self._transition is None:
             if self.asked == self._reached:
@@ -81,9 +81,9 @@ class EnvironmentChanges:
             self._plant.change_environment(transition.environment(time_s), lambda state, vessels, rng: state)
 
     def _before_and_after(self, time_s: float) -> tuple[Environment, Environment]:
-        """What is, and what is asked for: parts that stay are the same objects in both.
+        """Return the current and the requested environment. Unchanged parts are the same objects in both.
 
-        Another current carries the same waves on from where they are. Other waves are drawn as at the start and carried
+        Another current carries the same waves on from their places. Other waves are drawn as at the start and carried
         as far: a sea of another height is the same sea.
         """
         asked, reached, now = self.asked, self._reached, self._plant.simulation.environment
@@ -102,7 +102,7 @@ class EnvironmentChanges:
 
 
 def _carried_on(waves: WaveField | FlatWater, currents: Sequence[tuple[Array, float]]) -> WaveField | FlatWater:
-    """By each of the currents (2,) from its instant on."""
+    """Carry the waves with each of the currents (2,) from its instant on."""
     if isinstance(waves, WaveField):
         for current, since_s in currents:
             waves = waves.carried_on(current, since_s)

@@ -1,8 +1,8 @@
-"""The operator of a run: takes in what a person asks for, carries it out at exchanges, records it.
+"""The operator of a run: accepts actions of users, carries them out at exchanges, and records them.
 
     refusal = operator.ask({"action": "wind", "mean_mps": 6}, "view")
 
-Whoever brings actions is polled with `listen` at every exchange, and while the run stands still.
+`listen` registers a source of actions. It is polled at every exchange, and while the run is paused.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ from xitl_cli.run.operator.replay import TimedAction
 SOURCE = "operator"
 REPLAYED = "--replay-events"
 WAVES_NS = 500_000_000
-"""Between two that are recorded while they change."""
+"""Time between two records of changing waves."""
 
 
 class _Asked(NamedTuple):
-    """An action that will be carried out: as it is recorded, and what does it."""
+    """An accepted action as it is recorded, with its source and the function that carries it out."""
 
     action: Mapping[str, Any]
     source: str
@@ -58,11 +58,11 @@ class _Asked(NamedTuple):
 
 
 class OperatorNode(RunNode):
-    """Carries out actions: see the package. Nothing is carried out that was refused.
+    """Carries out actions: see the package. A refused action has no effect.
 
-    changes, river: what the world's own are asked of. steering: of the vessels that can be told where to go, by name.
-    orders: of those that have an autopilot. events: of an earlier run, given again at their instants; those of the pace
-    are recorded again and do nothing else. paused, factor: how the run goes by now; factor None is as fast as it can.
+    changes, river: receivers of the world's actions. steering: vessels that accept steering orders, by name. orders:
+    vessels with an autopilot, by name. events: actions of an earlier run, repeated at their instants. Actions of the
+    pace are only recorded again. paused, factor: the current pace; factor None is as fast as possible.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class OperatorNode(RunNode):
 
     @property
     def paused(self) -> bool:
-        """Whether it stands still, or will at the next exchange."""
+        """Whether the run is paused, or will be at the next exchange."""
         return self._paused
 
     @property
@@ -113,21 +113,21 @@ class OperatorNode(RunNode):
 
     @property
     def factor(self) -> float | None:
-        """Times real time."""
+        """Multiple of real time."""
         return None if self._pace is None else self._pace.factor
 
     @property
     def environment(self) -> EnvironmentSpec:
-        """As it was asked for."""
+        """The requested environment."""
         return self._changes.asked
 
     @property
     def faults(self) -> dict[str, tuple[str, ...]]:
-        """Names of the faults that may be switched on, by vessel."""
+        """Names of the faults that an action can switch on, by vessel."""
         return {vessel: orders.fault_names() for vessel, orders in self._orders.items()}
 
     def listen(self, poll: Callable[[], object]) -> None:
-        """Have `poll` called whenever an action may be asked for."""
+        """Call `poll` whenever an action is possible."""
         self._listeners.append(poll)
 
     def begin(self, context: RunContext) -> None:
@@ -137,7 +137,10 @@ class OperatorNode(RunNode):
             self._pace.listen = self._poll
 
     def ask(self, action: object, source: str = SOURCE) -> str | None:
-        """Have an action carried out at the next exchange; pause's end at once. A refusal says why, in a sentence."""
+        """Carry out an action at the next exchange; the end of a pause at once.
+
+        Returns the reason in one sentence if it refuses.
+        """
         try:
             carry_out = self._carrier(action)
             plain = _plain(action)
@@ -152,7 +155,7 @@ class OperatorNode(RunNode):
         return None
 
     def _supersede(self, action: Mapping[str, Any]) -> None:
-        """Forget the one before it that has not been carried out yet."""
+        """Drop an earlier action of the same stream that is not carried out yet."""
         key = _stream(action)
         before = [asked for asked in self._asked if asked.action["action"] in STREAMED and _stream(asked.action) == key]
         for asked in before:
@@ -216,7 +219,7 @@ class OperatorNode(RunNode):
             self._recorder.log(self._now_ns, INFO, SOURCE, f"{_said(action)} ({source})")
 
     def _tell_waves(self) -> None:
-        """A recording has those that the profile tells of by that alone."""
+        """Record changed waves. A recording has the profile's waves by the profile alone."""
         waves, changes = self._changes.waves, self._changes
         if waves is not self._waves and (changes.is_settled or self._now_ns - self._waves_ns >= WAVES_NS):
             self._waves, self._waves_ns = waves, self._now_ns
@@ -225,7 +228,7 @@ class OperatorNode(RunNode):
     def _say(self, vessel: str, text: str) -> None:
         self._recorder.log(self._now_ns, INFO, SOURCE, f"{vessel}: {text}" if vessel else text)
 
-    # From an action to what carries it out. Raises ActionError.
+    # Functions that carry out an action. They raise ActionError.
 
     def _carrier(self, action: object, again: bool = False) -> Callable[[], object]:
         name = action_name(action)
@@ -280,7 +283,10 @@ class OperatorNode(RunNode):
         return ActionError(f"{name}: {vessel or 'the vessel'} has no autopilot; use autopilot.kind: embedded{hint}")
 
     def _pace_carrier(self, name: str, asked: object) -> Callable[[], object]:
-        """What ends or shortens a standstill acts at once: no exchange comes meanwhile."""
+        """Return the function for a pace action.
+
+        An action that ends or shortens a pause acts at once, without an exchange.
+        """
         pace = self._pace
         if pace is None:
             raise ActionError(f"{name}: time goes by with the clock on the wall; use clock.mode: lockstep")
@@ -320,12 +326,12 @@ def _plain(action: object) -> dict[str, Any]:
 
 
 def _stream(action: Mapping[str, Any]) -> tuple[Any, ...]:
-    """What of them takes the place of what."""
+    """Return the key of a stream: a new action replaces an earlier one with the same key."""
     return action["action"], action.get("vessel", ""), action.get("number")
 
 
 def _said(action: Mapping[str, Any]) -> str:
-    """`wind mean_mps 6, direction_deg 90`."""
+    """Return a text such as `wind mean_mps 6, direction_deg 90`."""
     rest = ", ".join(
         f"{key} {json.dumps(value, ensure_ascii=False)}" for key, value in action.items() if key != "action"
     )

@@ -1,4 +1,4 @@
-"""How a run is to be operated: who may act in it, what is given again, and how fast it goes."""
+"""Operation of a run: who may act in it, which actions are repeated, and its pace."""
 
 from __future__ import annotations
 
@@ -18,26 +18,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """people: who may act as it goes on; each is given the operator before the run begins. events: actions that are
-    given again. pace: times real time in lockstep, None for as fast as it can. viewed: it has a view, at whose page
-    people act. ros: nodes of ROS do. live: people act from Foxglove.
-    """
+    """Options for the operation of a run."""
 
     people: tuple[Callable[[OperatorNode], object], ...] = ()
+    """Sources of actions during the run. Each gets the operator before the run begins."""
     events: tuple[TimedAction, ...] = ()
+    """Actions that are repeated."""
     pace: float | None = None
+    """Multiple of real time in lockstep; None for as fast as possible."""
     viewed: bool = False
+    """The run has a view with a page for actions."""
     ros: bool = False
+    """ROS nodes may act."""
     live: bool = False
+    """Users may act from Foxglove."""
 
     @property
     def operated(self) -> bool:
-        """Whether the run has an operator at all."""
+        """Whether the run has an operator."""
         return self._attended or bool(self.events)
 
     @property
     def paced(self) -> bool:
-        """Whether time may stand still or go by at a pace."""
+        """Whether the run may pause or have a pace."""
         return self._attended or self.pace is not None
 
     @property
@@ -49,7 +52,7 @@ UNATTENDED = Operation()
 
 
 def operation_of(profile: Profile, replay_events: Path | None = None, pace: float | None = None) -> Operation:
-    """What the options of `xitl sim` ask for. Raises UserError for a file or a pace that cannot be."""
+    """Return the operation for the options of `xitl sim`. Raises UserError for an invalid file or pace."""
     if pace is not None:
         try:
             read_action({"action": "pace", "factor": pace})

@@ -1,4 +1,4 @@
-"""Orders to a vessel's autopilot, given over its link as a ground station gives them; and faults of that link."""
+"""Orders to a vessel's autopilot over its link, as from a ground station, and faults of that link."""
 
 from __future__ import annotations
 
@@ -42,40 +42,41 @@ Order = Arm | ChangeMode | GoTo | SteerVelocity | CommandMotor | ChangeMission |
 
 
 class Steering(Protocol):
-    """Whom an operator's orders to a vessel are given to.
+    """Receiver of an operator's orders to a vessel.
 
-    silences: how often a stream of commands ended unasked. asked_by: how many were carried out, by who asked.
+    silences: number of command streams that ended without a request. asked_by: number of orders carried out, by client.
     """
 
     silences: int
     asked_by: Counter[str]
 
     def check(self, order: Order) -> None:
-        """Raises ActionError for one that cannot be carried out, or while there is nobody to obey."""
+        """Raise ActionError for an order that is not possible, or while no autopilot is present."""
 
     def give(self, order: Order) -> None:
-        """In place of what was asked for before."""
+        """Replace the former order."""
 
     def update(self, now_ns: int, say: Say) -> None:
-        """Go on with it. To be called at every exchange, after what was given at it."""
+        """Continue the order. Call it at every exchange, after the orders of that exchange."""
 
 
 @dataclass(slots=True)
 class _Order:
-    """What has been asked of the autopilot and is not done yet. words: for the log."""
+    """An order to the autopilot that is not done yet. words: text for the log."""
 
     words: str
     since_ns: int | None = None
 
 
 class VesselOrders:
-    """Of one vessel that has an autopilot; `commands` are the operator's own, on the link that the driver uses too.
+    """Orders to one vessel with an autopilot. `commands`: the operator's commander, on the same link as the driver's.
 
-    An order is repeated every second until the autopilot has accepted it, refuses it, or 10 s have passed, which is
-    said. A place is repeated while the vessel is in GUIDED, since ArduPilot does not answer it. A velocity is a
-    stream, see there: after it has fallen silent the vessel goes to HOLD.
+    An order is repeated every second until the autopilot accepts it, refuses it, or 10 s have passed. The log reports
+    the outcome. A place is repeated while the vessel is in GUIDED, because ArduPilot does not answer it. A velocity is
+    a stream, see VelocityStream: when it becomes silent, the vessel goes to HOLD.
 
-    driver: who else commands the autopilot; streams wait until it has departed. silent_s: how soon a stream is silent.
+    driver: the other commander of the autopilot; streams wait until it has departed. silent_s: time until a stream
+    counts as silent.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class VesselOrders:
         self._told_ns: int | None = None
         self._now_ns = 0
 
-    # What is asked for, as of Steering
+    # Orders, as in Steering
 
     def check(self, order: Order) -> None:
         view = self._commands.view
@@ -121,7 +122,7 @@ class VesselOrders:
         if isinstance(order, SteerVelocity):
             if self._profile.autopilot.kind == "px4":
                 raise ActionError("velocity: PX4 takes no speed and turn rate as ArduPilot does; use goto")
-            return  # a stream waits for who brings the vessel under way, and so for the first heartbeat
+            return  # a stream waits for the driver to get under way, and so for the first heartbeat
         if not view.heard:
             raise ActionError("the autopilot has not been heard yet; wait for its heartbeat")
         if isinstance(order, ChangeMode):
@@ -167,7 +168,7 @@ class VesselOrders:
         return float(lat[0]), float(lon[0]), float(alt[0])
 
     def handle(self, message: Any) -> None:
-        """A message of the autopilot: what it says to a mission that is put in place of another."""
+        """Handle a message of the autopilot: its answers to a new mission."""
         if self._mission is None or self._order is None:
             return
         if self._upload is not None:
@@ -176,7 +177,7 @@ class VesselOrders:
             self._cleared = int(message.type) == dialect.MAV_MISSION_ACCEPTED
 
     def update(self, now_ns: int, say: Say) -> None:
-        """Repeat what is due. To be called at every exchange."""
+        """Repeat the order when it is due. Call it at every exchange."""
         commands = self._commands
         self._now_ns = now_ns
         if self._velocity.update(now_ns, say, self._driver.departed and commands.view.heard):
@@ -201,7 +202,7 @@ class VesselOrders:
             return commands.arm(now_ns, self._armed)
         if self._mission is not None:
             return self._mission_is_changed(now_ns, self._mission)
-        if self._place is not None and commands.view.px4:  # the place brings its mode
+        if self._place is not None and commands.view.px4:  # the place sets its mode
             commands.go_to(now_ns, *self._place)
             return commands.accepted(dialect.MAV_CMD_DO_REPOSITION)
         assert self._mode is not None
@@ -230,7 +231,7 @@ class VesselOrders:
         return f"not accepted within {GIVE_UP_S:g} s" if waited_ns > GIVE_UP_S * 1e9 else None
 
     def _repeat_place(self, now_ns: int) -> None:
-        """Until somebody asks for another mode."""
+        """Repeat the place until another mode is chosen."""
         assert self._place is not None
         commands = self._commands
         if self._told_ns is not None and now_ns - self._told_ns < REPEAT_S * 1e9:
@@ -241,10 +242,10 @@ class VesselOrders:
         self._told_ns = now_ns
         commands.go_to(now_ns, *self._place)
 
-    # Faults of its sensors, its agents and their links
+    # Faults of the vessel's sensors, agents and links
 
     def read_fault(self, action: SwitchFault, now_ns: int) -> FaultSpec:
-        """What is to be injected, with its times. Raises ActionError."""
+        """Return the fault to inject, with its times. Raises ActionError."""
         fault = self._faults.get(action.name)
         if fault is None:
             fault = self._shipped(action.name)
@@ -254,7 +255,7 @@ class VesselOrders:
         return self._timed(action.name, fault, action.on, now_ns)
 
     def read_link(self, action: ImpairLink, now_ns: int) -> FaultSpec:
-        """The same of a link. Raises ActionError."""
+        """Return the link fault to inject, with its times. Raises ActionError."""
         name, link = link_fault_name(action), action.fault()
         if link is not None:
             return self._timed(name, FaultSpec(link=link), True, now_ns)
@@ -263,12 +264,12 @@ class VesselOrders:
         return self._timed(name, self._faults[name], False, now_ns)
 
     def inject(self, name: str, fault: FaultSpec) -> None:
-        """From now on."""
+        """Inject the fault from now on."""
         self._faults[name] = fault
         self._injection.set(name, fault)
 
     def fault_names(self) -> tuple[str, ...]:
-        """Those that may be switched on by name, the profile's first."""
+        """Return the faults that an action can switch on by name, the profile's first."""
         own = [name for name in self._faults if not name.startswith(_LINK)]
         return tuple(dict.fromkeys([*own, *_shipped_names()]))
 
@@ -299,7 +300,7 @@ _LINK = "link to "
 
 
 def link_fault_name(action: ImpairLink) -> str:
-    """What the fault that an operator puts on a link is called."""
+    """Return the name of the fault that an operator puts on a link."""
     return f"{_LINK}{action.link}"
 
 

@@ -1,4 +1,4 @@
-"""Actions of an earlier run, or written by hand, with the instants at which they are to be given again."""
+"""Actions of an earlier run or of a file, with the instants at which to repeat them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SOURCE = "file"
 
 @dataclass(frozen=True, slots=True)
 class TimedAction:
-    """An action, its instant of simulation time, and where it was asked for."""
+    """An action, its instant of simulation time, and its source."""
 
     time_ns: int
     action: Mapping[str, Any]
@@ -26,10 +26,10 @@ class TimedAction:
 
 
 def read_events(path: Path) -> tuple[TimedAction, ...]:
-    """Of a run's directory, its run.mcap, or a .jsonl, by their instants.
+    """Return the actions of a run's directory, its run.mcap, or a .jsonl file, sorted by their instants.
 
-    A line of a .jsonl is an action with `time_s` beside its keys. Raises UserError for a file that cannot be read or
-    holds no actions, naming the line of one that cannot be.
+    A line of a .jsonl file is an action with an additional key `time_s`. Raises UserError for a file that cannot be
+    read or has no actions. The error for an invalid action names its line.
     """
     file = path / RECORDING if path.is_dir() else path
     if not file.is_file():
@@ -79,7 +79,7 @@ def _lines(file: Path) -> Iterator[TimedAction]:
 
 
 def _checked(time_ns: int, action: Any, source: str, where: str) -> TimedAction:
-    """Keys that hang on nothing else are checked before the run."""
+    """Check the keys that depend on nothing else, before the run."""
     try:
         name = action_name(action)
         if name not in ENVIRONMENT:

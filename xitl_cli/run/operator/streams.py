@@ -1,4 +1,4 @@
-"""Commands that a program repeats as long as they are to be in force: what comes of them when it falls silent."""
+"""Commands that a program repeats while they are to be active, and their end when the program becomes silent."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from xitl_cli.run.nodes.drivers import why_not_armed
 
 SILENT_S = 1.0
 TOLD_S = 10.0
-RESENT_S = 0.5  # an autopilot behind a link that loses still hears each
+RESENT_S = 0.5  # an autopilot behind a lossy link still receives each command
 Say = Callable[[str], object]
 
 
@@ -23,11 +23,11 @@ class _State(Enum):
 
 
 class VelocityStream:
-    """Speed and turn rate to an autopilot in GUIDED; `commands` are asked at every exchange.
+    """Speed and turn rate to an autopilot in GUIDED. `update` is called at every exchange.
 
-    The first of a stream brings GUIDED, and the next ones take its place. Who chooses another mode has the vessel: what
-    the stream goes on to say is passed over until it has paused for `silent_s`, or GUIDED is asked for. active: whether
-    one goes on.
+    The first command of a stream requests GUIDED, and the next commands replace it. When another client chooses a mode,
+    it has the vessel. The stream is then ignored until it has paused for `silent_s`, or until GUIDED is requested.
+    active: whether a stream is active.
     """
 
     def __init__(self, commands: AutopilotCommands, silent_s: float) -> None:
@@ -43,22 +43,22 @@ class VelocityStream:
         return self._state is not _State.IDLE
 
     def set(self, speed_mps: float, turn_rate_radps: float) -> None:
-        """From the next `update` on. turn_rate_radps: to starboard."""
+        """Set the command from the next `update` on. turn_rate_radps: to starboard."""
         self._wanted, self._fresh = (speed_mps, turn_rate_radps), True
 
     def stop(self) -> None:
-        """Another order takes its place; one that goes on begins anew."""
+        """End the stream for another order. A stream that continues begins again."""
         self._state = _State.IDLE
 
     def yield_to(self, mode: str) -> None:
-        """Somebody asks for a mode."""
+        """React to a mode that another client requests."""
         if self._state is not _State.IDLE:
             self._state = _State.IDLE if mode == "GUIDED" else _State.OVERRULED
 
     def update(self, now_ns: int, say: Say, may_begin: bool = True) -> bool:
-        """Send what is due. True once, when one that was in force has fallen silent.
+        """Send the command that is due. Returns True once, when an active stream has become silent.
 
-        may_begin: the vessel need not be left to who brings it under way.
+        may_begin: False while the driver is still to get the vessel under way.
         """
         if self._fresh:
             self._heard_ns = now_ns

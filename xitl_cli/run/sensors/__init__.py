@@ -1,1 +1,1 @@
-"""What is measured: sensors, their messages, their faults, the perception instruments."""
+"""Sensors of a run: instruments, their messages, their faults, and the perception instruments."""

@@ -1,4 +1,4 @@
-"""Channels: one kind of message to the agents each, with its rate, its latency, its sensor and its faults."""
+"""Channels: each has one kind of message to the agents, with its rate, latency, sensor and faults."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from xitl_cli.run.sensors.sensor_messages import Message
 
 
 class Channel(Protocol):
-    """One kind of message: every so many physics steps, delivered so much later."""
+    """One kind of message. every: physics steps between messages. latency_ns: delay of the delivery."""
 
     every: int
     latency_ns: int
 
     def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> Message | None:
-        """What is measured now; None when there is nothing to send."""
+        """Return the measurement now; None without a message."""
 
 
 class SensorChannel:
-    """One sensor, its state and random generator, its faults, and how its sample becomes a message.
+    """One sensor, its state and random generator, its faults, and the encoding of its sample.
 
-    The sensor measures on behind its faults, so that what comes after one is what would have come without it.
+    The sensor continues to measure during a fault, so that samples after the fault are the same as without it.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ UNKNOWN_WIND_MPS = -1.0
 
 
 class TruthChannel:
-    """XITL_TRUTH every so many physics steps, for the instant of the step and without delay."""
+    """XITL_TRUTH every `every` physics steps, for the instant of the step and without delay."""
 
     latency_ns = 0
 
@@ -82,7 +82,7 @@ class TruthChannel:
 
 
 class VaneChannel:
-    """The wind vane: it has no message of its own, its newest sample that has been delivered goes with the truth."""
+    """The wind vane. It has no separate message: the truth message carries its newest delivered sample."""
 
     latency_ns = 0
 
@@ -101,7 +101,7 @@ class VaneChannel:
         self._waiting.append((delivered_ns, float(sample.speed_mps[0]), float(sample.direction_rad[0])))
 
     def latest(self, now_ns: int) -> tuple[float, float]:
-        """Speed in m/s, below 0 while none has come, and direction in rad from the bow."""
+        """Return speed in m/s, below 0 before the first sample, and direction in rad from the bow."""
         while self._waiting and self._waiting[0][0] <= now_ns:
             self._latest = self._waiting.popleft()[1:]
         return self._latest

@@ -1,4 +1,4 @@
-"""The heading error of a compass whose hard iron no calibration has taken off."""
+"""The heading error of a compass without calibration of its hard iron."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from xitl_cli.run.links.setup import embedded_parameters
 from xitl_cli.run.world.world import magnetic_field_ned_gauss
 
 WORTH_SAYING_DEG = 1.5
-"""A calibrated compass has about one degree left, which is also what the shipped boats have at the shipped site."""
+"""Threshold for a warning. A calibrated compass, also that of the shipped boats at their site, has about one degree
+left.
+"""
 
 
 def uncalibrated_heading_deg(residual_frd_gauss: Sequence[float], field_ned_gauss: Sequence[float]) -> float:
-    """The largest heading error of a level vessel, in degrees.
+    """Return the largest heading error of a level vessel, in degrees.
 
-    residual_frd_gauss (3,): hard iron with the compass offsets. It turns with the vessel, so the measured horizontal
-    field swings about the true one by at most asin(residual / field); 180 where the residual is the larger one.
+    residual_frd_gauss (3,): hard iron with the compass offsets. It turns with the vessel. The measured horizontal field
+    therefore swings about the true field by at most asin(residual / field). The result is 180 if the residual is larger
+    than the field.
     """
     residual, field = math.hypot(*residual_frd_gauss[:2]), math.hypot(*field_ned_gauss[:2])
     return math.degrees(math.asin(residual / field)) if residual < field else 180.0
 
 
 def compass_warnings(profiles: Sequence[RunProfile]) -> list[str]:
-    """A sentence for each vessel of the embedded autopilot whose compass is off by more than calibrations leave.
+    """Return a sentence for each vessel of the embedded autopilot with a larger compass error than calibrations leave.
 
     Other autopilots calibrate themselves, or simulate their own compass.
     """

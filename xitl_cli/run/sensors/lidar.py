@@ -1,4 +1,4 @@
-"""The lidar in a run: it watches how the vessel moves, casts a frame when it is over, sends the cloud in chunks."""
+"""The lidar in a run: records the motion during a frame, casts the frame at its end, sends the cloud in chunks."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from xitl_cli.seeds import Seeds
 
 
 class LidarInstrument:
-    """The lidar of the first vessel. `every`: physics steps in a frame; the first frame begins when that many are done.
+    """The lidar of the first vessel. `every`: physics steps in a frame; the first frame begins after that many steps.
 
-    A cloud goes out `latency_ns` after the end of its frame.
+    A cloud is sent `latency_ns` after the end of its frame.
     """
 
     def __init__(
@@ -56,15 +56,15 @@ class LidarInstrument:
 
     @property
     def address(self) -> str | None:
-        """It has no line of its own."""
+        """None: the lidar has no line for clients."""
         return None
 
     def begin(self, recorder: PerceptionRecorder) -> None:
-        """The run starts; clouds are kept with the recorder."""
+        """Start the run; the recorder stores the clouds."""
         self._recorder = recorder
 
     def update(self, step: RunStep) -> list[Message]:
-        """After each physics step: the chunks of the clouds that are due."""
+        """Return the chunks of the clouds that are due after a physics step."""
         number, sim_ns, motion = step.number, step.now_ns, step.motion
         ends = number % self._every == 0
         if self._stamps_ns:
@@ -80,11 +80,11 @@ class LidarInstrument:
         return []
 
     def report(self) -> dict[str, Any]:
-        """Frames and what became of the points."""
+        """Return the counts of frames, triangles and points by their outcome."""
         return {"frames": self._frames, "triangles": self._caster.triangles, "points": dict(self._fates)}
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: there is nothing to release."""
 
     def _keep(self, sim_ns: int, motion: Kinematics) -> None:
         self._stamps_ns.append(sim_ns)
@@ -92,7 +92,7 @@ class LidarInstrument:
         self._attitudes.append(motion.rot_ned_frd[0])
 
     def _finish(self) -> None:
-        """Cast the frame that is over, and let its cloud wait out the latency."""
+        """Cast the completed frame, and delay its cloud by the latency."""
         track = BodyTrack(np.array(self._stamps_ns), np.array(self._places), np.array(self._attitudes))
         start_ns, end_ns = self._stamps_ns[0], self._stamps_ns[-1]
         water = WaterSeen.around(self._plant.simulation.environment, start_ns * 1e-9, track.pos_ned_m[0])
@@ -111,7 +111,7 @@ def make_lidar(
     scenery: Scenery,
     plant: PlantView,
 ) -> LidarInstrument:
-    """The lidar of the profile, which has one."""
+    """Return the lidar of the profile. The profile must have one."""
     assert profile.sensors is not None
     assert profile.sensors.lidar is not None
     keys, environment = profile.sensors.lidar, profile.environment

@@ -1,4 +1,4 @@
-"""A Ping360 that is served beside the sonar, as its own protocol shows it: the device, and the line it answers on."""
+"""A Ping360 that is served in parallel with the sonar, by its own protocol: the device, and the line to its clients."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from xitl_cli.run.sensors import ping_protocol as wire
 from xitl_cli.run.sensors.ping_protocol import AutoTransmitCommand, PingFrame, PingFramer, TransducerCommand
 
 Echo = Callable[[PingSettings], NDArray[uint8]]
-"""The echo of a ping that goes out now."""
+"""Returns the echo of a ping that is sent now."""
 
 DEVICE_TYPE = 2  # Ping360
 FIRMWARE = (3, 3, 8)
 PROTOCOL = (1, 0, 0)
 DEVICE_ID = 2
-WAITING = 16  # commands kept while the head is busy
+WAITING = 16  # commands queued while the head is busy
 RESET_S = 0.5
 
 _AT_POWER_ON = TransducerCommand(1, 0, 0, 32, 80, 740, 1024, 0)
@@ -49,7 +49,7 @@ _LIMITS: dict[str, tuple[int, int]] = {
 
 @dataclass(slots=True)
 class _Job:
-    """A command under way: the head arrives at ping_ns, the answer goes out at answer_ns."""
+    """An active command: the head arrives at ping_ns, and the answer is sent at answer_ns."""
 
     ping_ns: int
     answer_ns: int
@@ -58,9 +58,10 @@ class _Job:
 
 
 class Ping360Device:
-    """frames: understood. refused: answered with a NACK. dropped: commands that came faster than they could be done.
+    """A Ping360 with counts.
 
-    others: frames for another device. pings: that went out.
+    frames: valid frames. refused: commands answered with a NACK. dropped: commands that arrived faster than they could
+    be executed. others: frames for another device. pings: pings sent.
     """
 
     def __init__(self) -> None:
@@ -72,7 +73,7 @@ class Ping360Device:
         self._power_on()
 
     def counts(self) -> dict[str, int]:
-        """What has been counted, by name."""
+        """Return the counts by name."""
         return {
             "frames": self.frames,
             "pings": self.pings,
@@ -93,13 +94,13 @@ class Ping360Device:
         self._deaf_until_ns = 0
 
     def frames_in(self, data: bytes) -> list[PingFrame]:
-        """The frames that bytes from the line complete, whatever the bytes are."""
+        """Return the frames that bytes from the line complete. Any bytes are valid input."""
         frames = self._framer.feed(data)
         self.frames += len(frames)
         return frames
 
     def enqueue(self, frames: Sequence[PingFrame]) -> None:
-        """Commands, to be obeyed in turn."""
+        """Queue commands, to be executed in turn."""
         for frame in frames:
             if len(self._waiting) >= WAITING:
                 self.dropped += 1
@@ -107,7 +108,7 @@ class Ping360Device:
                 self._waiting.append(frame)
 
     def advance(self, now_ns: int, echo: Echo) -> list[bytes]:
-        """Frames to send by now; `echo` is asked when a ping goes out."""
+        """Return the frames to send by now; `echo` is called when a ping is sent."""
         self._go_on(now_ns, echo)
         while self._waiting and now_ns >= self._deaf_until_ns and (self._job is None or self._job.scan is not None):
             self._obey(self._waiting.popleft(), now_ns)
@@ -208,7 +209,7 @@ class Ping360Device:
 
 
 def _problem(command: TransducerCommand | AutoTransmitCommand | None) -> str:
-    """Why a command is not obeyed, empty when it is."""
+    """Return the reason why a command is refused, or an empty text."""
     if command is None:
         return "the message has a wrong length"
     for name, value in command._asdict().items():
@@ -230,14 +231,14 @@ def _settings(state: TransducerCommand) -> PingSettings:
 
 
 KEY = "sensors.sonar.serve"
-PTY_BAUD = 2_000_000  # the fastest that the maker's viewer asks for
-BATCH = 32  # datagrams a poll: a flood may not hold the world
+PTY_BAUD = 2_000_000  # the highest baud rate of the maker's viewer
+BATCH = 32  # datagrams in one poll, so that a flood does not hold up the world
 
 
 class Ping360Port:
-    """A device and the line it answers on. address: what a client opens. unsent: frames the line did not take.
+    """A device and its line. address: address for clients. unsent: frames that the line did not accept.
 
-    Raises UserError when the line cannot be had.
+    Raises UserError when the line is not available.
     """
 
     def __init__(self, url: str) -> None:
@@ -273,7 +274,7 @@ class Ping360Port:
         return open_transport(self._loopback.host_url, listen=True)
 
     def poll(self, now_ns: int, echo: Echo) -> None:
-        """Take what has come, send what is due at now_ns."""
+        """Read the commands that have arrived, and send the frames that are due at now_ns."""
         with suppress(TransportClosedError):
             for index, chunk in enumerate(self._transport.receive()):
                 frames = self.device.frames_in(chunk)
@@ -283,11 +284,11 @@ class Ping360Port:
                 self._transport.send(frame)
 
     def counts(self) -> dict[str, int]:
-        """What has been counted, by name."""
+        """Return the counts by name."""
         return {**self.device.counts(), "unsent": self._transport.unsent}
 
     def close(self) -> None:
-        """Give the line back. A second call does nothing."""
+        """Release the line. A second call does nothing."""
         self._transport.close()
         self._give_back()
 
@@ -300,7 +301,7 @@ class Ping360Port:
 
 
 def _linked(link: Path, device: str) -> Path:
-    """A link to the device; one of an earlier run is replaced, anything else is not."""
+    """Create a link to the device. A link of an earlier run is replaced, anything else is not."""
     try:
         if link.is_symlink():
             link.unlink()

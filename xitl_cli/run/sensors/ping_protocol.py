@@ -1,4 +1,4 @@
-"""The protocol of Blue Robotics' sonars: frames, and the messages that a Ping360 knows.
+"""The protocol of Blue Robotics' sonars: frames, and the messages of a Ping360.
 
     'B' 'R'  length u16  message u16  source u8  destination u8  payload  checksum u16, the sum of all bytes before it
 
@@ -15,8 +15,8 @@ COMMON_SET_DEVICE_ID = 100
 SET_DEVICE_ID, DEVICE_DATA, AUTO_DEVICE_DATA = 2000, 2300, 2301
 RESET, TRANSDUCER, AUTO_TRANSMIT, MOTOR_OFF = 2600, 2601, 2602, 2903
 
-TICK_S = 25e-9  # of a sample period
-MOST_PAYLOAD = 1300  # a device's longest message has 1220
+TICK_S = 25e-9  # unit of a sample period
+MOST_PAYLOAD = 1300  # the longest message of a device has 1220
 
 _START = b"BR"
 _HEAD = struct.Struct("<2sHHBB")
@@ -29,7 +29,7 @@ _AUTO_DEVICE_DATA = struct.Struct("<BBHHHHHHBBHH")
 
 
 class PingFrame(NamedTuple):
-    """One message. destination 0 is for whoever hears it."""
+    """One message. Destination 0 is any device."""
 
     message: int
     source: int
@@ -67,49 +67,49 @@ class AutoTransmitCommand(NamedTuple):
 
 
 def pack_frame(frame: PingFrame) -> bytes:
-    """Bytes of a frame."""
+    """Return the bytes of a frame."""
     head = _HEAD.pack(_START, len(frame.payload), frame.message, frame.source, frame.destination)
     body = head + frame.payload
     return body + _SUM.pack(sum(body) & 0xFFFF)
 
 
 def number_in(payload: bytes) -> int | None:
-    """The u16 that a request or an ack begins with, None when it is too short."""
+    """Return the u16 at the start of a request or an ack, or None when the payload is too short."""
     return int(_NUMBER.unpack_from(payload)[0]) if len(payload) >= _NUMBER.size else None
 
 
 def transducer_of(payload: bytes) -> TransducerCommand | None:
-    """None when it has not the length of one."""
+    """Return the command, or None for a payload of another length."""
     return TransducerCommand(*_TRANSDUCER.unpack(payload)) if len(payload) == _TRANSDUCER.size else None
 
 
 def auto_transmit_of(payload: bytes) -> AutoTransmitCommand | None:
-    """None when it has not the length of one."""
+    """Return the command, or None for a payload of another length."""
     return AutoTransmitCommand(*_AUTO_TRANSMIT.unpack(payload)) if len(payload) == _AUTO_TRANSMIT.size else None
 
 
 def ack(message: int) -> bytes:
-    """Payload of an ACK of a message."""
+    """Return the payload of an ACK of a message."""
     return _NUMBER.pack(message)
 
 
 def nack(message: int, reason: str) -> bytes:
-    """Payload of a NACK of a message, with the reason in words."""
+    """Return the payload of a NACK of a message, with the reason in words."""
     return _NUMBER.pack(message) + reason.encode("ascii", "replace")
 
 
 def device_data(state: TransducerCommand, data: bytes) -> bytes:
-    """Payload of a DEVICE_DATA."""
+    """Return the payload of a DEVICE_DATA."""
     return _DEVICE_DATA.pack(*state[:7], len(data)) + data
 
 
 def auto_device_data(state: TransducerCommand, scan: AutoTransmitCommand, data: bytes) -> bytes:
-    """Payload of an AUTO_DEVICE_DATA."""
+    """Return the payload of an AUTO_DEVICE_DATA."""
     return _AUTO_DEVICE_DATA.pack(*state[:6], *scan[6:], state.number_of_samples, len(data)) + data
 
 
 class PingFramer:
-    """Finds frames in bytes as they come. skipped: bytes that were of no frame. bad: frames with a wrong checksum."""
+    """Finds frames in a stream of bytes. skipped: bytes outside frames. bad: frames with a wrong checksum."""
 
     def __init__(self) -> None:
         self.skipped = 0
@@ -117,7 +117,7 @@ class PingFramer:
         self._held = b""
 
     def feed(self, data: bytes) -> list[PingFrame]:
-        """The frames that are whole now."""
+        """Return the frames that are complete now."""
         held = self._held + data
         frames: list[PingFrame] = []
         place = 0

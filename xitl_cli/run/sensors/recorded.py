@@ -1,4 +1,4 @@
-"""Samples of a recording in place of those that are simulated: of a real boat's bag, or of another run."""
+"""Samples of a recording in place of simulated samples, from a real boat's bag or from another run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from xitl_cli.run.world.world import local_frame
 FARTHEST_M = 50_000.0
 GAUSS_PER_TESLA = 1e4
 USUAL_ACCURACY_M, USUAL_SPEED_ACCURACY_MPS, USUAL_SATELLITES, USUAL_DEGC = 1.5, 0.3, 12, 25.0
-"""What messages of ROS do not tell."""
+"""Values that ROS messages do not contain."""
 _FIX_3D, _NO_FIX = 3, 1
 _NEAR_NS = 10_000_000_000
 _XYZ = ("x", "y", "z")
@@ -40,16 +40,18 @@ _XYZ = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True)
 class RecordedSamples:
-    """stamp_ns: (N,) not falling, from the start of the run. sample: of a row."""
+    """Samples of one sensor in a recording."""
 
     stamp_ns: NDArray[np.int64]
+    """(N,), not falling, from the start of the run."""
     sample: Callable[[int], Any]
+    """Returns the sample of a row."""
 
 
 class RecordedChannel:
-    """As SensorChannel, of samples that come at their own times, in the physics step that reaches them.
+    """A SensorChannel for samples at given times. A sample is sent in the physics step that reaches its time.
 
-    sent: samples until now; skipped: those that another one of the same step has overtaken.
+    sent: samples so far. skipped: samples with a newer one in the same step.
     """
 
     every, latency_ns = 1, 0
@@ -80,9 +82,11 @@ class RecordedChannel:
 
 
 def read_samples(spec: RecordedSensorsSpec, site: SiteSpec) -> Mapping[str, RecordedSamples]:
-    """By sensor, those that are not simulated; without rows where the recording has nothing of one.
+    """Return the samples by sensor, for the sensors that are not simulated.
 
-    Raises UserError with what is wrong in the recording.
+    They have no rows if the recording has none.
+
+    Raises UserError with the problem in the recording.
     """
     try:
         with open_log(Path(spec.file)) as log:
@@ -143,7 +147,7 @@ def _topic(log: Log, sensor: str, asked: str, columns: tuple[str, ...]) -> Table
 
 
 def sample_stamps(table: Table) -> NDArray[np.int64]:
-    """(N,) when samples were taken: by their headers where these are of the recorder's clock, else when they came."""
+    """Return the times (N,) of the samples: header stamps on the recorder's clock, otherwise the times of arrival."""
     if "header.stamp" in table.columns and len(table):
         stamps: NDArray[np.int64] = table.values("header.stamp").astype(np.int64)
         if (stamps > 0).all() and abs(float(np.median(stamps - table.stamp_ns))) < _NEAR_NS:
@@ -206,7 +210,10 @@ def _gnss(log: Log, table: Table, rows: NDArray[np.intp]) -> Callable[[int], Gns
 
 
 def fix_velocity(log: Log, table: Table, rows: NDArray[np.intp], place: Array, fixed: NDArray[np.bool_]) -> Array:
-    """(n, 3) NED in m/s: of a TwistStamped beside the fixes (fix_velocity, MAVROS's gps_vel), else from fix to fix."""
+    """Return velocities (n, 3) NED in m/s, from a TwistStamped topic or between fixes.
+
+    The topic is fix_velocity or MAVROS's gps_vel.
+    """
     stamps = sample_stamps(table)[rows]
     for name in log.tables:
         if name.endswith(("fix_velocity", "gps_vel", "vel")) and "truth" not in name:

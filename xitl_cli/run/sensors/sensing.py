@@ -35,9 +35,9 @@ BRIDGED = ("ardupilot", "px4")
 
 
 class SensorSuite:
-    """All sensors of the profile and their faults. `due` is called after each physics step, with steps counted from 1.
+    """All sensors of the profile and their faults. Call `due` after each physics step; steps count from 1.
 
-    `further` are sent after the usual four of the same step.
+    `further`: channels that are sent after the usual four of the same step.
     """
 
     def __init__(
@@ -75,9 +75,9 @@ class SensorSuite:
         self._order = 0
 
     def due(self, step: int, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> list[Message]:
-        """Measure what is due at this step; return what has waited out its latency, oldest first.
+        """Measure the samples of this step, and return the messages with elapsed latency, oldest first.
 
-        air_ned_mps: the wind (1, 3), looked at where a sensor `feels_wind`.
+        air_ned_mps: the wind (1, 3), for sensors that measure it.
         """
         ready: list[Message] = []
         for channel in self._channels:
@@ -95,7 +95,7 @@ class SensorSuite:
         return ready
 
     def fault_counts(self) -> dict[str, dict[str, int]]:
-        """How many samples each fault has touched, by its name."""
+        """Return the number of samples that each fault has changed, by the fault's name."""
         counts: dict[str, dict[str, int]] = {}
         for faults in self._faults.values():
             for name, of_sensor in faults.counts.items():
@@ -103,13 +103,13 @@ class SensorSuite:
         return counts
 
     def recorded_report(self) -> dict[str, dict[str, dict[str, int]]]:
-        """recorded_sensors: by sensor, samples of a recording that were sent, and skipped as newer ones had come."""
+        """Return `recorded_sensors`: by sensor, the recorded samples that were sent, and skipped for newer ones."""
         recorded = {name: each for name, each in self._sensors.items() if isinstance(each, RecordedChannel)}
         counts = {name: {"sent": each.sent, "skipped": each.skipped} for name, each in recorded.items()}
         return {"recorded_sensors": counts} if counts else {}
 
     def set_fault(self, name: str, fault: FaultSpec) -> None:
-        """Have a fault act at its times, in place of the one of this name that there may have been."""
+        """Activate a fault at its times. It replaces a fault of the same name."""
         for sensor, faults in self._faults.items():
             faults.set(name, fault)
             self._sensors[sensor].faults = faults or None
@@ -118,9 +118,9 @@ class SensorSuite:
 def make_sensing(
     profile: RunProfile, seeds: Seeds, hulls: HullsAround | None = None, air: Callable[[], Air] | None = None
 ) -> SensorSuite:
-    """All that the profile's agents are told of the world.
+    """Return all channels to the profile's agents.
 
-    hulls: of others in it, None for nobody; air: over the water now, None for the profile's.
+    hulls: of other vessels in the world, None without any. air: air over the water now, None for the profile's.
     """
     assert profile.sensors is not None
     further = list(_further_channels(profile, seeds, local_frame(profile.site), hulls, air))
@@ -134,7 +134,7 @@ def _further_channels(
     hulls: HullsAround | None,
     air: Callable[[], Air] | None,
 ) -> Iterator[Channel]:
-    """Sensors that a profile may leave out, and the truth for an autopilot that simulates its own."""
+    """Yield the optional sensors of a profile, and the truth for an autopilot with its own simulated sensors."""
     assert profile.sensors is not None
     sensors, water, physics_hz = profile.sensors, profile.environment.water, profile.clock.physics_rate_hz
     walls = upright_walls(profile.world.log_boom, profile.world.dam, -water.level_m)

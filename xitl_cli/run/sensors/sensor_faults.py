@@ -1,4 +1,4 @@
-"""Faults of a sensor, between what it measured and what is sent of it: bias, freeze and dropout."""
+"""Faults of a sensor that change its samples before they are sent: bias, freeze and dropout."""
 
 from __future__ import annotations
 
@@ -27,11 +27,14 @@ from xitl_cli.run.core.faults import span_ns
 from xitl_cli.seeds import Seeds
 
 Bias = Callable[[Any, float], Any]
-"""A sample and the seconds since the fault began; returns the sample that is sent."""
+"""Takes a sample and the seconds since the fault began; returns the sample to send."""
 
 
 class SensorFaults:
-    """All faults of one sensor. `counts[fault]` says how many samples each has touched, as `<sensor>_dropped`."""
+    """All faults of one sensor.
+
+    `counts[fault]`: number of samples that each fault has changed, as `<sensor>_dropped`.
+    """
 
     def __init__(self, sensor: str, faults: Mapping[str, FaultSpec], seeds: Seeds, frame: LocalFrame) -> None:
         self.counts: dict[str, dict[str, int]] = {}
@@ -45,15 +48,15 @@ class SensorFaults:
         return bool(self._faults)
 
     def set(self, name: str, fault: FaultSpec) -> None:
-        """The fault of this name, or in its place; its times and its draws are those of the new one."""
+        """Add a fault, or replace the fault of this name with its times and random draws."""
         if getattr(fault, self._sensor) is not None:
             counts = self.counts.setdefault(name, {})
             self._faults[name] = _SensorFault(name, self._sensor, fault, self._seeds, self._frame, counts)
 
     def applied(self, stamp_ns: int, sample: Any) -> Any:
-        """What becomes of a sample taken at `stamp_ns`; None when it is lost.
+        """Return the changed sample of `stamp_ns`, or None when it is lost.
 
-        Biases add up. A sensor that stands still repeats the last sample it gave before, or its first.
+        Biases add up. A frozen sensor repeats the last sample before the fault, or its first sample.
         """
         in_force = [fault for fault in self._faults.values() if fault.from_ns <= stamp_ns < fault.until_ns]
         for fault in in_force:
@@ -99,7 +102,7 @@ class _SensorFault:
 
 
 def _bias(fault: SensorFault, frame: LocalFrame) -> Bias | None:
-    """What adds the errors of `fault` to a sample, None where there are none."""
+    """Return the function that adds the errors of `fault` to a sample, or None without errors."""
     if isinstance(fault, ImuFault):
         gyro, accel = np.array([fault.gyro_bias_frd_radps]), np.array([fault.accel_bias_frd_mps2])
 

@@ -1,4 +1,4 @@
-"""Samples of the simulated sensors as MAVLink messages: the project's own, and those of the public "common" set."""
+"""Samples of the simulated sensors as MAVLink messages: xitl's own messages, and those of the public "common" set."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Message = Any  # the generated codec is untyped
 
 
 def imu(stamp_us: int, sample: ImuSample) -> Message:
-    """XITL_IMU."""
+    """Return XITL_IMU."""
     gyro, accel = sample.gyro_frd_radps[0].tolist(), sample.accel_frd_mps2[0].tolist()
     return dialect.MAVLink_xitl_imu_message(stamp_us, gyro, accel, float(sample.temperature_degc[0]))
 
 
 def gnss(stamp_us: int, sample: GnssSample) -> Message:
-    """XITL_GNSS."""
+    """Return XITL_GNSS."""
     return dialect.MAVLink_xitl_gnss_message(
         stamp_us,
         round(float(sample.lat_deg[0]) * 1e7),
@@ -42,12 +42,12 @@ def gnss(stamp_us: int, sample: GnssSample) -> Message:
 
 
 def magnetometer(stamp_us: int, sample: MagnetometerSample) -> Message:
-    """XITL_MAGNETOMETER."""
+    """Return XITL_MAGNETOMETER."""
     return dialect.MAVLink_xitl_magnetometer_message(stamp_us, sample.field_frd_gauss[0].tolist())
 
 
 def barometer(stamp_us: int, sample: BarometerSample) -> Message:
-    """XITL_BAROMETER."""
+    """Return XITL_BAROMETER."""
     return dialect.MAVLink_xitl_barometer_message(
         stamp_us, float(sample.pressure_pa[0]), float(sample.temperature_degc[0])
     )
@@ -65,13 +65,13 @@ ORIENTATIONS = {
     (0.0, 0.0, -1.0): 24,
     (0.0, 0.0, 1.0): 25,
 }
-"""MAV_SENSOR_ORIENTATION of the six directions of the body; others go as custom with a quaternion."""
+"""MAV_SENSOR_ORIENTATION of the six directions of the body. Other directions are custom, with a quaternion."""
 
 _NO_DILUTION = 6  # ignore_flags: horizontal and vertical dilution
 
 
 def distance_sensor(number: int, rangefinder: RangefinderSpec) -> Callable[[int, RangefinderSample], Message]:
-    """DISTANCE_SENSOR with this number. Beyond its limits a unit reads just outside of them."""
+    """Return an encoder of DISTANCE_SENSOR with this number. Out of its limits, a unit reads just outside of them."""
     low_cm, high_cm = round(rangefinder.min_range_m * 100), round(rangefinder.max_range_m * 100)
     length = math.hypot(*rangefinder.direction_frd)
     x, y, z = (component / length for component in rangefinder.direction_frd)
@@ -104,7 +104,7 @@ def distance_sensor(number: int, rangefinder: RangefinderSpec) -> Callable[[int,
 
 
 def gps_input(gps_id: int) -> Callable[[int, GnssSample], Message]:
-    """GPS_INPUT of this receiver."""
+    """Return an encoder of GPS_INPUT for this receiver."""
     clock = GpsTime.fixed()
 
     def encode(stamp_us: int, sample: GnssSample) -> Message:
@@ -135,7 +135,7 @@ def gps_input(gps_id: int) -> Callable[[int, GnssSample], Message]:
 
 
 def obstacle_distance(scanner: ObstacleScannerSpec) -> Callable[[int, ScanSample], Message]:
-    """OBSTACLE_DISTANCE, the bow in the middle of the first of 72 sectors."""
+    """Return an encoder of OBSTACLE_DISTANCE, with the bow in the middle of the first of 72 sectors."""
     low_cm, high_cm = round(scanner.min_range_m * 100), round(scanner.max_range_m * 100)
 
     def encode(stamp_us: int, sample: ScanSample) -> Message:
@@ -151,7 +151,7 @@ def obstacle_distance(scanner: ObstacleScannerSpec) -> Callable[[int, ScanSample
 
 
 def odometry(velocity_noise_mps: float, rate_noise_radps: float) -> Callable[[int, OdometrySample], Message]:
-    """ODOMETRY in the level axes it started with, FRD, and with the velocity in the body."""
+    """Return an encoder of ODOMETRY, in the level FRD axes of its start, with the velocity in the body."""
     velocity = _diagonal((velocity_noise_mps,) * 3 + (rate_noise_radps,) * 3)
 
     def encode(stamp_us: int, sample: OdometrySample) -> Message:
@@ -175,12 +175,12 @@ def odometry(velocity_noise_mps: float, rate_noise_radps: float) -> Callable[[in
 
 
 def _diagonal(deviations: tuple[float, ...]) -> list[float]:
-    """Upper triangle of a 6 by 6 covariance, row by row."""
+    """Return the upper triangle of a 6 by 6 covariance, row by row."""
     return [deviations[row] ** 2 if row == column else 0.0 for row in range(6) for column in range(row, 6)]
 
 
 def _from_bow(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """The shortest turn that brings the bow to this unit vector, w x y z: (1 + a.b, a x b), normalised."""
+    """Return the shortest turn from the bow to this unit vector, w x y z: (1 + a.b, a x b), normalised."""
     w = 1.0 + x
     length = math.sqrt(w * w + y * y + z * z)
     return w / length, 0.0, -z / length, y / length

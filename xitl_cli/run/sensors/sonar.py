@@ -1,4 +1,4 @@
-"""The sonar in a run: it scans its sector ping by ping; a device of the maker's protocol may be served beside it."""
+"""The sonar in a run: scans its sector ping by ping. A device with the maker's protocol may be served in parallel."""
 
 from __future__ import annotations
 
@@ -33,17 +33,16 @@ from xitl_cli.seeds import Seeds
 
 TICK_S = 25e-9
 TICKS = (80, 40_000)
-PULSE_SHARE = 0.004  # of the time to listen: long pulses reach far, short ones tell close things apart
+PULSE_SHARE = 0.004  # of the listening time: long pulses reach far, short ones separate near objects
 PULSE_S = (5e-6, 500e-6)
 
 BelowOf = Callable[[SimulationState], Below]
 
 
 class SonarInstrument:
-    """Pings of the first vessel's sonar, told when they have been heard out and `latency_s` has passed.
+    """Pings of the first vessel's sonar, sent when their echo is complete and `latency_s` has passed.
 
-    The served device is a head of its own in the same place, so that a client of it changes nothing of what the
-    companion hears.
+    The served device is a separate head at the same place. A client of it does not change the companion's pings.
     """
 
     def __init__(
@@ -71,15 +70,15 @@ class SonarInstrument:
 
     @property
     def address(self) -> str | None:
-        """What a client of the served device opens, None for no device."""
+        """Address of the served device for clients, None without a device."""
         return None if self._port is None else self._port.address
 
     def begin(self, recorder: PerceptionRecorder) -> None:
-        """The run starts."""
+        """Start the run."""
         self._recorder = recorder
 
     def update(self, step: RunStep) -> list[Message]:
-        """After each physics step: XITL_PING of the pings that are due."""
+        """Return XITL_PING of the pings that are due after a physics step."""
         sim_ns, motion = step.now_ns, step.motion
         if self._ping_ns is None:
             self._ping_ns = sim_ns
@@ -121,14 +120,14 @@ class SonarInstrument:
         return self._sonar.echo(settings, motion.pos_ned_m[0], motion.rot_ned_frd[0], self._below_of(state), rng)
 
     def report(self) -> dict[str, Any]:
-        """pings: that went out. echoes: what stood out in them. serve: what the device's line and its client did."""
+        """Return `pings`: pings sent; `echoes`: echoes detected in them; `serve`: counts of the served device."""
         said: dict[str, Any] = {"pings": self._pings, "echoes": self._echoes}
         if self._port is not None:
             said["serve"] = {"address": self._port.address, **self._port.counts()}
         return said
 
     def close(self) -> None:
-        """Give the device's line back."""
+        """Release the device's line."""
         if self._port is not None:
             self._port.close()
 
@@ -139,9 +138,9 @@ def make_sonar(
     scenery: Scenery,
     plant: PlantView,
 ) -> SonarInstrument:
-    """The sonar of a profile that has one.
+    """Return the sonar of the profile. The profile must have one.
 
-    Raises UserError when `serve` cannot be had.
+    Raises UserError when `serve` is not available.
     """
     assert profile.sensors is not None
     assert profile.sensors.sonar is not None
@@ -157,7 +156,7 @@ def make_sonar(
 
 
 def ping_settings(settings: SonarSpec) -> PingSettings:
-    """As a client of the device sets them: whole ticks, fewer samples where the range is short for them."""
+    """Return the settings as a client of the device sends them: whole ticks, and fewer samples for a short range."""
     listen_s = 2.0 * settings.range_m / settings.sound_speed_mps
     samples = max(min(settings.samples, int(listen_s / (TICKS[0] * TICK_S))), 200)
     ticks = min(max(round(listen_s / samples / TICK_S), TICKS[0]), TICKS[1])

@@ -1,1 +1,1 @@
-"""What vessels know of each other: AIS, who follows whom, and how near they came."""
+"""Traffic between vessels: AIS, following, and the distances of encounters."""

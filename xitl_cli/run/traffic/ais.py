@@ -1,7 +1,7 @@
 """AIS messages as bytes: ITU-R M.1371-5 payloads in six-bit characters, in the !AIVDM sentences of a receiver.
 
-Pure functions. Fields and their widths are those of the recommendation, annex 8; the armouring and the sentence are
-those of NMEA 0183 as the gpsd project describes them (AIVDM/AIVDO protocol decoding).
+Pure functions. Fields and their widths are from the recommendation, annex 8. The armouring and the sentence are from
+NMEA 0183 as the gpsd project describes them (AIVDM/AIVDO protocol decoding).
 """
 
 from __future__ import annotations
@@ -19,29 +19,31 @@ NO_TURN, NO_SPEED, NO_COURSE, NO_HEADING = -128, 1023, 3600, 511
 NO_LATITUDE_DEG, NO_LONGITUDE_DEG = 91.0, 181.0
 NO_SECOND = 60
 GNSS = 1  # type of the position fixing device: GPS
-PART_CHARACTERS = 60  # of a payload in a sentence: 82 with all that is around it, as NMEA 0183 limits it
-CARRIER_SENSE_STATE = 0b110_0000_0000_0000_0110  # communication state of a class B unit that listens before it talks
+PART_CHARACTERS = 60  # of a payload in one sentence, which NMEA 0183 limits to 82 characters in total
+CARRIER_SENSE_STATE = 0b110_0000_0000_0000_0110  # communication state of a class B carrier-sense unit
 
 
 @dataclass(frozen=True, slots=True)
 class AisPosition:
-    """What a position report says; None: not available.
-
-    course_deg: over ground, heading_deg: true, turn_rate_degpmin: to starboard. accurate: within 10 m. second: of UTC.
-    raim: the receiver watches over its integrity.
-    """
+    """Content of a position report. None: not available."""
 
     mmsi: int
     lat_deg: float | None
     lon_deg: float | None
     speed_mps: float | None = None
     course_deg: float | None = None
+    """Over ground."""
     heading_deg: float | None = None
+    """True heading."""
     turn_rate_degpmin: float | None = None
+    """Positive to starboard."""
     accurate: bool = False
+    """The position error is below 10 m."""
     second: int = NO_SECOND
+    """Second of UTC."""
     status: int = UNDER_WAY
     raim: bool = False
+    """The receiver monitors its integrity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +57,9 @@ class AisDimensions:
 
     @classmethod
     def around(cls, length_m: float, beam_m: float, ahead_m: float = 0.0) -> AisDimensions:
-        """Of a hull whose middle lies `ahead_m` before the reported place.
+        """Return the dimensions of a hull with its middle `ahead_m` ahead of the reported place.
 
-        Rounded up, as a hull of 2 m is no point, and at least 1: ArduPilot takes a 0 for not available.
+        They are rounded up, because a hull of 2 m is no point, and are at least 1: ArduPilot reads 0 as not available.
         """
         half_m, side_m = 0.5 * length_m, 0.5 * beam_m
         ends = [max(math.ceil(end_m - 1e-9), 1) for end_m in (half_m + ahead_m, half_m - ahead_m, side_m, side_m)]
@@ -66,30 +68,32 @@ class AisDimensions:
 
 @dataclass(frozen=True, slots=True)
 class AisStatic:
-    """What a vessel is. ship_type: of the recommendation, table 53. draught_m: 0 where not available."""
+    """Static data of a vessel."""
 
     mmsi: int
     name: str = ""
     callsign: str = ""
     ship_type: int = 0
+    """Code of the recommendation, table 53."""
     dimensions: AisDimensions = AisDimensions()
     draught_m: float = 0.0
+    """0 if not available."""
     imo: int = 0
     fixing_device: int = GNSS
     destination: str = ""
     eta: tuple[int, int, int, int] = (0, 0, 24, 60)
-    """Month, day, hour, minute; as here: not available."""
+    """Month, day, hour, minute; the default means not available."""
 
 
 class AisPayload(NamedTuple):
-    """Armoured characters, and how many bits of the last one are fill."""
+    """Armoured characters, and the number of fill bits in the last one."""
 
     characters: str
     fill_bits: int
 
 
 def class_a_position(report: AisPosition, radio: int = 0) -> AisPayload:
-    """Message 1. radio: communication state."""
+    """Return message 1. radio: communication state."""
     return _payload(
         (6, 1), (2, 0), (30, report.mmsi), (4, report.status), (8, turn_indicator(report.turn_rate_degpmin)),
         *_motion(report), (2, 0), (3, 0), (1, int(report.raim)), (19, radio),
@@ -97,7 +101,7 @@ def class_a_position(report: AisPosition, radio: int = 0) -> AisPayload:
 
 
 def class_b_position(report: AisPosition, radio: int = CARRIER_SENSE_STATE) -> AisPayload:
-    """Message 18 of a unit that listens before it talks, without a display, on the whole marine band."""
+    """Return message 18 of a carrier-sense unit without a display, on the whole marine band."""
     carrier_sense, display, dsc, band, managed, assigned, selector = 1, 0, 1, 1, 1, 0, 1
     flags = (carrier_sense, display, dsc, band, managed, assigned, int(report.raim), selector)
     return _payload(
@@ -107,7 +111,7 @@ def class_b_position(report: AisPosition, radio: int = CARRIER_SENSE_STATE) -> A
 
 
 def class_a_static(vessel: AisStatic) -> AisPayload:
-    """Message 5."""
+    """Return message 5."""
     month, day, hour, minute = vessel.eta
     return _payload(
         (6, 5), (2, 0), (30, vessel.mmsi), (2, 0), (30, vessel.imo), *_text(vessel.callsign, 7),
@@ -118,7 +122,7 @@ def class_a_static(vessel: AisStatic) -> AisPayload:
 
 
 def class_b_static(vessel: AisStatic) -> tuple[AisPayload, AisPayload]:
-    """Message 24, parts A and B."""
+    """Return message 24, parts A and B."""
     head = (6, 24), (2, 0), (30, vessel.mmsi)
     name = _payload(*head, (2, 0), *_text(vessel.name, 20))
     rest = _payload(
@@ -129,7 +133,7 @@ def class_b_static(vessel: AisStatic) -> tuple[AisPayload, AisPayload]:
 
 
 def sentences(payload: AisPayload, channel: str = "A", sequence: int = 0) -> tuple[bytes, ...]:
-    """!AIVDM with checksum and CR LF, in parts where one is too short; sequence: 0 to 9, ties the parts together."""
+    """Return !AIVDM with checksum and CR LF, in several parts if needed. sequence: 0 to 9, connects the parts."""
     characters, fill_bits = payload
     parts = [characters[at : at + PART_CHARACTERS] for at in range(0, len(characters), PART_CHARACTERS)]
     number = f"{sequence % 10}" if len(parts) > 1 else ""
@@ -141,14 +145,14 @@ def sentences(payload: AisPayload, channel: str = "A", sequence: int = 0) -> tup
 
 
 def turn_indicator(turn_rate_degpmin: float | None) -> int:
-    """4.733 times the square root of the rate, signed, at most 126 (708°/min); NO_TURN where there is none."""
+    """Return 4.733 times the square root of the rate, signed, at most 126 (708°/min); NO_TURN without a rate."""
     if turn_rate_degpmin is None:
         return NO_TURN
     return round(math.copysign(min(4.733 * math.sqrt(abs(turn_rate_degpmin)), 126.0), turn_rate_degpmin))
 
 
 def _motion(report: AisPosition) -> tuple[tuple[int, int], ...]:
-    """Speed, accuracy, place, course, heading and second: the same in both classes."""
+    """Return speed, accuracy, place, course, heading and second, which are the same in both classes."""
     speed, course, heading = NO_SPEED, NO_COURSE, NO_HEADING
     if report.speed_mps is not None:
         speed = min(round(abs(report.speed_mps) / KNOT_MPS * 10.0), 1022)
@@ -170,13 +174,13 @@ def _dimensions(vessel: AisStatic) -> tuple[tuple[int, int], ...]:
 
 
 def _text(text: str, characters: int) -> Sequence[tuple[int, int]]:
-    """Six-bit ASCII, filled up with @; what it does not have becomes a question mark."""
+    """Return six-bit ASCII, filled up with @. Other characters become a question mark."""
     codes = [ord(letter) if " " <= letter <= "_" else ord("?") for letter in text.upper()[:characters]]
     return [(6, code & 0x3F) for code in codes] + [(6, 0)] * (characters - len(codes))
 
 
 def _payload(*fields: tuple[int, int]) -> AisPayload:
-    """Armoured, from the widths and values of the fields; negative values in two's complement."""
+    """Return the armoured payload, from the widths and values of the fields; negative values in two's complement."""
     bits = sum(width for width, _ in fields)
     value = _joined(fields)
     fill_bits = -bits % 6

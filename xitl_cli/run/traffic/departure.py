@@ -1,4 +1,4 @@
-"""Which vessels of a fleet set out together: who has to be ready before whom."""
+"""Order in which the vessels of a fleet set out: which vessels must be ready before each."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from xitl_cli.profile.schema import RunProfile
 
 
 def departs_after(profiles: Sequence[RunProfile]) -> dict[str, tuple[str, ...]]:
-    """By each vessel's name, those that have to be ready before it sets out.
+    """Return, by vessel, the vessels that must be ready before it sets out.
 
-    Its followers, their own followers too; all others; or nobody: `driver.departs_with`.
+    By `driver.departs_with`, these are its followers with their followers, all others, or none.
     """
     leaders = {
         profile.vessel: profile.driver.follow.vessel

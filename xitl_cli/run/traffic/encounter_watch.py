@@ -1,6 +1,6 @@
-"""Closest approach of every two vessels, and when one came up with another so as to involve risk of collision.
+"""Closest approach of every pair of vessels, and the start of each encounter with risk of collision.
 
-All pairs are looked at together: P = N (N - 1) / 2 of N vessels, (0, 1), (0, 2) … (1, 2) …
+All pairs are evaluated together: P = N (N - 1) / 2 of N vessels, (0, 1), (0, 2) … (1, 2) …
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from sim_core.frames import Array
 from sim_core.world.plan import nearest_on_axis
 from xitl_cli.run.traffic.colreg import EncounterGeometry, encounter_geometry
 
-RISK_DISTANCES = 3.0  # of the encounter distance: nearer than that, as they go, is a risk of collision
-RISK_S = 120.0  # and not later than that
-LEAST_CLOSING_MPS = 0.2  # slower than that nobody comes up with anybody: two that keep station sway so
-PLOTTING_S = 3.0  # for which it has to be so, as bearings are watched for a while (rule 7)
+RISK_DISTANCES = 3.0  # of the encounter distance: a predicted approach nearer than that is a risk
+RISK_S = 120.0  # if it is not later than that
+LEAST_CLOSING_MPS = 0.2  # a slower approach is none, because vessels that keep station sway
+PLOTTING_S = 3.0  # time for which it must hold, because bearings are watched for a while (rule 7)
 
 EncounterEvent = Literal["begins", "too close", "passes"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HullPlans:
-    """Hulls of N vessels in plan, H each, as capsules: axes_frd_m (N, H, 2, 2) from the vessel's place, ends of
-    (forward, starboard), radius_m (N, H). One with fewer hulls than others repeats its first.
-    """
+    """Hulls of N vessels in plan, H each, as capsules. A vessel with fewer hulls repeats its first."""
 
     axes_frd_m: Array
+    """(N, H, 2, 2), ends (forward, starboard) of the axes from the vessel's place."""
     radius_m: Array
+    """(N, H)."""
 
     @classmethod
     def from_capsules(cls, vessels: Sequence[tuple[Array, Array]]) -> HullPlans:
-        """Of (H, 2, 2) axes and (H,) radii for each vessel."""
+        """Return the hulls from (H, 2, 2) axes and (H,) radii for each vessel."""
         most = max(len(radius_m) for _, radius_m in vessels)
         rows = [[*range(len(radius_m)), *[0] * (most - len(radius_m))] for _, radius_m in vessels]
         axes = np.array([axes_m[row] for (axes_m, _), row in zip(vessels, rows, strict=True)], dtype=float)
@@ -46,7 +46,7 @@ class HullPlans:
 
     @property
     def reach_m(self) -> Array:
-        """(N,): no part is farther from the vessel's place."""
+        """(N,): largest distance of a hull's part from the vessel's place."""
         ends = np.hypot(self.axes_frd_m[..., 0], self.axes_frd_m[..., 1]).max(axis=2) + self.radius_m
         reach: Array = ends.max(axis=1)
         return reach
@@ -58,9 +58,9 @@ class HullPlans:
         places_ne_m: tuple[Array, Array],
         yaws_rad: tuple[Array, Array],
     ) -> Array:
-        """(P,) between the hulls of vessels first (P,) and second (P,), 0 where they touch.
+        """Return the distance (P,) between the hulls of vessels first (P,) and second (P,), 0 if they touch.
 
-        places_ne_m: (P, 2) of the first, of the second; yaws_rad: (P,), (P,).
+        places_ne_m: (P, 2) of the first and of the second. yaws_rad: (P,), (P,).
         """
         a, b = (
             _turned(self.axes_frd_m[numbers], yaw_rad) + place[:, None, None]
@@ -74,51 +74,52 @@ class HullPlans:
 
 @dataclass(frozen=True, slots=True)
 class ClosestApproach:
-    """Of one pair, so far. Between the places at distance_m and at_s, between the hulls at hull_distance_m, hull_at_s.
-
-    geometry: None where no risk of collision was seen. too_close: the hulls were nearer than allowed.
-    """
+    """Closest approach of one pair so far."""
 
     first: str
     second: str
     distance_m: float
+    """Between the places, at at_s."""
     at_s: float
     hull_distance_m: float
+    """Between the hulls, at hull_at_s."""
     hull_at_s: float
     too_close: bool
+    """The hulls were nearer than allowed."""
     geometry: EncounterGeometry | None
+    """None without a risk of collision."""
     detected_s: float | None
 
     @property
     def gives_way(self) -> tuple[str, ...]:
-        """By name."""
+        """Names of the vessels that give way."""
         return () if self.geometry is None else tuple((self.first, self.second)[one] for one in self.geometry.gives_way)
 
     @property
     def stands_on(self) -> str | None:
-        """By name."""
+        """Name of the vessel that keeps course and speed."""
         one = None if self.geometry is None else self.geometry.stands_on
         return None if one is None else (self.first, self.second)[one]
 
 
 class PairState(NamedTuple):
-    """How two vessels stand to each other now; event: what has just happened, if anything.
-
-    predicted_m, predicted_s: distance of their places at the closest approach to come, and when, as they go now.
-    """
+    """Relative state of two vessels now."""
 
     pair: int
     event: EncounterEvent | None
+    """Event of this update, if any."""
     distance_m: float
     closing_mps: float
     predicted_m: float
+    """Distance of their places at the predicted closest approach, with constant velocities."""
     predicted_s: float
+    """Time until the predicted closest approach."""
 
 
 class EncounterWatch:
-    """Looks at all pairs of vessels; those whose hulls come nearer than `too_close_m` are told.
+    """Checks all pairs of vessels and reports hulls nearer than `too_close_m`.
 
-    Between two looks everything moves straight on; the closest approach is found in between.
+    Between two updates all motion is taken as linear, and the closest approach in between is found.
     """
 
     def __init__(self, names: Sequence[str], hulls: HullPlans, too_close_m: float) -> None:
@@ -131,20 +132,23 @@ class EncounterWatch:
         self._distance_m, self._at_s = np.full(count, math.inf), np.zeros(count)
         self._hull_m, self._hull_at_s = np.full(count, math.inf), np.zeros(count)
         self._risk_since_s = np.full(count, math.inf)
-        self._under_way = np.zeros(count, dtype=bool_)  # an encounter that has not passed
+        self._under_way = np.zeros(count, dtype=bool_)  # an encounter that is not over
         self._near = np.zeros(count, dtype=bool_)
         self._detected: dict[int, tuple[float, EncounterGeometry]] = {}
         self._last: tuple[float, Array, Array] | None = None
 
     def update(self, now_s: float, pos_ne_m: Array, vel_ne_mps: Array, yaw_rad: Array) -> list[PairState]:
-        """One look at (N, 2), (N, 2), (N,); who is in an encounter, or has just done with one."""
+        """Update with (N, 2), (N, 2), (N,).
+
+        Returns the pairs in an encounter, and pairs with an encounter that just ended.
+        """
         i, j = self.first, self.second
         before_s, before_m, before_rad = self._last or (now_s, pos_ne_m, yaw_rad)
         self._last = now_s, pos_ne_m.copy(), yaw_rad.copy()
         between_m, rate_mps = pos_ne_m[j] - pos_ne_m[i], vel_ne_mps[j] - vel_ne_mps[i]
         distance_m = np.sqrt(np.vecdot(between_m, between_m))
 
-        # The closest approach since the last look.
+        # The closest approach since the last update.
         started_m = before_m[j] - before_m[i]
         moved_m = between_m - started_m
         square = np.vecdot(moved_m, moved_m)
@@ -156,7 +160,7 @@ class EncounterWatch:
         self._distance_m[closer], self._at_s[closer] = nearest_m[closer], nearest_s[closer]
         self._look_at_hulls(nearest_m, nearest_s, share, (before_m, pos_ne_m), (before_rad, yaw_rad))
 
-        # Risk of collision, as they go now.
+        # Risk of collision, with constant velocities.
         speed2 = np.vecdot(rate_mps, rate_mps)
         ahead_s = -np.vecdot(between_m, rate_mps) / np.where(speed2 > 0.0, speed2, 1.0)
         passing = between_m + np.maximum(ahead_s, 0.0)[:, None] * rate_mps
@@ -187,7 +191,7 @@ class EncounterWatch:
         ]
 
     def approach(self, pair: int) -> ClosestApproach:
-        """Of one pair, so far."""
+        """Return the closest approach of one pair so far."""
         detected = self._detected.get(pair)
         return ClosestApproach(
             self.names[self.first[pair]],
@@ -202,13 +206,13 @@ class EncounterWatch:
         )
 
     def approaches(self) -> list[ClosestApproach]:
-        """Of all pairs, once there was a look."""
+        """Return the closest approaches of all pairs, empty before the first update."""
         return [] if self._last is None else [self.approach(pair) for pair in range(len(self.first))]
 
     def _look_at_hulls(
         self, nearest_m: Array, nearest_s: Array, share: Array, places: tuple[Array, Array], yaws: tuple[Array, Array]
     ) -> None:
-        """Hulls of those alone that can be nearer than they ever were."""
+        """Compute hull distances only for pairs that can be nearer than before."""
         looked = np.flatnonzero(nearest_m - self._reach_m < self._hull_m)
         if not len(looked):
             return
@@ -234,14 +238,14 @@ class EncounterWatch:
 
 
 def _turned(axes_frd_m: Array, yaw_rad: Array) -> Array:
-    """(P, H, 2, 2) forward, starboard to north, east."""
+    """Rotate (P, H, 2, 2) from forward, starboard to north, east."""
     cosine, sine = np.cos(yaw_rad)[:, None, None], np.sin(yaw_rad)[:, None, None]
     forward, right = axes_frd_m[..., 0], axes_frd_m[..., 1]
     return np.stack([forward * cosine - right * sine, forward * sine + right * cosine], axis=-1)
 
 
 def _axes_distance_m(a: Array, b: Array) -> Array:
-    """Between straight axes (..., 2, 2): of an end from the other axis, unless they cross."""
+    """Return the distance between straight axes (..., 2, 2): of an end from the other axis, or 0 if they cross."""
     a0, a1, b0, b1 = a[..., 0, :], a[..., 1, :], b[..., 0, :], b[..., 1, :]
     gaps = []
     for point, start, end in ((a0, b0, b1), (a1, b0, b1), (b0, a0, a1), (b1, a0, a1)):

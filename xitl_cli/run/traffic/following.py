@@ -1,16 +1,16 @@
-"""Where a follower ought to be, and how to get there and stay: pure functions of what the two say of themselves.
+"""A follower's place and the velocity to reach and keep it: pure functions of both vessels' reports.
 
-The place is counted along the leader's track: an offset of [-10, 0] is 10 m back along the way that the leader took, so
-that a column goes through the same water and does not cut corners, as it would 10 m behind the leader's stern. What is
-ahead of the leader is straight on along its course; what is beside it is square to the track. On a straight track all
-of these are the leader's axes along its course over ground.
+The place is measured along the leader's track. An offset of [-10, 0] is 10 m back along the leader's way. A column
+therefore goes through the same water and does not cut corners, as it would 10 m behind the leader's stern. Ahead of the
+leader the track is straight along its course. Offsets to the side are square to the track. On a straight track these
+axes are the leader's axes along its course over ground.
 
-Velocities go to the autopilot, and not places: a place that moves all the time is one that a vessel brakes for all the
-time. They point to where the track goes through a circle around the vessel (pure pursuit, Coulter 1992), with an
-integral of what it lies beside the track: they come with their heading, as ArduRover takes them, and an autopilot that
-made good a course of its own would swing against this one. The speed is the leader's, carried on by its acceleration as
-in cooperative cruise control (Ploeg et al. 2011), and a share of what is to be made up; in a corner no more than half
-as much again as the leader went at there. Where the leader lies still the place is one to go to and to keep.
+The autopilot gets velocities and not places, because a vessel would always brake for a moving place. The velocity
+points to the intersection of the track with a circle around the vessel (pure pursuit, Coulter 1992). An integral of the
+cross-track distance corrects it. ArduRover gets its heading with the velocity. An autopilot with its own track control
+would oscillate against this law. The speed is the leader's, extrapolated by its acceleration as in cooperative cruise
+control (Ploeg et al. 2011), plus a share of the distance to make up. In a corner it is at most half as much again as
+the leader's speed there. If the leader stops, the vessel goes to the place and keeps it.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from typing import NamedTuple
 from xitl_cli.run.traffic.self_report import Point, SelfReport
 
 STEP_M = 0.5  # between two points of the track
-KEPT_M = 100.0  # of the track behind the place
+KEPT_M = 100.0  # of the track, behind the place
 SMOOTHED_S, COURSE_SMOOTHED_S = (
     0.5,
     1.5,
-)  # of the leader's speed and course: waves are not to be followed
-UNDER_WAY_MPS, STOPPED_MPS = 0.5, 0.25  # ahead
-SILENT_S = 1.5  # a leader that has said nothing for so long may have stopped
-LEAD_S = 1.5  # by which the leader's speed is carried on: as long as a follower takes to change its own
+)  # time constants for the leader's speed and course, which filter out waves
+UNDER_WAY_MPS, STOPPED_MPS = 0.5, 0.25  # limits of the speed ahead
+SILENT_S = 1.5  # a leader that was silent for this time may have stopped
+LEAD_S = 1.5  # extrapolation of the leader's speed: the response time of a follower
 GAIN_PER_S = 0.25
 INTEGRAL_PER_S = 0.02
 LOOKAHEAD_M = 7.0
 BRAKING_M = 4.5  # before a corner
-FASTEST = 1.5  # of the mission's speed: to make up for what was lost
-SLOWEST = 0.3  # of the leader's speed: with less way on there is no steering
-STRAIGHT = math.cos(math.radians(20.0))  # between the two halves of the look-ahead; what bends more is a corner
-SLOWED = 0.75  # of the leader's speed now: where it went slower than that it had reason to
-ABOVE_LEADER, LEAST_LIMIT_MPS = 1.5, 1.5  # of what it went at there
-MOVED_M = 1.5  # a place to keep that has moved by so much is another
+FASTEST = 1.5  # of the mission's speed: to make up distance
+SLOWEST = 0.3  # of the leader's speed: below it the vessel cannot steer
+STRAIGHT = math.cos(math.radians(20.0))  # between the halves of the look-ahead; a larger bend is a corner
+SLOWED = 0.75  # of the leader's speed now: a slower speed on the track counts as a corner
+ABOVE_LEADER, LEAST_LIMIT_MPS = 1.5, 1.5  # factor on the leader's speed there
+MOVED_M = 1.5  # a place to keep that moved this far is a new place
 
 
 class TrackPoint(NamedTuple):
-    """Where the leader was, how fast, and how far along its track."""
+    """Position and speed of the leader, and its distance along the track."""
 
     pos_ne_m: Point
     speed_mps: float
@@ -52,7 +52,7 @@ class TrackPoint(NamedTuple):
 
 
 class FormationPlace(NamedTuple):
-    """Where a follower ought to be, how far along the track that is, how fast it moves and how that changes."""
+    """A follower's place, its distance along the track, its speed and its acceleration."""
 
     pos_ne_m: Point
     along_m: float
@@ -61,36 +61,36 @@ class FormationPlace(NamedTuple):
 
 
 class TrackPursuit(NamedTuple):
-    """How a vessel lies to the track with its offset to starboard.
-
-    along_m: the way it has come along it. left_m: how far it lies to the left. aim_ne_m: where the track is LOOKAHEAD_M
-    on. leader_mps: how slow the leader was until there, where that is a corner; infinite elsewhere.
-    """
+    """Position of a vessel relative to the track with its offset to starboard."""
 
     along_m: float
+    """Distance along the track."""
     left_m: float
+    """Distance to the left of the track."""
     aim_ne_m: Point
+    """Point of the track LOOKAHEAD_M ahead."""
     leader_mps: float
+    """Lowest speed of the leader in a corner ahead; infinite elsewhere."""
 
 
 class LeaderTrack:
-    """The way that a leader has taken, as long as it is needed for an offset (forward, starboard)."""
+    """The leader's track, as far back as an offset (forward, starboard) needs it."""
 
     def __init__(self, offset_frd_m: tuple[float, float]) -> None:
         self._forward_m, self._starboard_m = offset_frd_m
         self._points: deque[TrackPoint] = deque()
         self._course: Point = (1.0, 0.0)
-        self._speed_mps = self._slower_mps = 0.0  # ahead; the second smoothed over twice the time
+        self._speed_mps = self._slower_mps = 0.0  # ahead; the second is filtered over twice the time
         self._report: SelfReport | None = None
         self._was_armed = False
         self.moving = False
 
     def add(self, report: SelfReport) -> None:
-        """The newest of the leader; one that was heard already changes nothing.
+        """Add the leader's newest report; a known report changes nothing.
 
-        Before it is armed for the first time it drifts, and has no track: it is taken to have come the way it heads.
-        Later, while it makes no way ahead, it takes its track along with it wherever it drifts, or goes astern: its
-        followers make way for it.
+        Before it is first armed, the leader drifts and has no track. The track is then a straight line along its
+        heading. Later, while it makes no way ahead, the track moves along with a leader that drifts or goes astern: its
+        followers make way.
         """
         before, self._report = self._report, report
         if before is not None and report.at_ns <= before.at_ns:
@@ -129,9 +129,9 @@ class LeaderTrack:
             self._course = (course[0] / length, course[1] / length) if length > 1e-6 else self._course
 
     def place(self, now_ns: int) -> FormationPlace | None:
-        """Where the follower ought to be now, the leader going on as it last said; None until it has said anything.
+        """Return the follower's place now, with the leader extrapolated from its last report; None without a report.
 
-        A leader that has been silent for SILENT_S is taken to lie where it was heard last.
+        A leader that was silent for SILENT_S is assumed to be at its last position.
         """
         report = self._report
         if report is None:
@@ -141,11 +141,11 @@ class LeaderTrack:
         pos, _ = self._at(along_m)
         if not moves:
             return FormationPlace(pos, along_m, 0.0)
-        # Of a steady change the two lag behind by their times, so that they differ by what it is in one.
+        # During a steady change the two filters lag by their times, so they differ by the change in one time constant.
         return FormationPlace(pos, along_m, self._speed_mps, (self._speed_mps - self._slower_mps) / SMOOTHED_S)
 
     def pursuit(self, pos_ne_m: Point) -> TrackPursuit:
-        """How a vessel at a place lies to the track. There has to be a report."""
+        """Return a vessel's position relative to the track. A report is required."""
         nearest_m2, along_m, left_m = math.inf, 0.0, 0.0
         end = self._points[-1]
         ahead = TrackPoint(_moved(end.pos_ne_m, self._course, KEPT_M), math.inf, end.along_m + KEPT_M)
@@ -158,7 +158,7 @@ class LeaderTrack:
             gone_m = min(max(off[0] * way[0] + off[1] * way[1], 0.0), length)
             beside = off[0] - gone_m * way[0], off[1] - gone_m * way[1]
             square = beside[0] * beside[0] + beside[1] * beside[1]
-            if square <= nearest_m2:  # of places that are as near the one farther on
+            if square <= nearest_m2:  # of equally near places, the one farther on
                 nearest_m2, along_m = square, one.along_m + gone_m
                 left_m = way[1] * beside[0] - way[0] * beside[1]
         here, middle, aim = (self._at(along_m + share * LOOKAHEAD_M)[0] for share in (0.0, 0.5, 1.0))
@@ -177,7 +177,7 @@ class LeaderTrack:
         return last.along_m + max(off[0] * self._course[0] + off[1] * self._course[1], 0.0)
 
     def _at(self, along_m: float) -> tuple[Point, Point]:
-        """The place of the track with its offset to starboard, and the direction there."""
+        """Return the place of the track with its offset to starboard, and the direction there."""
         last = self._points[-1]
         pos, way = _moved(last.pos_ne_m, self._course, along_m - last.along_m), self._course
         if along_m < last.along_m:
@@ -192,14 +192,14 @@ class LeaderTrack:
         return _moved(pos, (-way[1], way[0]), self._starboard_m), way
 
     def _forget(self) -> None:
-        """What lies farther back than the place, and a follower that has fallen behind."""
+        """Drop the track that lies farther back than the place and a follower that has fallen behind."""
         needed_m = self._points[-1].along_m - max(-self._forward_m, 0.0) - KEPT_M
         while len(self._points) > 2 and self._points[1].along_m <= needed_m:
             self._points.popleft()
 
 
 class FollowLaw:
-    """What to ask of a follower that may be FASTEST times as fast as its mission's `speed_mps`."""
+    """Velocity for a follower that may reach FASTEST times its mission's `speed_mps`."""
 
     def __init__(self, speed_mps: float) -> None:
         self._most_mps = FASTEST * speed_mps
@@ -207,7 +207,7 @@ class FollowLaw:
         self._at_ns: int | None = None
 
     def velocity_ne_mps(self, place: FormationPlace, pursuit: TrackPursuit, own: SelfReport) -> Point:
-        """Over ground, for a place that moves; own: as it is now."""
+        """Return the velocity over ground for a moving place. own: the follower's state now."""
         dt_s = 0.0 if self._at_ns is None else min((own.at_ns - self._at_ns) * 1e-9, 1.0)
         self._at_ns = own.at_ns
         behind_m = place.along_m - pursuit.along_m
@@ -220,16 +220,16 @@ class FollowLaw:
         aim = pursuit.aim_ne_m
         way = _unit(own.pos_ne_m, aim, math.dist(own.pos_ne_m, aim))
         limit_mps = 0.4 * speed_mps
-        if abs(pursuit.left_m) < LOOKAHEAD_M:  # farther off it is a way to go, and nothing that carries it off
+        if abs(pursuit.left_m) < LOOKAHEAD_M:  # a larger distance is a way to go and not a drift
             self._integral_mps += INTEGRAL_PER_S * pursuit.left_m * dt_s
         self._integral_mps = min(max(self._integral_mps, -limit_mps), limit_mps)
-        # What it lies to the left is made up to the right.
+        # A distance to the left is corrected to the right.
         right_mps = self._integral_mps
         ahead_mps = math.sqrt(speed_mps * speed_mps - right_mps * right_mps)
         return ahead_mps * way[0] - right_mps * way[1], ahead_mps * way[1] + right_mps * way[0]
 
     def rest(self) -> None:
-        """The place stands still for now."""
+        """Reset the law while the place does not move."""
         self._integral_mps = 0.0
         self._at_ns = None
 

@@ -1,4 +1,4 @@
-"""Who hears AIS, each in its own way: AIS_VESSEL or ADSB_VEHICLE by MAVLink, or sentences on a line."""
+"""AIS receivers: AIS_VESSEL or ADSB_VEHICLE by MAVLink, or sentences on a line."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from xitl_cli.run.traffic.transponder import AisTransmission
 Send = Callable[[Any], object]
 AisReceiver = Callable[[AisTransmission], object]
 
-FASTEST_TENTHS = 1022  # of a knot, and more
+FASTEST_TENTHS = 1022  # of a knot; this value means this speed or more
 SURFACE_VEHICLE, GEOMETRIC = 18, 1  # ADSB_EMITTER_TYPE, ADSB_ALTITUDE_TYPE
-_SHIFTED = 0xFFFFFF  # an ICAO address has 24 bits, which the serial number of an MMSI fits
+_SHIFTED = 0xFFFFFF  # an ICAO address has 24 bits, enough for the serial number of an MMSI
 
 
 class HeardVessels:
-    """A receiver that puts what a vessel is beside where it is, and hands both to `told` with each position."""
+    """A receiver that combines a vessel's static data with its position, and passes both to `told` at each position."""
 
     def __init__(self, told: Callable[[AisPosition, AisStatic | None], object]) -> None:
         self._told = told
         self._static: dict[int, AisStatic] = {}
 
     def __call__(self, heard: AisTransmission) -> None:
-        """One transmission; what a vessel is comes with its next position."""
+        """Receive one transmission. Static data are passed on with the next position."""
         if isinstance(heard.report, AisStatic):
             self._static[heard.report.mmsi] = heard.report
         else:
@@ -35,17 +35,17 @@ class HeardVessels:
 
 
 def mavlink_receiver(send: Send) -> AisReceiver:
-    """AIS_VESSEL, as ArduPilot makes it of what it hears."""
+    """Return a receiver that sends AIS_VESSEL, as ArduPilot does for AIS."""
     return HeardVessels(lambda position, static: send(ais_vessel(position, static)))
 
 
 def px4_receiver(send: Send) -> AisReceiver:
-    """ADSB_VEHICLE: PX4 reads no AIS, and passes this one on to its ground stations."""
+    """Return a receiver that sends ADSB_VEHICLE. PX4 reads no AIS, and forwards this message to its ground stations."""
     return HeardVessels(lambda position, static: send(adsb_vehicle(position, static)))
 
 
 class SentenceReceiver:
-    """A receiver with a line of its own, whose sentences somebody reads; unsent: bytes that the line did not take."""
+    """A receiver with a separate line for its sentences. unsent: bytes that the line did not accept."""
 
     def __init__(self, line: Transport) -> None:
         self.unsent = 0
@@ -53,7 +53,7 @@ class SentenceReceiver:
         self._sequence, self._channel = count(), count()
 
     def __call__(self, heard: AisTransmission) -> None:
-        """One transmission, on the two channels in turn."""
+        """Send one transmission, on the two channels in turn."""
         for payload in heard.payloads():
             channel, sequence = "AB"[next(self._channel) % 2], next(self._sequence)
             for sentence in sentences(payload, channel, sequence):
@@ -62,9 +62,9 @@ class SentenceReceiver:
 
 
 def ais_vessel(position: AisPosition, static: AisStatic | None) -> Any:
-    """The message, in the steps of AIS: a ten-thousandth of a minute, a tenth of a knot, of a degree.
+    """Return the message, with the resolution of AIS: a ten-thousandth of a minute, a tenth of a knot, of a degree.
 
-    Its turn rate is in ddeg/s (common.xml of MAVLink; ArduPilot 4.7 still sends cdeg/s).
+    The turn rate is in ddeg/s (common.xml of MAVLink; ArduPilot 4.7 still sends cdeg/s).
     """
     flags = dialect.AIS_FLAGS_POSITION_ACCURACY if position.accurate else 0
     tenths = 0
@@ -109,7 +109,7 @@ def ais_vessel(position: AisPosition, static: AisStatic | None) -> Any:
 
 
 def adsb_vehicle(position: AisPosition, static: AisStatic | None) -> Any:
-    """The same as far as that message can tell it, at sea level; the last 24 bits of the MMSI are its address."""
+    """Return ADSB_VEHICLE with the available fields, at sea level. The last 24 bits of the MMSI are the address."""
     flags = dialect.ADSB_FLAGS_VALID_COORDS | dialect.ADSB_FLAGS_VALID_ALTITUDE
     flags |= dialect.ADSB_FLAGS_VALID_HEADING if position.course_deg is not None else 0
     flags |= dialect.ADSB_FLAGS_VALID_VELOCITY if position.speed_mps is not None else 0

@@ -1,4 +1,4 @@
-"""What a vessel says of itself: its autopilot's estimate, or the script of one without an autopilot."""
+"""A vessel's report of its motion: its autopilot's estimate, or the script of a vessel without an autopilot."""
 
 from __future__ import annotations
 
@@ -13,10 +13,7 @@ Point = tuple[float, float]
 
 
 class SelfReport(NamedTuple):
-    """At simulation time at_ns, in the local frame; yaw rate positive to starboard.
-
-    accurate: its place is good to 10 m, by what it knows itself. armed: it may move by itself.
-    """
+    """A report at simulation time at_ns, in the local frame; yaw rate positive to starboard."""
 
     at_ns: int
     pos_ne_m: Point
@@ -24,24 +21,26 @@ class SelfReport(NamedTuple):
     yaw_rad: float
     yaw_rate_radps: float = 0.0
     accurate: bool = True
+    """The vessel's own estimate of its position error is below 10 m."""
     armed: bool = True
+    """The vessel may move by itself."""
 
     def carried_on(self, now_ns: int) -> SelfReport:
-        """As it will be now, going straight on for up to a second since."""
+        """Extrapolate the report to now with constant velocity, for up to a second."""
         age_s = min(max((now_ns - self.at_ns) * 1e-9, 0.0), 1.0)
         (north_m, east_m), (north_mps, east_mps) = self.pos_ne_m, self.vel_ne_mps
         return self._replace(at_ns=now_ns, pos_ne_m=(north_m + age_s * north_mps, east_m + age_s * east_mps))
 
 
 ReportSource = Callable[[], SelfReport | None]
-"""The newest of a vessel, None until there is one."""
+"""Returns the newest report of a vessel, None before the first."""
 
-ACCURATE_M = 10.0  # what AIS calls a place of high accuracy
-_RADIUS_95 = 2.448  # of a circular normal distribution, in deviations of one axis
+ACCURATE_M = 10.0  # AIS's limit for a position of high accuracy
+_RADIUS_95 = 2.448  # radius of a circular normal distribution, in standard deviations of one axis
 
 
 def report_from_estimate(at_ns: int, estimate: MotionEstimate, armed: bool) -> SelfReport:
-    """An autopilot's. One that does not say how good its place is has a place of low accuracy, as AIS has it."""
+    """Return an autopilot's report. Without an accuracy estimate, the position counts as low accuracy, as in AIS."""
     north_m, east_m, _ = estimate.pos_ned_m.tolist()
     north_mps, east_mps, _ = estimate.vel_ned_mps.tolist()
     w, x, y, z = estimate.quat_ned_frd.tolist()
@@ -53,7 +52,7 @@ def report_from_estimate(at_ns: int, estimate: MotionEstimate, armed: bool) -> S
 
 
 def report_from_motion(at_ns: int, motion: Kinematics, row: int = 0, armed: bool = True) -> SelfReport:
-    """Of one that follows a script, or has no autopilot to ask: the truth."""
+    """Return the true report, for a vessel that follows a script or has no autopilot."""
     north_m, east_m, _ = motion.pos_ned_m[row].tolist()
     north_mps, east_mps, _ = motion.vel_ned_mps[row].tolist()
     rotation = motion.rot_ned_frd[row]
@@ -62,11 +61,11 @@ def report_from_motion(at_ns: int, motion: Kinematics, row: int = 0, armed: bool
     return SelfReport(at_ns, (north_m, east_m), (north_mps, east_mps), yaw_rad, rate_radps, True, armed)
 
 
-SHOWN = 3  # names of vessels in a sentence
+SHOWN = 3  # vessel names in a sentence
 
 
 class VesselVoices:
-    """What each vessel of a run says of itself, by its name: its motion, whether it is ready and whether it is done."""
+    """Reports of each vessel of a run, by its name: its motion, whether it is ready and whether it is finished."""
 
     def __init__(self) -> None:
         self._sources: dict[str, tuple[ReportSource, Callable[[], bool], Callable[[], bool]]] = {}
@@ -74,19 +73,19 @@ class VesselVoices:
     def add(
         self, name: str, source: ReportSource, finished: Callable[[], bool], ready: Callable[[], bool] = lambda: True
     ) -> None:
-        """One more vessel."""
+        """Add a vessel."""
         self._sources[name] = source, finished, ready
 
     def said(self, name: str) -> SelfReport | None:
-        """The newest of a vessel; None until there is one."""
+        """Return the newest report of a vessel; None before the first."""
         return self._sources[name][0]()
 
     def finished(self, name: str) -> bool:
-        """Whether there is nothing more for it to do."""
+        """Whether the vessel has nothing more to do."""
         return self._sources[name][1]()
 
     def waited_for(self, names: Sequence[str]) -> str:
-        """Which of these vessels are not ready to set out, for people; empty when all are."""
+        """Return a text with the vessels that are not ready to set out; empty when all are."""
         late = [name for name in names if name not in self._sources or not self._sources[name][2]()]
         more = f" and {len(late) - SHOWN} more" if len(late) > SHOWN else ""
         return f"{', '.join(late[:SHOWN])}{more} to be ready" if late else ""

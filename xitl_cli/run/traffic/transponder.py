@@ -1,4 +1,4 @@
-"""A vessel's AIS transponder: when it reports (ITU-R M.1371-5, annex 1, tables 1 and 2), and what."""
+"""A vessel's AIS transponder: report times (ITU-R M.1371-5, annex 1, tables 1 and 2) and content."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from xitl_cli.run.traffic.ais import (
 from xitl_cli.run.traffic.self_report import SelfReport
 
 AisClass = Literal["class-a", "class-b"]
-STATIC_S = 360.0  # between two of what the vessel is, class A and B
+STATIC_S = 360.0  # between two static reports, class A and B
 AT_REST_S, MOORED_AND_MOVING_S = 180.0, 10.0
-HEADING_MEAN_S, TURNED_DEG, STRAIGHT_AGAIN_S = 30.0, 5.0, 20.0  # annex 2, 4.3.3: what a change of course is
+HEADING_MEAN_S, TURNED_DEG, STRAIGHT_AGAIN_S = 30.0, 5.0, 20.0  # annex 2, 4.3.3: definition of a change of course
 SLOW_MPS = 0.2  # below it the course over ground is noise
 
 
 def reporting_interval_s(ais_class: AisClass, speed_mps: float, moored: bool = False, turning: bool = False) -> float:
-    """Between two position reports."""
+    """Return the time between two position reports."""
     knots = speed_mps / KNOT_MPS
     if ais_class == "class-b":
         return 30.0 if knots > 2.0 else AT_REST_S
@@ -47,29 +47,30 @@ def reporting_interval_s(ais_class: AisClass, speed_mps: float, moored: bool = F
 
 @dataclass(frozen=True, slots=True)
 class AisTransmission:
-    """What one transponder sends at an instant: a position, or what the vessel is. place: of its aerial."""
+    """One transmission of a transponder: a position or static data."""
 
     ais_class: AisClass
     report: AisPosition | AisStatic
     place_ne_m: tuple[float, float]
+    """Position of its antenna."""
 
     def payloads(self) -> tuple[AisPayload, ...]:
-        """As it goes over the air."""
+        """Return the payloads of the radio messages."""
         if isinstance(self.report, AisPosition):
             return ((class_a_position if self.ais_class == "class-a" else class_b_position)(self.report),)
         return (class_a_static(self.report),) if self.ais_class == "class-a" else class_b_static(self.report)
 
 
 class CourseChange:
-    """Whether a vessel turns: its heading is off the mean of the last 30 s, or was less than 20 s ago."""
+    """Whether a vessel turns: its heading differs from the mean of the last 30 s, or did less than 20 s ago."""
 
     def __init__(self) -> None:
         self._headings: deque[tuple[int, float, float]] = deque()
-        self._north = self._east = 0.0  # sums over them
+        self._north = self._east = 0.0  # sums over the headings
         self._straight_ns: int | None = None
 
     def update(self, now_ns: int, heading_rad: float) -> bool:
-        """At every look."""
+        """Update with the heading. Call it at every check."""
         headings = self._headings
         headings.append((now_ns, math.cos(heading_rad), math.sin(heading_rad)))
         self._north += headings[-1][1]
@@ -86,9 +87,10 @@ class CourseChange:
 
 
 class Transponder:
-    """Of one vessel. It starts to report `first_s` after its first report of itself, with what it is right behind.
+    """The transponder of one vessel.
 
-    vessel: what it is; its MMSI is in every report.
+    It starts at `first_s` of simulation time, or at the vessel's first report if that is later. It then sends a
+    position and static data. vessel: static data; its MMSI is in every report.
     """
 
     def __init__(self, ais_class: AisClass, vessel: AisStatic, frame: LocalFrame, first_s: float = 0.0) -> None:
@@ -102,7 +104,7 @@ class Transponder:
         self._static_ns = 0
 
     def due(self, now_ns: int, report: SelfReport | None) -> list[AisTransmission]:
-        """At a look, some ten a second: what is to be sent of what the vessel says of itself."""
+        """Return the transmissions that are due, from the vessel's report. Call it some ten times a second."""
         if report is None:
             return []
         turning = self._turn.update(now_ns, report.yaw_rad)

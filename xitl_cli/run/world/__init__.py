@@ -1,1 +1,1 @@
-"""What is simulated: vessel, surroundings, what drifts and what the hull meets."""
+"""The simulated world: vessel, surroundings, drifting bodies and collisions."""

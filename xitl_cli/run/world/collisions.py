@@ -1,4 +1,4 @@
-"""What the vessel ran into in a run, and how hard."""
+"""Collisions of the vessel in a run, and their strength."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from numpy.typing import NDArray
 
 from sim_core.world.contact import Contacts
 
-APART_NS = 500_000_000  # not touched for as long: the next touch is another collision
+APART_NS = 500_000_000  # a contact after this time without contact is a new collision
 
 _NUMBER = re.compile(r" \d+$")
 
 
 @dataclass(slots=True)
 class Collision:
-    """With one thing, from the first touch on.
-
-    what: `log boom`, `trunk 3` ...; impact_mps: how fast the two came together at first touch. place_ned_m, force_n,
-    closing_mps: of the latest touch. impulse_ns: the sum over the steps.
-    """
+    """A collision with one object, from the first contact on."""
 
     what: str
+    """`log boom`, `trunk 3` ..."""
     began_ns: int
     latest_ns: int
     impact_mps: float
+    """Closing speed at the first contact."""
     place_ned_m: NDArray[float64]
+    """Of the latest contact; so are force_n and closing_mps."""
     first_ne_m: tuple[float, float]
     force_n: float
     closing_mps: float
     max_force_n: float
     impulse_ns: float
+    """Sum over the steps."""
 
     @property
     def kind(self) -> str:
@@ -43,14 +43,14 @@ class Collision:
 
 
 class Collisions:
-    """Of one vessel in one run."""
+    """The collisions of one vessel in one run."""
 
     def __init__(self) -> None:
         self._all: list[Collision] = []
         self._open: dict[str, Collision] = {}
 
     def add(self, stamp_ns: int, contacts: Contacts) -> list[Collision]:
-        """The contacts of one step; the collisions that begin with it."""
+        """Add the contacts of one step; returns the collisions that begin with it."""
         began = []
         for what in dict.fromkeys(contacts.what):
             rows = [number for number, name in enumerate(contacts.what) if name == what]
@@ -75,11 +75,11 @@ class Collisions:
         return began
 
     def touching(self, stamp_ns: int) -> list[Collision]:
-        """Those in which there is touch now."""
+        """Return the collisions with contact now."""
         return [collision for collision in self._open.values() if collision.latest_ns == stamp_ns]
 
     def report(self) -> dict[str, Any]:
-        """The summary's section `collisions`."""
+        """Return the summary's section `collisions`."""
         by: dict[str, int] = {}
         for collision in self._all:
             by[collision.kind] = by.get(collision.kind, 0) + 1

@@ -1,8 +1,9 @@
-"""Debris that meets the vessel on its way: drawn from the seed, put into the water when the vessel comes near.
+"""Debris that meets the vessel on its way: drawn from the seed and launched when the vessel approaches.
 
-A body is to be at its place on the legs when the vessel gets there. So it is launched while the vessel still has
-`ahead_m` to go, from as far up the current as it drifts in the time which that takes at the mission's speed. It hangs
-on how far the vessel is and not on the clock: one that starts late or makes a detour meets the same bodies.
+A body is to be at its place on the legs when the vessel arrives. It is launched when the vessel is `ahead_m` before
+that place. The launch point is as far up the current as the body drifts in that time at the mission's speed. The launch
+depends on the vessel's distance and not on the clock. A vessel that starts late or makes a detour meets the same
+bodies.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ Array = NDArray[float64]
 Point = tuple[float, float]
 
 SIZES = (0.7, 1.3)  # of the usual length
-CLEAR_M = 0.5  # of what stands in the water, when it is launched
-_SPREAD = 0.6  # of each body's share of the way, within which its place is drawn
+CLEAR_M = 0.5  # from fixed objects, at the launch
+_SPREAD = 0.6  # of each body's share of the way, for its random place
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class DebrisEncounter:
 
 
 def draw_encounters(keys: EncountersSpec, legs_m: float, rng: Generator) -> tuple[DebrisEncounter, ...]:
-    """`count` encounters on legs of that length in all, each on its own share of the way, in their order."""
+    """Return `count` encounters on legs of this total length, each on its own share of the way, in order."""
     if not keys.count or not keys.kinds:
         return ()
     near_m, far_m = min(keys.ahead_m), max(keys.ahead_m)
@@ -65,7 +66,7 @@ def draw_encounters(keys: EncountersSpec, legs_m: float, rng: Generator) -> tupl
 
 
 class MissionLegs:
-    """The way through places (north, east), the first of which is where it begins."""
+    """The way through places (north, east). The first place is its start."""
 
     def __init__(self, places_ne_m: Sequence[Point]) -> None:
         self._places = np.array(places_ne_m, dtype=float64)
@@ -76,16 +77,16 @@ class MissionLegs:
 
     @property
     def length_m(self) -> float:
-        """In all."""
+        """Total length."""
         return float(self._ends[-1]) if len(self._ends) else 0.0
 
     def along_m(self, place_ne_m: Point, target: int) -> float:
-        """How far along the way a vessel is that heads for the end of leg `target`, by what it has to go."""
+        """Return the distance along the way of a vessel on leg `target`, by its remaining distance to the leg's end."""
         to_go = math.dist(place_ne_m, self._places[target + 1].tolist())
         return float(self._ends[target] - min(to_go, self._lengths[target]))
 
     def place(self, along_m: float, right_m: float) -> Array:
-        """(2,) of a place beside the way."""
+        """Return a place (2,) at a distance along and to the right of the way."""
         leg = min(int(np.searchsorted(self._ends, along_m)), len(self._ends) - 1)
         ahead = self._ahead[leg]
         back_m = self._ends[leg] - along_m
@@ -94,9 +95,9 @@ class MissionLegs:
 
 
 class DebrisEncounters:
-    """Those of one run. `current_ned_mps` gives the mean current (1, 3) at a place (1, 3).
+    """The encounters of one run. `current_ned_mps`: returns the mean current (1, 3) at a place (1, 3).
 
-    no_room: how many were left out, as something stands where they were to meet the vessel.
+    no_room: encounters that were left out because of a fixed object at the meeting place.
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class DebrisEncounters:
         self.no_room = 0
 
     def due(self, now_ns: int, place_ne_m: Point, target: int | None) -> list[Launch]:
-        """What is to be launched now that the vessel is at a place and heads for waypoint `target`."""
+        """Return the launches that are due for a vessel at a place that heads for waypoint `target`."""
         if not self._left or target is None:
             return []
         along_m = self._legs.along_m(place_ne_m, target)
@@ -131,7 +132,10 @@ class DebrisEncounters:
         return launches
 
     def _launch(self, now_ns: int, encounter: DebrisEncounter, along_m: float) -> Launch | None:
-        """From as far up the current as nothing is in its way; None where it would not fit on the leg itself."""
+        """Return a launch as far up the current as the way is free.
+
+        None when the body does not fit at the meeting place.
+        """
         body = make_body(encounter.kind, encounter.length_m, self._water.density_kgpm3)
         meeting = self._legs.place(encounter.along_m, encounter.right_m)
         left_s = max(encounter.along_m - along_m, 0.0) / self._speed_mps
@@ -147,14 +151,14 @@ class DebrisEncounters:
         return Launch(now_ns, encounter.kind, north, east, encounter.heading_rad, encounter.length_m)
 
     def afloat(self, north_m: float, east_m: float) -> bool:
-        """Whether there is water at a place, and not what stands in it."""
+        """Whether a place has water and no fixed object."""
         place, (standing, bed) = np.array([[north_m, east_m]]), (self._waterway.standing, self._waterway.bed)
         if len(standing) and standing.distance_m(place).min() < 0.0:
             return False
         return bed is None or bool(bed.bed_down_m(place)[0] > self._water_down_m)
 
     def _has_room(self, places_ne_m: Array, body: Body) -> NDArray[bool_]:
-        """(P,) whether the body would float free at (P, 2) places."""
+        """(P,): whether the body would float freely at (P, 2) places."""
         around_m = body.half_axis_m + body.radius_m + CLEAR_M
         standing, bed = self._waterway.standing, self._waterway.bed
         free = np.ones(len(places_ne_m), dtype=bool_)

@@ -1,4 +1,4 @@
-"""The plant of a run: the simulated world, its state, and the random generator that moves it."""
+"""The plant of a run: the simulated world, its state, and its random generator."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sim_core.world.waterway import Waterway
 class Plant:
     """One vessel or a fleet in its water.
 
-    simulation, state: of the world, the latest one. vessels: in the run's order.
+    simulation, state: of the world; the state is the latest. vessels: in the run's order.
     """
 
     def __init__(self, simulation: Simulation | Fleet, state: SimulationState | FleetState, rng: Generator) -> None:
@@ -42,7 +42,10 @@ class Plant:
         self._motors: Any = None
 
     def advance(self, commands: Sequence[Any]) -> SimulationState | FleetState:
-        """One physics step with motor commands (C,) from -1 to 1 by vessel; a list that stays is the same object."""
+        """Advance one physics step with motor commands (C,) from -1 to 1 by vessel.
+
+        An unchanged list must be the same object.
+        """
         simulation, before = self.simulation, self.state
         if commands is not self._commands:
             self._commands = commands
@@ -65,7 +68,7 @@ class Plant:
             self.state = fleets.held(self.simulation, self.state, before, [vessel.number for vessel in vessels])
 
     def launch(self, body: Launch) -> None:
-        """One body more adrift. Raises ValueError for an impossible length."""
+        """Add one drifting body. Raises ValueError for an impossible length."""
         self.state = self._launch(self.simulation, self.state, body)
 
     def debris_with(self, launches: Sequence[Launch]) -> DebrisState:
@@ -77,7 +80,7 @@ class Plant:
         return debris
 
     def set_condition(self, number: int, condition: Condition | None) -> None:
-        """From the next step on the actuators and the battery of one vessel are so; None: nothing is wrong."""
+        """Set the condition of a vessel's actuators and battery from the next step on; None: no fault."""
         if isinstance(self.state, SimulationState):
             assert isinstance(self.simulation, Simulation)
             self.state = simulations.with_condition(self.simulation, self.state, condition)
@@ -88,9 +91,10 @@ class Plant:
     def change_environment(
         self, environment: Environment, fluctuate: Callable[[EnvironmentState, int, Generator], EnvironmentState]
     ) -> None:
-        """From the next step on another environment of the same water.
+        """Set another environment of the same water from the next step on.
 
-        fluctuate: what fluctuates in it, from what does now, for so many vessels, drawn from the plant's generator.
+        fluctuate: returns the new fluctuating state from the current one, for a number of vessels, with the plant's
+        generator.
         """
         self.simulation = self.simulation.in_environment(environment)
         state = self.state
@@ -103,7 +107,7 @@ class Plant:
         self._show_simulation()
 
     def change_waterway(self, waterway: Waterway) -> None:
-        """From the next step on something else to run into."""
+        """Set another waterway to collide with from the next step on."""
         simulation = self.simulation
         if isinstance(simulation, Fleet):
             batches = tuple(replace(one, waterway=waterway) for one in simulation.batches)
@@ -118,11 +122,11 @@ class Plant:
 
 
 class PlantView:
-    """The world as one vessel of a plant meets it; arrays have one row.
+    """The world around one vessel of a plant; arrays have one row.
 
-    number: of the vessel. simulation: what does not change, but by the plant's `change_` methods. held: its state is
-    frozen while the world around it goes on; held_steps: steps for which it was. hulls: the sides of the others' hulls
-    within a range, None where there is nobody else.
+    number: of the vessel. simulation: constant data, which only the plant's `change_` methods replace. held: the
+    vessel's state is frozen while the world continues. held_steps: number of such steps. hulls: returns the sides of
+    the other hulls within a range; None without other vessels.
     """
 
     def __init__(self, plant: Plant, number: int) -> None:
@@ -138,12 +142,12 @@ class PlantView:
 
     @property
     def held_s(self) -> float:
-        """The same in seconds."""
+        """Time for which the vessel was held."""
         return self.held_steps * self.simulation.dt_s
 
     @property
     def state(self) -> SimulationState:
-        """The latest one, with what this vessel touched."""
+        """The latest state, with the contacts of this vessel."""
         simulation, state = self._plant.simulation, self._plant.state
         if isinstance(state, SimulationState):
             return state
@@ -152,7 +156,7 @@ class PlantView:
 
     @property
     def contacts(self) -> Contacts:
-        """What this vessel touches in the latest one."""
+        """Contacts of this vessel in the latest state."""
         simulation, state = self._plant.simulation, self._plant.state
         if isinstance(state, SimulationState):
             return state.contacts
@@ -160,11 +164,11 @@ class PlantView:
         return fleets.contacts_of(simulation, state, self.number)
 
     def set_condition(self, condition: Condition | None) -> None:
-        """As of Plant, of this vessel."""
+        """Set the condition of this vessel, as in Plant."""
         self._plant.set_condition(self.number, condition)
 
     def motion(self) -> Kinematics:
-        """Of the latest state."""
+        """Return the motion of the latest state."""
         simulation, state = self._plant.simulation, self._plant.state
         if isinstance(state, SimulationState):
             return state.vessel.motion
@@ -174,7 +178,7 @@ class PlantView:
         return self._motion
 
     def bodies(self) -> Bodies:
-        """What rays meet now beside what stands still: what drifts, and the hulls of all others."""
+        """Return the moving bodies that rays can hit now: drifting bodies, and the hulls of all other vessels."""
         simulation, state = self._plant.simulation, self._plant.state
         if isinstance(state, SimulationState):
             return simulations.drifting_bodies(state)

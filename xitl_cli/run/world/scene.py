@@ -1,6 +1,6 @@
-"""The surroundings drawn for Foxglove and Lichtblick: structures, land, water, mission, the vessel, and debris.
+"""The surroundings drawn for Foxglove and Lichtblick: structures, land, water, mission, vessel and debris.
 
-Debris is drawn once, each body in a frame of its own that moves with it.
+Debris is drawn once, each body in a separate frame that moves with it.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _ORIGIN = messages.Pose(
     position=messages.Vector3(x=0.0, y=0.0, z=0.0), orientation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 )
 _CELL_M = 8.0
-"""Of the ground as drawn: it would be most of a short recording as it is cast."""
+"""Grid of the drawn ground. The ground of the ray caster would be most of a short recording."""
 MOST_DRAWN = 300_000
-"""Triangles of one mesh: more would be most of any recording, and no viewer's pleasure."""
+"""Triangles of one mesh. More would be most of any recording and too slow for a viewer."""
 _DRAWN_OTHERWISE = ("bed", "ground", "log boom", "boom pile")
 _MATERIAL_COLOURS = {
     "concrete": (0.6, 0.6, 0.6),
@@ -61,7 +61,7 @@ _BODY_COLOURS = {
 
 
 def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.SceneUpdate:
-    """One update with everything that does not move against its frame; profiles: of each vessel."""
+    """Return one update with everything that does not move in its frame. profiles: one for each vessel."""
     profile = profiles[0]
     entities = [
         entity
@@ -82,7 +82,7 @@ def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.Sce
 
 
 def make_mission_scene(profile: RunProfile, places_ne_m: Sequence[tuple[float, float]]) -> messages.SceneUpdate:
-    """Another mission than the vessel's of the profile, in its place: where it begins, then the waypoints."""
+    """Return another mission to replace the profile's: the start, then the waypoints."""
     return messages.SceneUpdate(entities=[_mission(profile, places_ne_m)])
 
 
@@ -133,7 +133,7 @@ def _vessel(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
 
 
 def _propellers(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
-    """In their order, so that a viewer can turn them."""
+    """Draw the propellers in their order, so that a viewer can turn them."""
     return messages.SceneEntity(
         frame_id=vessel_name(VESSEL_FRAME, name),
         id=vessel_name("propellers", name),
@@ -143,11 +143,14 @@ def _propellers(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
 
 
 _ALONG_PITCH_RAD = math.pi / 2
-"""Lays a cylinder, which is drawn upright, along the vessel."""
+"""Rotates an upright cylinder to lie along the vessel."""
 
 
 def _hull(hull: DemiHull) -> messages.CylinderPrimitive | messages.CubePrimitive | messages.TriangleListPrimitive:
-    """Round and box-shaped ones as such, others by their triangles; too large a mesh as the box that it fills."""
+    """Draw a round hull as a cylinder and a box-shaped hull as a box; draw others by their triangles.
+
+    A mesh that is too large becomes its bounding box.
+    """
     forward, right, down = hull.keel_frd_m
     middle = (forward, -right, 0.5 * hull.height_m - down)
     if hull.prismatic and hull.section is not None and hull.section.radius_m is not None:
@@ -173,7 +176,7 @@ def _hull(hull: DemiHull) -> messages.CylinderPrimitive | messages.CubePrimitive
 
 
 def _propeller(propeller: Propeller, length_m: float) -> messages.CylinderPrimitive:
-    """A disc across its thrust; where no diameter is given, of a size that can be seen."""
+    """Draw a disc across its thrust. Without a diameter, the disc has a visible size."""
     forward, right, down = propeller.position_frd_m
     curve = propeller.open_water
     guess_m = (0.25 if propeller.medium == "air" else 0.08) * length_m
@@ -201,7 +204,7 @@ def _rudder(rudder: Rudder) -> messages.CubePrimitive:
 
 
 def _deck(vehicle: VesselSpec) -> messages.CubePrimitive:
-    """Between the axes of the outermost hulls, on the lowest of all."""
+    """Draw the deck between the axes of the outermost hulls, on the lowest of all."""
     hulls = vehicle.demi_hulls
     sides = [-hull.keel_frd_m[1] for hull in hulls]
     top = min(hull.height_m - hull.keel_frd_m[2] for hull in hulls)
@@ -235,7 +238,7 @@ def _water(profiles: Sequence[RunProfile]) -> messages.SceneEntity:
 
 
 def _log_boom(boom: LogBoom) -> messages.SceneEntity:
-    """Cylinders end to end along the line, floating half submerged, and the piles that hold them."""
+    """Draw cylinders end to end along the line, floating half submerged, and the piles that hold them."""
     floats = []
     for centre, along, length in zip(
         boom.centre_ned_m.tolist(), boom.along_ne.tolist(), boom.length_m.tolist(), strict=True
@@ -286,9 +289,9 @@ def _pose(position: Sequence[float], orientation: messages.Quaternion | None = N
 
 
 def _land(profile: RunProfile, scenery: Scenery) -> list[messages.SceneEntity]:
-    """What stands around, without the boom; nothing where the world is a boom and a plain dam alone.
+    """Draw the fixed objects without the boom. Returns none for a world with only a boom and a plain dam.
 
-    A mesh of more than MOST_DRAWN triangles is left out, with a warning of the scenery's.
+    A mesh of more than MOST_DRAWN triangles is left out, with a warning of the scenery.
     """
     world, by_name = profile.world, dict[str, list[Mesh]]()
     plain = world.dam is None or world.dam.intakes is None
@@ -323,7 +326,7 @@ def _triangles(mesh: Mesh) -> messages.TriangleListPrimitive:
 
 
 def make_scripted_scene(vessels: Sequence[ScriptedVessel]) -> messages.SceneUpdate:
-    """Scripted vessels, each against its frame."""
+    """Return the scripted vessels, each in its frame."""
     entities = []
     for vessel in vessels:
         corners = frames.frd_to_flu(vessel.mesh.vertices_m[vessel.mesh.faces].reshape(-1, 3)).tolist()
@@ -339,7 +342,7 @@ def make_scripted_scene(vessels: Sequence[ScriptedVessel]) -> messages.SceneUpda
 
 
 def make_debris_scene(bodies: Sequence[Body], first: int) -> messages.SceneUpdate:
-    """Bodies by number from `first` on."""
+    """Return the bodies from number `first` on."""
     entities = []
     for number, body in enumerate(bodies[first:], start=first):
         corners = frames.frd_to_flu(body.mesh.vertices_m[body.mesh.faces].reshape(-1, 3)).tolist()

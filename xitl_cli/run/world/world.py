@@ -1,6 +1,6 @@
-"""From the profile to the simulated world: the vessel in its environment, what it runs into, and what drifts.
+"""From the profile to the simulated world: the vessel in its environment, the fixed objects, and the debris.
 
-A dam is felt as the box around it, boom and buildings as they stand in plan, all else by the triangles that are seen.
+For contact, a dam is its bounding box, boom and buildings are their plans, and all else is its visible triangles.
 """
 
 from __future__ import annotations
@@ -33,11 +33,13 @@ from xitl_cli.seeds import Seeds
 
 
 def build_plant(profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery) -> Plant:
-    """The world at time 0 with a vessel of each profile, at rest at its mission's start; that of the first profile.
+    """Return the world at time 0 with a vessel for each profile, at rest at its mission's start.
+
+    The world is that of the first profile.
 
     seeds: of the water, without a vessel's name.
 
-    Raises UserError when a model refuses a value that the profile's own checks let through.
+    Raises UserError when a model refuses a value that passed the profile's checks.
     """
     drawn = default_rng(seeds.sequence("environment"))
     if len(profiles) == 1 and not profiles[0].traffic:
@@ -48,7 +50,7 @@ def build_plant(profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery) 
 def build_simulation(
     profile: RunProfile, seeds: Seeds, scenery: Scenery | None = None
 ) -> tuple[Simulation, SimulationState]:
-    """The world at time 0 with one vessel. Raises UserError as `build_plant`."""
+    """Return the world at time 0 with one vessel. Raises UserError as `build_plant`."""
     try:
         water = _water(profile, seeds, scenery)
         simulation = Simulation.from_spec(profile.vehicle, *water)
@@ -60,7 +62,7 @@ def build_simulation(
 def build_fleet(
     profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery | None = None
 ) -> tuple[Fleet, FleetState]:
-    """The same with several, or with scripted ones. Raises UserError as `build_plant`."""
+    """Return the world with several vessels, or with scripted ones. Raises UserError as `build_plant`."""
     lead = profiles[0]
     models, names = [each.vehicle for each in profiles], [each.vessel for each in profiles]
     try:
@@ -77,14 +79,14 @@ _AT_START = "environment at the start"
 
 
 def _water(profile: RunProfile, seeds: Seeds, scenery: Scenery | None) -> tuple[Environment, float, Waterway]:
-    """Environment, length of a step, and what there is to run into."""
+    """Return environment, step length in s, and waterway."""
     environment = Environment.from_spec(profile.environment, default_rng(seeds.sequence("waves")))
     waterway = build_waterway(profile, scenery or Scenery(profile)) if has_waterway(profile) else OPEN_WATER
     return environment, 1.0 / profile.clock.physics_rate_hz, waterway
 
 
 def _starts(profiles: Sequence[RunProfile]) -> tuple[Array, Array]:
-    """(N, 2) places and (N,) headings."""
+    """Return places (N, 2) and headings (N,)."""
     starts = [profile.mission.start for profile in profiles]
     places = np.array([[start.north_m, start.east_m] for start in starts])
     return places, np.array([math.radians(start.heading_deg) for start in starts])
@@ -97,7 +99,7 @@ def has_waterway(profile: RunProfile) -> bool:
 
 
 def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
-    """Open water where the profile wants neither contact nor debris."""
+    """Return the waterway; open water when the profile has neither contact nor debris."""
     if not has_waterway(profile):
         return OPEN_WATER
     parts = [] if scenery.boom is None else scenery.boom.capsules(scenery.water_down_m)
@@ -116,19 +118,19 @@ def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
 
 
 def launch_from(spec: LaunchSpec) -> Launch:
-    """A launch of the profile."""
+    """Return a launch of the profile."""
     north_m, east_m = spec.pos_ned_m
     kind = BodyKind[spec.kind.upper()]
     return Launch(round(spec.at_s * 1e9), kind, north_m, east_m, math.radians(spec.heading_deg), spec.length_m)
 
 
 def local_frame(site: SiteSpec) -> LocalFrame:
-    """NED at the site. Mean sea level is taken for the ellipsoid: their difference is constant over the site."""
+    """Return NED at the site. Mean sea level counts as the ellipsoid: their difference is constant over the site."""
     return LocalFrame(site.latitude_deg, site.longitude_deg, site.altitude_m)
 
 
 def magnetic_field_ned_gauss(site: SiteSpec) -> tuple[float, float, float]:
-    """The field the profile gives, else that of the world magnetic model."""
+    """Return the profile's field, otherwise that of the world magnetic model."""
     if site.magnetic_field_ned_gauss is not None:
         return site.magnetic_field_ned_gauss
     return local_field_ned_gauss(site.latitude_deg, site.longitude_deg, site.altitude_m, site.year).ned_gauss
