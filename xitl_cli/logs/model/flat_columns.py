@@ -1,4 +1,5 @@
-"""A table as plain columns: an array of k numbers is k columns, `name[0]` and on. For CSV, Parquet and pandas."""
+"""A table as plain columns for CSV, Parquet and pandas: an array of k numbers becomes columns `name[0]`, `name[1]`
+…."""
 
 from __future__ import annotations
 
@@ -26,12 +27,12 @@ class FlatColumn:
 
 
 def stretches(rows: NDArray[np.intp], at_once: int) -> list[NDArray[np.intp]]:
-    """`rows` in pieces of `at_once`; one empty piece without rows."""
+    """`rows` in pieces of `at_once`; one empty piece if there are no rows."""
     return [rows[begin : begin + at_once] for begin in range(0, max(len(rows), 1), at_once)]
 
 
 def flat_columns(table: Table, pieces: Sequence[NDArray[np.intp]], raw: bool) -> tuple[list[FlatColumn], list[str]]:
-    """Columns, and the names of those with more than MOST_ELEMENTS numbers a row, which are left out."""
+    """Columns, and the names of omitted columns: those with more than MOST_ELEMENTS numbers per row."""
     found: list[FlatColumn] = []
     left_out: list[str] = []
     for column in table.columns.values():
@@ -48,7 +49,7 @@ def flat_columns(table: Table, pieces: Sequence[NDArray[np.intp]], raw: bool) ->
 
 
 def flat_values(table: Table, columns: Sequence[FlatColumn], rows: NDArray[np.intp], raw: bool) -> list[NDArray[Any]]:
-    """Values (n,) of each column; NaN where an array is shorter than the longest of its column."""
+    """Values (n,) of each column. NaN fills an array that is shorter than the longest of its column."""
     read: dict[str, NDArray[Any]] = {}
     result = []
     for flat in columns:
