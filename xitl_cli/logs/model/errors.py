@@ -2,7 +2,8 @@
 
 `xitl_cli.main` prints them as it prints UserError, and exits with 2.
 
-LogError └── UnknownNameError    (a KeyError too)
+LogError
+└── UnknownNameError    (a KeyError too)
 """
 
 

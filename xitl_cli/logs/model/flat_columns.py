@@ -1,5 +1,7 @@
-"""A table as plain columns for CSV, Parquet and pandas: an array of k numbers becomes columns `name[0]`, `name[1]`
-…."""
+"""A table as plain columns for CSV, Parquet and pandas.
+
+An array of k numbers becomes k columns, `name[0]` and so on.
+"""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class LogSignal:
     name: str
     """As a user would type it."""
     unit: str
-    """"" if unknown."""
+    """Empty if unknown."""
     stamp_ns: Stamps
     """(N,)"""
     values: Floats
