@@ -1,4 +1,4 @@
-"""Modes: from when until when, and why."""
+"""Modes: their spans and the reasons of changes."""
 
 from __future__ import annotations
 
@@ -32,14 +32,16 @@ _STEPS = {
 
 @dataclass(frozen=True, slots=True)
 class ModeSpan:
-    """reason: number of ModeReason, None where none is logged. cause: in words, "" when not known."""
+    """A span in one mode."""
 
     from_ns: int
     until_ns: int
     number: int | None
     name: str
     reason: int | None
+    """Number of ModeReason; None if not logged."""
     cause: str
+    """In words; "" if unknown."""
     failsafe: bool
     source: str
 

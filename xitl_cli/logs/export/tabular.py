@@ -1,9 +1,12 @@
-"""A table as plain columns, and these as one CSV or Parquet file a message.
+"""Tables as plain columns, written as one CSV or Parquet file per message.
 
-An array of k numbers is k columns, `name[0]` and on. CSV: the first line has the names and nothing else, as PlotJuggler
-wants it: time_s first, plain field names without units (its layouts and everybody's scripts go by the name, and a comma
-or slash in one breaks it or makes a tree of it). Units are in `columns.csv` beside them. Line breaks within texts are
-written as \\n: PlotJuggler reads line by line. Parquet: the same columns; units are their metadata ("unit").
+An array of k numbers becomes k columns, `name[0]` and so on.
+
+CSV: the first line has only the names, as PlotJuggler requires. time_s is first; field names have no units, because
+layouts and scripts refer to the name, and PlotJuggler misreads a comma or slash in it. Units are in `columns.csv` next
+to the files. Line breaks within texts are written as \\n, because PlotJuggler reads line by line.
+
+Parquet: the same columns; units are their metadata ("unit").
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The report model: what is known of some logs after they were analysed. Nothing in it reads a file any more."""
+"""The report model: results of the analyses of some logs. It needs no file any more."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from xitl_cli.logs.report.wording import damage_sentences
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """name: short, and its own among the files of a report. span_ns: None without a stamped row.
-
-    vehicle: it and its firmware in words, "" where the log does not tell. vessel: the one that was looked at of
-    `vessels`, where the log is of several.
-    """
+    """Results of one log."""
 
     name: str
+    """Short, and unique among the files of a report."""
     path: Path
     format: Format
     base: Base
     span_ns: tuple[int, int] | None
+    """None without a stamped row."""
     health: LogHealth
     facts: Mapping[str, str]
     sections: tuple[Section, ...]
     time_line: TimeLine
     vehicle: str = ""
+    """Vehicle and firmware in words; "" if unknown."""
     failures: tuple[AnalysisFailure, ...] = ()
     vessel: str = ""
+    """The analysed vessel of `vessels`, if the log has several."""
     vessels: tuple[str, ...] = ()
 
     @property
@@ -50,7 +50,7 @@ class FileReport:
 
 @dataclass(frozen=True, slots=True)
 class RefusedFile:
-    """A file that could not be opened, and the sentence why."""
+    """A file that could not be opened, and the reason as a sentence."""
 
     path: Path
     sentence: str
@@ -58,7 +58,7 @@ class RefusedFile:
 
 @dataclass(frozen=True, slots=True)
 class FileSection:
-    """A section and the file it is about."""
+    """A section and its file."""
 
     section: Section
     file: FileReport
@@ -66,7 +66,7 @@ class FileSection:
 
 @dataclass(frozen=True, slots=True)
 class FileFinding:
-    """A finding, the section and the file it is from."""
+    """A finding with its section and file."""
 
     finding: Finding
     section: Section
@@ -75,11 +75,13 @@ class FileFinding:
 
 @dataclass(frozen=True, slots=True)
 class MapTrack:
-    """A way over ground: at_s (N,) on the report's time line, east_m and north_m (N,), speed_mps (N,) or None."""
+    """A path over ground."""
 
     name: str
     at_s: Floats
+    """(N,) on the report's time line."""
     east_m: Floats
+    """(N,); so are north_m and speed_mps."""
     north_m: Floats
     speed_mps: Floats | None = None
 

@@ -25,8 +25,10 @@ def held_spans(stamp_ns: Stamps, flags: Flags) -> list[tuple[int, int]]:
 
 
 def spans_where(stamp_ns: Stamps, mask: Flags, join_s: float = 0.0) -> list[tuple[int, int]]:
-    """Spans from the first to the last row of each run of rows with a true `mask`. Runs closer than `join_s` are
-    joined."""
+    """Spans from the first to the last row of each run of rows with a true `mask`.
+
+    Runs at most `join_s` apart are joined.
+    """
     spans: list[tuple[int, int]] = []
     for first, after in runs(mask):
         begin, end = int(stamp_ns[first]), int(stamp_ns[after - 1])
