@@ -238,7 +238,7 @@ def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iter
 def _last_biases(
     log: Log, core: EstimatorCore | None, message: str, fields: tuple[str, ...]
 ) -> tuple[Floats, Table] | None:
-    """(3,) medians over the last seconds, and the rows of the core in use; None where it ran too short."""
+    """(3,) medians over the last seconds, and the rows of the core in use; None if it ran too short."""
     whole = log.tables.get(message)
     if whole is None or core is None or not set(fields) <= set(whole.columns):
         return None

@@ -66,7 +66,7 @@ def count_section(log: Log, clock: LogClock) -> Section | None:
 
 
 def _last_counts(link: Table) -> dict[str, int | None]:
-    """Last known value of each count. `lost` is omitted if the two ends did not agree in the end."""
+    """Last known value of each count. `lost` is None if the two ends did not agree in the end."""
     counts: dict[str, int | None] = {}
     for count in COUNTS:
         values = np.asarray(link.values(count, raw=True))

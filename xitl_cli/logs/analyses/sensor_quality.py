@@ -98,7 +98,8 @@ def agreement_section(
 
 
 def _of_two_worlds(findings: list[Finding]) -> tuple[Finding, ...]:
-    """Findings without disagreement between external sensors and those of ArduPilot's own simulated vehicle."""
+    """One notice that replaces findings on disagreement: external sensors and those of ArduPilot's own simulation
+    differ."""
     if not findings:
         return ()
     evidence = tuple(each for finding in findings for each in finding.evidence)

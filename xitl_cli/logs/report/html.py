@@ -212,17 +212,17 @@ def write(report: Report, path: Path, replay: Replay | None = None) -> None:
 
 
 def write_page(page: Page, path: Path) -> None:
-    """As `write`: the file is there as a whole or not at all."""
+    """Write a page atomically; errors as in `write`."""
     write_text(path, html(page))
 
 
 def write_sections(path: Path, title: str, subtitle: str, sections: Sequence[Section]) -> None:
-    """A page of sections that are of no log. Raises LogError where plotly is not installed, and as `write`."""
+    """Write a page of sections without a log. Raises LogError if plotly is not installed, and as in `write`."""
     write_page(Page(title, subtitle, tuple(PagePart(section, TimeLine()) for section in sections)), path)
 
 
 def refuse_other(path: Path) -> None:
-    """Raises LogError for what is there and is no page: a log that was named by mistake would be lost."""
+    """Raise LogError if another kind of file exists at the path: a log named by mistake would be lost."""
     try:
         if path.is_dir():
             raise LogError(f"{path}: is a directory; name a file in it, such as {path / 'report.html'}")
@@ -233,7 +233,7 @@ def refuse_other(path: Path) -> None:
 
 
 def _is_page(path: Path) -> bool:
-    """Or empty, as a file that was made for it."""
+    """Whether the file is a page, or empty."""
     with path.open("rb") as file:
         return file.read(len(_DOCTYPE)) in (b"", _DOCTYPE.encode())
 

@@ -95,18 +95,17 @@ class MapWaypoint:
 
 @dataclass(frozen=True, slots=True)
 class Overview:
-    """First part of every report: track, speed, yaw, outputs and states of all files on one time line.
-
-    plots: x in nanoseconds on the report's time line. modes and armed: spans on the same line, of the first file that
-    tells. origin: latitude (deg), longitude (deg) and altitude (m) of the map's zero, where it is known.
-    """
+    """First part of every report: track, speed, yaw, outputs and states of all files on one time line."""
 
     plots: tuple[Plot, ...] = ()
+    """x in nanoseconds on the report's time line."""
     tracks: tuple[MapTrack, ...] = ()
     waypoints: tuple[MapWaypoint, ...] = ()
     modes: tuple[Mark, ...] = ()
+    """Spans on the same line, of the first file that has them; so is armed."""
     armed: tuple[Mark, ...] = ()
     origin: tuple[float, float, float] | None = None
+    """Latitude (deg), longitude (deg) and altitude (m) of the map's zero; None if unknown."""
     lacks: tuple[str, ...] = ()
 
 

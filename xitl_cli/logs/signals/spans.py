@@ -151,10 +151,10 @@ def dense_end_ns(log: Log) -> int | None:
 
 
 def covered_share(from_ns: Stamps, until_ns: Stamps, spans: Stamps) -> Floats:
-    """(G,) share of each from..until that is covered by the longest of the spans (N, 2) in it. Spans are sorted and
-    disjoint.
+    """(G,) share of each from..until that the longest of the spans (N, 2) in it covers.
 
-    The sum of the spans is not used: while the rest of a log continues slowly, its steps are many short spans.
+    Spans are sorted and disjoint. Their sum is not used: while the rest of a log continues slowly, its steps are many
+    short spans.
     """
     first = np.searchsorted(spans[:, 1], from_ns, side="right")
     beyond = np.searchsorted(spans[:, 0], until_ns, side="left")
