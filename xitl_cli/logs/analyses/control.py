@@ -43,8 +43,9 @@ class Tracking:
     demanded: Floats
     achieved: Floats
     message: str
-    """Of the setpoint; so is field."""
+    """Message of the setpoint."""
     field: str
+    """Field of the setpoint."""
     turns: bool = False
     """An angle of 360 degrees."""
 

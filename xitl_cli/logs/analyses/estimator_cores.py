@@ -269,7 +269,7 @@ _STEPS = (
 
 
 def agreement_facts(every: list[EstimatorCore], clock: LogClock) -> Iterator[Fact]:
-    """How far the first two cores were apart while armed."""
+    """Distance between the first two cores while armed."""
     found = _apart(every, clock)
     if found is None:
         return
@@ -300,7 +300,7 @@ def agreement_findings(every: list[EstimatorCore], two_worlds: bool, clock: LogC
 
 
 def step_facts(log: Log) -> Iterator[Fact]:
-    """XKT, NKT: steps of the IMU and of the filter; of all cores, with the windows of the start left out."""
+    """XKT, NKT: steps of the IMU and of the filter, of all cores, without the windows at the start."""
     table = log.tables.get("XKT") or log.tables.get("NKT")
     if table is None:
         return

@@ -40,8 +40,9 @@ class SampleClock:
     message: str
     field: str
     number: Stamps
-    """(N,) from 0; so is clock_ns."""
+    """(N,) from 0."""
     clock_ns: Stamps
+    """(N,) from 0."""
     at_ns: Stamps
     per_sample_s: float
     """Slope."""

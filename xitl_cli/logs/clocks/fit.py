@@ -289,9 +289,11 @@ class FitPiece:
     """One line of a fit."""
 
     from_ns: int
-    """On the first clock; so are until_ns and about_ns."""
+    """On the first clock."""
     until_ns: int
+    """On the first clock."""
     about_ns: int
+    """On the first clock."""
     offset_ns: int
     """Second clock minus first clock at `about_ns`."""
     slope_ppm: float

@@ -34,8 +34,9 @@ class ClockReadings:
     first_ns: Stamps
     second_ns: Stamps
     message: str
-    """Source of the readings in the log; so is `fields`."""
+    """Message with the readings."""
     fields: str
+    """Fields with the readings."""
     late: bool = False
     """True if the second clock was read after the event by a delay with a minimum but no maximum. If False, errors have
     no preferred sign."""

@@ -103,11 +103,15 @@ class TimeLine:
     stretches: tuple[Stretch, ...] = ()
     """Of the placement, in order; none for the reference or a single log."""
     offset_ns: int = 0
-    """Of the placement, for people; so are drift_ppm, error_s, method and sentence."""
+    """Of the placement, for people."""
     drift_ppm: float = 0.0
+    """Of the placement, for people."""
     error_s: float | None = None
+    """Of the placement, for people."""
     method: str = ""
+    """Of the placement, for people."""
     sentence: str = ""
+    """Of the placement, for people."""
     reference: bool = True
 
     def seconds(self, stamp_ns: Stamps | Floats) -> Floats:

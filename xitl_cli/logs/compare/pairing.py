@@ -41,8 +41,9 @@ class Pairing:
     zero_ns: int | None = None
     """On A's time: zero of the seconds, if an event defines it."""
     from_ns: int | None = None
-    """On A's time: begin of the compared part of the common time; None: all. So is until_ns, its end."""
+    """Beginning of the compared time, on A's time; None: of the common time."""
     until_ns: int | None = None
+    """End of the compared time, on A's time; None: of the common time."""
 
     def instant(self, stamp_ns: int) -> int:
         """Return one stamp of B on A's time."""

@@ -64,8 +64,9 @@ class PosePair:
     """Poses of both logs at common stamps."""
 
     a: Trajectory
-    """Stamps on A's time; east, north, up (m) about `origin`, attitude FLU in it. So is `b`, at the same stamps."""
+    """Stamps on A's time; east, north, up (m) about `origin`, attitude FLU in it."""
     b: Trajectory
+    """At the stamps of `a`, in the same axes."""
     origin: tuple[float, float, float] | None
     common: bool
     """Whether both are about one position on the Earth. If not, each is about its own zero."""

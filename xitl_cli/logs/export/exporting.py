@@ -32,8 +32,9 @@ class ExportSelection:
 
     tables: tuple[Table, ...]
     from_ns: int | None = None
-    """Stamp, included; None: no limit. So is until_ns."""
+    """First stamp, included; None: no limit."""
     until_ns: int | None = None
+    """Last stamp, included; None: no limit."""
     raw: bool = False
 
 

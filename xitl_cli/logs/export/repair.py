@@ -20,8 +20,9 @@ class RepairResult:
 
     source: Path
     out: Path | None
-    """None if the file is whole: then nothing is written. So is `written`."""
+    """None if the file is whole: then nothing is written."""
     written: Rewritten | None
+    """None if nothing is written."""
     health: LogHealth
     """Of the source file."""
 

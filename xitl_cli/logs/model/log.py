@@ -1,4 +1,4 @@
-"""A log: its tables, what its stamps count from, and how whole it is."""
+"""A log: its tables, the origin of its stamps, and its completeness."""
 
 from __future__ import annotations
 

@@ -36,8 +36,9 @@ class Evidence:
     field: str | None = None
     """Field name as in the log."""
     at_ns: int | None = None
-    """On the log's own time; so is until_ns."""
+    """On the log's own time."""
     until_ns: int | None = None
+    """On the log's own time."""
     value: str | None = None
 
 
@@ -78,9 +79,10 @@ class Fact:
     key: str
     """Stable name for machines, with the unit ("longest_loop_us")."""
     label: str
-    """For people; so is unit."""
+    """For people."""
     value: Value
     unit: str = ""
+    """For people."""
 
 
 @dataclass(frozen=True, slots=True)

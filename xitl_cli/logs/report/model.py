@@ -81,9 +81,11 @@ class MapTrack:
     at_s: Floats
     """(N,) on the report's time line."""
     east_m: Floats
-    """(N,); so are north_m and speed_mps."""
+    """(N,)"""
     north_m: Floats
+    """(N,)"""
     speed_mps: Floats | None = None
+    """(N,)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +104,9 @@ class Overview:
     tracks: tuple[MapTrack, ...] = ()
     waypoints: tuple[MapWaypoint, ...] = ()
     modes: tuple[Mark, ...] = ()
-    """Spans on the same line, of the first file that has them; so is armed."""
+    """Spans on the report's time line, of the first file that has them."""
     armed: tuple[Mark, ...] = ()
+    """Spans on the report's time line, of the first file that has them."""
     origin: tuple[float, float, float] | None = None
     """Latitude (deg), longitude (deg) and altitude (m) of the map's zero; None if unknown."""
     lacks: tuple[str, ...] = ()

@@ -155,10 +155,11 @@ class TaskTotal:
     start_mean_s: float | None
     start_max_s: float | None
     worst_start_ns: int | None
-    """On the log's own time; so is worst_run_ns."""
+    """On the log's own time."""
     run_mean_s: float | None
     run_max_s: float | None
     worst_run_ns: int | None
+    """On the log's own time."""
 
     @property
     def name(self) -> str:

@@ -42,9 +42,11 @@ class Gaps:
     row: NDArray[np.int64]
     """The row before the gap."""
     from_ns: NDArray[np.int64]
-    """As in `Gap`; so are until_ns and missing."""
+    """As in `Gap`."""
     until_ns: NDArray[np.int64]
+    """As in `Gap`."""
     missing: NDArray[np.int64]
+    """As in `Gap`."""
 
     def __len__(self) -> int:
         return len(self.row)

@@ -55,8 +55,9 @@ class GnssReceiver:
     satellites: Floats | None
     hdop: Floats | None
     lat_deg: Floats
-    """(N,) NaN without a fix; so is lon_deg."""
+    """(N,) NaN without a fix."""
     lon_deg: Floats
+    """(N,) NaN without a fix."""
     vel_ned_mps: Floats
     """(N, 3) NaN if not logged."""
     speed_mps: Floats | None

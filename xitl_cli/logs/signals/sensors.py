@@ -29,14 +29,16 @@ class InertialUnit:
     times: SampleTimes
     """On the sensor's own clock if that is logged, else the stamps."""
     gyro_radps: Floats | None
-    """(N, 3) NaN if not finite; None if not logged. So is accel_mps2."""
+    """(N, 3) NaN if not finite; None if not logged."""
     accel_mps2: Floats | None
+    """(N, 3) NaN if not finite; None if not logged."""
     gyro_fields: tuple[str, ...]
     accel_fields: tuple[str, ...]
     temperature_degc: Floats | None
     gyro_rate_hz: float | None
-    """Sample rate as reported by the unit; so is accel_rate_hz."""
+    """Sample rate as reported by the unit."""
     accel_rate_hz: float | None
+    """Sample rate as reported by the unit."""
     healthy: Flags | None
     """(N,) as judged by the autopilot."""
 
@@ -288,8 +290,9 @@ class SensorSeries:
     fields: tuple[str, ...]
     unit: str
     stamp_ns: Stamps
-    """As in an inertial unit; so is times."""
+    """(N,) on the log's time."""
     times: SampleTimes
+    """On the sensor's own clock if that is logged, else the stamps."""
     values: Floats
     """(N, k) in `unit`."""
     healthy: Flags | None

@@ -140,7 +140,7 @@ def definition(
 
 @lru_cache(4096)  # a damaged log needs the same ones again
 def parse_fmt(payload: bytes, place: int) -> RecordDefinition:
-    """Definition from the 86 bytes behind the head of an FMT record; never raises."""
+    """Definition from the 86 bytes behind the header of an FMT record. Never raises."""
     type_id, length = payload[0], payload[1]
     name, columns = _cut(payload[2:6]), _cut(payload[22:86])
     letters = payload[6:22].partition(b"\0")[0].decode("latin-1")

@@ -136,8 +136,9 @@ class FoundRecords:
     """Records of a log."""
 
     place: Places
-    """(R,) rising; so is type_id, in the same order."""
+    """(R,) rising."""
     type_id: Bytes
+    """(R,) in the order of `place`."""
     losses: Losses = field(default_factory=Losses)
     unknown: list[int] = field(default_factory=list)
     """Headers in line with types that have no description, at most 100 000."""

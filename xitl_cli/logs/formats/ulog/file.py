@@ -87,7 +87,7 @@ class UlogLog(Log):
 
     @cached_property
     def _rows_of(self) -> list[NDArray[np.int64]]:
-        """Numbers of the rows of each subscription."""
+        """Indices of the rows of each subscription."""
         counts = np.bincount(self._records.kind, minlength=len(self._records.kinds))
         order = np.argsort(self._records.kind.astype(np.uint16), kind="stable")  # 16 bits use radix sort
         return list(np.split(order, np.cumsum(counts)[:-1]))

@@ -80,13 +80,17 @@ class UlogRecords:
     version: int = 0
     flags: Flags | None = None
     information: list[Placed] = field(default_factory=list)
-    """By record; so are parameters, texts and dropouts."""
+    """By record."""
     continued: list[tuple[bool, Information]] = field(default_factory=list)
-    """With the first byte of the content, which gives the kind of the record; so is `defaults`."""
+    """With the first byte of the content, which gives the kind of the record."""
     parameters: list[Placed] = field(default_factory=list)
+    """By record."""
     defaults: list[tuple[int, Information]] = field(default_factory=list)
+    """With the first byte of the content, which gives the kind of the record."""
     texts: list[Placed] = field(default_factory=list)
+    """By record."""
     dropouts: list[Placed] = field(default_factory=list)
+    """By record."""
     unknown: dict[int, int] = field(default_factory=dict)
     """Rows of subscriptions without a description, by number."""
     foreign: dict[str, int] = field(default_factory=dict)
