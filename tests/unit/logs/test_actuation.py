@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,17 @@ def test_a_position_that_leaves_its_velocity_drifts_with_onset_rate_and_bearing(
 
 def test_the_slow_error_of_a_good_receiver_is_no_drift() -> None:
     assert gnss_drifts(receiver(0.0)) == []
+
+
+@pytest.mark.parametrize("gap_s", [2.0, 4.0, 20.0])
+def test_a_gap_in_which_the_boat_turns_is_no_drift(gap_s: float) -> None:
+    """Its way across the gap is 2.5 m off the mean of the velocities before and after."""
+    whole = receiver(0.0)
+    kept = (whole.stamp_ns < 50 * S) | (whole.stamp_ns > (50 + gap_s) * S)
+    aside_deg = np.where(whole.stamp_ns > 50 * S, math.degrees(2.5 / 6.371e6), 0.0)
+    arrays = ("stamp_ns", "sample_ns", "fix", "lat_deg", "lon_deg", "vel_ned_mps")
+    turned = replace(whole, lon_deg=whole.lon_deg + aside_deg)
+    assert gnss_drifts(replace(turned, **{name: getattr(turned, name)[kept] for name in arrays})) == []
 
 
 def test_a_drift_that_the_velocity_shares_cannot_be_seen() -> None:

@@ -1,4 +1,4 @@
-"""Faults seen where two signals disagree: GNSS position and velocity, battery voltage and current."""
+"""Faults seen where signals disagree: GNSS position and velocity, battery voltage and current, commands and motion."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.analyses.actuator_faults import actuator_findings
 from xitl_cli.logs.analyses.power import batteries
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
@@ -22,6 +24,9 @@ DRIFT_MPS = 0.12
 WINDOW_S = 15.0
 DROP_SHARE = 0.015
 """Least fall of the voltage, of its median, that is told from noise."""
+LEAST_FIXES = 20
+MOST_GAP_S = 1.0
+"""Between two fixes of one stretch: the mean velocity gives the way of a boat that turns in this time."""
 BATTERY_WINDOW_S = 8.0
 
 
@@ -36,9 +41,9 @@ class Departure:
 
 
 def analyse(log: Log) -> Section | None:
-    """None where neither a receiver with a velocity nor a battery with a current is logged, or nothing was found."""
+    """None where nothing was found, or neither commands with motion, a receiver nor a battery is logged."""
     clock = LogClock(log)
-    findings = [*_gnss_findings(log, clock), *_battery_findings(log, clock)]
+    findings = [*_gnss_findings(log, clock), *_battery_findings(log, clock), *actuator_findings(log, clock)]
     return Section("actuation", "Actuators and power", findings=tuple(findings)) if findings else None
 
 
@@ -63,34 +68,38 @@ def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
 
 
 def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
-    """Times in which the position moves otherwise than the velocity says, by the slope of their difference.
+    """Times in which the position moves at another velocity than the receiver states, by the slope of the difference.
 
-    A drift that the velocity shares cannot be seen. Size: m/s.
+    Each stretch without a gap is judged alone, because the velocity does not give the way across a gap. A drift that
+    the velocity shares cannot be detected. Size: m/s.
     """
-    speed = receiver.vel_ned_mps[:, :2]
-    good = (receiver.fix >= 3) & np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(speed).all(axis=1)
-    if good.sum() < 20:
+    vel_ne_mps = receiver.vel_ned_mps[:, :2]
+    known = np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(vel_ne_mps).all(axis=1)
+    rows = np.flatnonzero((receiver.fix >= 3) & known)
+    steps_s = np.diff(receiver.sample_ns[rows]) * 1e-9
+    if len(rows) < LEAST_FIXES or (steps_s <= 0).any():
         return []
-    stamp_ns, speed = receiver.sample_ns[good], speed[good]
+    stretches = np.split(rows, np.flatnonzero(steps_s > MOST_GAP_S) + 1)
+    return [drift for stretch in stretches if len(stretch) >= LEAST_FIXES for drift in _drifts(receiver, stretch)]
+
+
+def _drifts(receiver: GnssReceiver, rows: NDArray[np.intp]) -> Iterator[Departure]:
+    """Drifts within rows that follow each other without a gap."""
+    stamp_ns, vel_ne_mps = receiver.sample_ns[rows], receiver.vel_ned_mps[rows, :2]
     time_s = (stamp_ns - stamp_ns[0]) * 1e-9
-    steps = np.diff(time_s)
-    if (steps <= 0).any() or steps.max() > 5.0:
-        return []  # with a gap in between the velocity says nothing of the way
-    lat_deg, lon_deg = receiver.lat_deg[good], receiver.lon_deg[good]
+    lat_deg, lon_deg = receiver.lat_deg[rows], receiver.lon_deg[rows]
     frame = LocalFrame(float(lat_deg[0]), float(lon_deg[0]), 0.0)
     place_m = frame.ned(lat_deg, lon_deg, np.zeros(len(lat_deg)))[:, :2]
-    way_m = np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps[:, None], axis=0)])
-    apart_m = place_m - way_m
+    steps_m = 0.5 * (vel_ne_mps[1:] + vel_ne_mps[:-1]) * np.diff(time_s)[:, None]
+    apart_m = place_m - np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
     ends = np.searchsorted(time_s, time_s + WINDOW_S)
     whole = ends < len(time_s)
     firsts, ends = np.flatnonzero(whole), ends[whole]
     slope = np.array([_slope(time_s[a:b], apart_m[a:b]) for a, b in zip(firsts, ends, strict=True)]).reshape(-1, 2)
-    found = []
     for begin, after in _joined(runs(np.linalg.norm(slope, axis=1) > DRIFT_MPS), 25):
         first, last = int(firsts[begin]), int(ends[after - 1])
-        if (departure := _fitted_drift(receiver.stamp_ns[good], time_s, apart_m, first, last)) is not None:
-            found.append(departure)
-    return found
+        if (departure := _fitted_drift(receiver.stamp_ns[rows], time_s, apart_m, first, last)) is not None:
+            yield departure
 
 
 def _slope(time_s: Floats, values: Floats) -> Floats:

@@ -29,6 +29,9 @@ _STEPS = {
     19: "Look at attitude, throttle and speed just before.",
 }
 
+_KINDS = {3: ".link", 4: ".battery", 5: ".link", 6: ".position", 7: ".position", 25: ".link", 50: ".position"}
+"""Trouble behind a reason, as the end of a finding's key. Rover gives 25 if radio or ground station is lost."""
+
 
 @dataclass(frozen=True, slots=True)
 class ModeSpan:
@@ -82,7 +85,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def mode_spans(log: Log) -> list[ModeSpan]:
-    """One after another; the same mode logged again is no new span."""
+    """Mode spans in order of time. The same mode logged again is no new span."""
     table = log.tables.get("MODE")
     column = None if table is None else first_of(table, ("ModeNum", "Mode"))
     if table is None or column is None:
@@ -96,7 +99,7 @@ def mode_spans(log: Log) -> list[ModeSpan]:
 
 
 def _recorded_cause(log: Log, from_ns: int, name: str) -> str:
-    """The failsafe that a run recorded for the change to this mode, empty without one."""
+    """Failsafe that a run recorded for the change to this mode; empty if there is none."""
     table = log.tables.get("/autopilot/events")
     if table is None or not {"event", "mode", "reason"} <= set(table.columns):
         return ""
@@ -135,7 +138,7 @@ def _from_rows(log: Log, table: Table, column: str) -> list[ModeSpan]:
 
 
 def _failsafe_at(log: Log, at_ns: int) -> str:
-    """The failsafe that was logged as an error with the mode change, for autopilots that give no reason."""
+    """Failsafe that was logged as an error with the mode change, for autopilots that give no reason."""
     names = (
         error_name(subsystem, code)
         for error_ns, subsystem, code in error_rows(log)
@@ -160,7 +163,7 @@ def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
         left = "" if before is None else f" out of {before.name}"
         state = "armed" if on else "not armed"
         yield Finding(
-            "modes.failsafe",
+            f"modes.failsafe{_KINDS.get(span.reason or 0, '')}",
             severity,
             f"At {clock.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
             (_evidence(span),),

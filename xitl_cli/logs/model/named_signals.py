@@ -8,9 +8,11 @@ hold their last value. In a pause of ten intervals and more than a second, the v
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -18,7 +20,6 @@ from xitl_cli.logs.expressions.evaluation import Evaluation, Quantity
 from xitl_cli.logs.expressions.functions import ARITIES
 from xitl_cli.logs.expressions.syntax import ExpressionError, Language, Name, Tree, names_in, parse
 from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance, column_named, seconds_since
 
 TIME = "time_s"
@@ -71,7 +72,25 @@ class LogSignal:
         return f"{self.name}: at the times of {self.base}, with {', '.join(self.interpolated)} brought onto them"
 
 
-def find_signal(log: Log, text: str, *, raw: bool = False) -> LogSignal:
+class NamedTables(Protocol):
+    """Part of a log that the search for signals needs."""
+
+    path: Path
+
+    @property
+    def rowless(self) -> Collection[str]:
+        """Names of messages without a row."""
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        """Tables by name."""
+
+    @property
+    def zero_ns(self) -> int:
+        """Instant of the log's zero on its own clock."""
+
+
+def find_signal(log: NamedTables, text: str, *, raw: bool = False) -> LogSignal:
     """Return the signal of a name or an expression. Of a message with instances, take the lowest. Raises LogError."""
     tree = parsed_signal(text, [log])
     if isinstance(tree, Name) or tree is None:
@@ -79,7 +98,7 @@ def find_signal(log: Log, text: str, *, raw: bool = False) -> LogSignal:
     return expression_signal(log, text.strip(), tree, raw=raw)
 
 
-def signals_named(logs: Sequence[Log], wanted: str, *, raw: bool = False) -> list[list[LogSignal]]:
+def signals_named(logs: Sequence[NamedTables], wanted: str, *, raw: bool = False) -> list[list[LogSignal]]:
     """For each log, the signals that match a name or an expression. Raises LogError if no log has any.
 
     The name of a message selects all its fields, for each instance. An expression uses the lowest instance.
@@ -101,7 +120,7 @@ def signals_named(logs: Sequence[Log], wanted: str, *, raw: bool = False) -> lis
     return found
 
 
-def parsed_signal(text: str, logs: Sequence[Log]) -> Tree | None:
+def parsed_signal(text: str, logs: Sequence[NamedTables]) -> Tree | None:
     """Expression tree of the text; None if the text is the plain name of a signal. Raises LogError."""
     try:
         return parse(text, SIGNALS, [name for log in logs for name in log.tables])
@@ -112,7 +131,7 @@ def parsed_signal(text: str, logs: Sequence[Log]) -> Tree | None:
         raise LogError(f"{text!r} {error}") from None
 
 
-def expression_signal(log: Log, text: str, tree: Tree, *, raw: bool = False) -> LogSignal:
+def expression_signal(log: NamedTables, text: str, tree: Tree, *, raw: bool = False) -> LogSignal:
     """Evaluate an expression. Raises LogError."""
     paths = [path for path in dict.fromkeys(names_in(tree)) if path.casefold() != TIME]
     signals = {path: _single(log, path, raw) for path in paths}
@@ -203,7 +222,7 @@ def _held(stamp_ns: Stamps, values: Floats, at_ns: Stamps) -> Floats:
     return found
 
 
-def table_of(log: Log, path: str) -> Table | None:
+def table_of(log: NamedTables, path: str) -> Table | None:
     """Table named at the beginning of the path; the longest name if several match."""
     folded = path.casefold()
     names = [
@@ -218,7 +237,7 @@ def table_of(log: Log, path: str) -> Table | None:
     return log.tables[name] if name and name in log.tables else None
 
 
-def _single(log: Log, path: str, raw: bool) -> LogSignal:
+def _single(log: NamedTables, path: str, raw: bool) -> LogSignal:
     found = named_signals(log, path, raw, lowest=True)
     if len(found) > 1:
         names = ", ".join(signal.name for signal in found[:4])
@@ -226,7 +245,7 @@ def _single(log: Log, path: str, raw: bool) -> LogSignal:
     return found[0]
 
 
-def named_signals(log: Log, path: str, raw: bool = False, *, lowest: bool = False) -> list[LogSignal]:
+def named_signals(log: NamedTables, path: str, raw: bool = False, *, lowest: bool = False) -> list[LogSignal]:
     """Fields of a message. Raises LogError.
 
     Without an instance in the path, these are the fields of every instance, or of the lowest if `lowest` is True.
@@ -245,7 +264,7 @@ def named_signals(log: Log, path: str, raw: bool = False, *, lowest: bool = Fals
     ]
 
 
-def no_message(log: Log, path: str) -> LogError:
+def no_message(log: NamedTables, path: str) -> LogError:
     """Error for a name that begins with no message of the log."""
     typed = re.split(r"[.\[]", path, maxsplit=1)[0]
     if typed.casefold() in map(str.casefold, log.rowless):

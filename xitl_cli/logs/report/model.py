@@ -2,75 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure
-from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.model.log import Base, Format, LogHealth
-from xitl_cli.logs.model.sections import Finding, Mark, Plot, Section, Severity
+from xitl_cli.logs.model.sections import Mark, Plot, Severity
 from xitl_cli.logs.model.table import Floats
+from xitl_cli.logs.report.file_report import FileFinding, FileReport, FileSection, RefusedFile
+from xitl_cli.logs.report.json import document
 from xitl_cli.logs.report.signal_data import HeldLog
-from xitl_cli.logs.report.wording import damage_sentences
-
-
-@dataclass(frozen=True, slots=True)
-class FileReport:
-    """Results of one log."""
-
-    name: str
-    """Short, and unique among the files of a report."""
-    path: Path
-    format: Format
-    base: Base
-    span_ns: tuple[int, int] | None
-    """None without a stamped row."""
-    health: LogHealth
-    facts: Mapping[str, str]
-    sections: tuple[Section, ...]
-    time_line: TimeLine
-    vehicle: str = ""
-    """Vehicle and firmware in words; "" if unknown."""
-    failures: tuple[AnalysisFailure, ...] = ()
-    vessel: str = ""
-    """The analysed vessel of `vessels`, if the log has several."""
-    vessels: tuple[str, ...] = ()
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Missing and doubtful data, each a sentence without its full stop."""
-        return damage_sentences(self.health)
-
-    @property
-    def duration_s(self) -> float | None:
-        return None if self.span_ns is None else (self.span_ns[1] - self.span_ns[0]) * 1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class RefusedFile:
-    """A file that could not be opened, and the reason as a sentence."""
-
-    path: Path
-    sentence: str
-
-
-@dataclass(frozen=True, slots=True)
-class FileSection:
-    """A section and its file."""
-
-    section: Section
-    file: FileReport
-
-
-@dataclass(frozen=True, slots=True)
-class FileFinding:
-    """A finding with its section and file."""
-
-    finding: Finding
-    section: Section
-    file: FileReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +93,4 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """The output of `xitl logs analyze --json`: stable keys, no NaN, without plots."""
-        from xitl_cli.logs.report.json import document
-
         return document(self)
