@@ -1,6 +1,6 @@
-"""What vehicles and runs left behind: DataFlash logs, telemetry logs and MCAP recordings as one kind of table.
+"""Reader of logs and recordings: DataFlash logs, telemetry logs, ULogs, bags and MCAP recordings as one kind of table.
 
-opening → Log (formats/) → signals/, clocks/ → analyses/, compare/ → report/, export/
+Data flow: opening → Log (formats/) → signals/, clocks/ → analyses/, compare/ → report/, export/
 """
 
 from xitl_cli.logs.formats import open_log

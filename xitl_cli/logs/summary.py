@@ -21,33 +21,34 @@ _READ_WHOLE_BYTES = 16 << 20
 
 @dataclass(frozen=True, slots=True)
 class MessageSummary:
-    """rate_hz: of one instance, over the time from its message's first row to the last; None when that is no time,
-    and where rows do not tell when they were written.
-
-    instances: None when the message has none. columns: None where they were not read.
-    """
+    """Summary of one message or topic."""
 
     name: str
     rows: int
     rate_hz: float | None
+    """Rate of one instance, over the time from the first row of the message to its last. None if that time is zero or
+    if rows have no write time.
+    """
     instances: int | None
+    """None if the message has no instances."""
     columns: tuple[Column, ...] | None
+    """None if they were not read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """facts: what the format says. about: vehicle, firmware and the like, as far as the log tells.
-
-    start_utc: of the first row, in the form 2026-11-21 12:00:00; None where it is not known.
-    """
+    """Summary of a log."""
 
     path: Path
     format: Format
     base: Base
     span_s: tuple[float, float] | None
     start_utc: str | None
+    """UTC of the first row in the form 2026-11-21 12:00:00; None if unknown."""
     about: tuple[Fact, ...]
+    """Vehicle, firmware and similar facts, if the log has them."""
     facts: Mapping[str, str]
+    """Facts that the format itself contains."""
     health: LogHealth
     messages: tuple[MessageSummary, ...]
 
@@ -79,7 +80,10 @@ class Summary:
 
 
 def summarize_log(log: Log, *, every_field: bool = False) -> Summary:
-    """Summary of a log. A large recording is not read for it, only its index, unless `every_field` asks for fields."""
+    """Return the summary of a log.
+
+    For a large recording, only the index is read, unless `every_field` is True.
+    """
     span, zero = log.span_ns, log.zero_ns
     indexed = log.of_topics and log.health.size_bytes > _READ_WHOLE_BYTES and not every_field
     about = () if indexed else _about(log)
@@ -95,13 +99,13 @@ def summarize_log(log: Log, *, every_field: bool = False) -> Summary:
         start_utc=utc,
         about=tuple(fact for fact in about if fact.key not in ("utc_start", "duration_s")),
         facts=log.facts,
-        health=log.health,  # when the messages were read: damage inside of a recording is found then
+        health=log.health,  # after the messages: reading them finds damage inside a recording
         messages=messages,
     )
 
 
 def _messages(log: Log) -> tuple[MessageSummary, ...]:
-    """All messages, including those inside the MAVLink frames of a recording."""
+    """Summaries of all messages, including those inside the MAVLink frames of a recording."""
     found = []
     for name, table in log.tables.items():
         found.append(_message(table))

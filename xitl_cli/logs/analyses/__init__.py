@@ -1,1 +1,1 @@
-"""One question, one file: `analyse(log) -> Section | None`; None where the log cannot have anything to say about it."""
+"""One file per question: `analyse(log) -> Section | None`; None if the log cannot answer it."""

@@ -1,4 +1,5 @@
-"""Faults seen where signals disagree: GNSS position and velocity, battery voltage and current, commands and motion."""
+"""Faults detected from contradicting signals: GNSS position and velocity, battery voltage and current, commands and
+motion."""
 
 from __future__ import annotations
 
@@ -20,28 +21,31 @@ from xitl_cli.logs.signals.series import numbers
 from xitl_cli.logs.signals.spans import runs
 
 DRIFT_MPS = 0.12
-"""Least drift that is told from a receiver's own error (0.5 m that changes over a minute) in one window."""
+"""Least drift that exceeds a receiver's own error (0.5 m that changes over a minute) in one window."""
 WINDOW_S = 15.0
 DROP_SHARE = 0.015
-"""Least fall of the voltage, of its median, that is told from noise."""
+"""Least fall of the voltage that exceeds noise, as share of its median."""
 LEAST_FIXES = 20
 MOST_GAP_S = 1.0
-"""Between two fixes of one stretch: the mean velocity gives the way of a boat that turns in this time."""
+"""Largest gap between two fixes of one stretch: the mean velocity determines the path of a boat that turns in this
+time."""
 BATTERY_WINDOW_S = 8.0
 
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """A span of the log's time in which something left its model. size: in the unit of what was judged."""
+    """A span of the log's time in which a signal left its model."""
 
     from_ns: int
     until_ns: int
     size: float
+    """In the unit of the judged signal."""
     bearing_deg: float = 0.0
 
 
 def analyse(log: Log) -> Section | None:
-    """None where nothing was found, or neither commands with motion, a receiver nor a battery is logged."""
+    """Section on actuation. None if nothing was found, or if neither commands with motion, a receiver nor a battery is
+    logged."""
     clock = LogClock(log)
     findings = [*_gnss_findings(log, clock), *_battery_findings(log, clock), *actuator_findings(log, clock)]
     return Section("actuation", "Actuators and power", findings=tuple(findings)) if findings else None
@@ -68,10 +72,10 @@ def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
 
 
 def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
-    """Times in which the position moves at another velocity than the receiver states, by the slope of the difference.
+    """Times in which the position moves at another velocity than the receiver reports, by the slope of the difference.
 
-    Each stretch without a gap is judged alone, because the velocity does not give the way across a gap. A drift that
-    the velocity shares cannot be detected. Size: m/s.
+    Each stretch without a gap is judged alone, because the velocity does not determine the path across a gap. A drift
+    that the velocity shares cannot be detected. Size: m/s.
     """
     vel_ne_mps = receiver.vel_ned_mps[:, :2]
     known = np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(vel_ne_mps).all(axis=1)
@@ -84,7 +88,7 @@ def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
 
 
 def _drifts(receiver: GnssReceiver, rows: NDArray[np.intp]) -> Iterator[Departure]:
-    """Drifts within rows that follow each other without a gap."""
+    """Drifts within rows without a gap."""
     stamp_ns, vel_ne_mps = receiver.sample_ns[rows], receiver.vel_ned_mps[rows, :2]
     time_s = (stamp_ns - stamp_ns[0]) * 1e-9
     lat_deg, lon_deg = receiver.lat_deg[rows], receiver.lon_deg[rows]
@@ -109,7 +113,7 @@ def _slope(time_s: Floats, values: Floats) -> Floats:
 
 
 def _joined(spans: object, most_rows: int) -> list[tuple[int, int]]:
-    """Runs that lie closer to each other than so many rows as one."""
+    """Join runs that are fewer than `most_rows` rows apart."""
     found: list[tuple[int, int]] = []
     for begin, after in spans:  # type: ignore[attr-defined]
         if found and begin - found[-1][1] < most_rows:
@@ -120,10 +124,10 @@ def _joined(spans: object, most_rows: int) -> list[tuple[int, int]]:
 
 
 def _fitted_drift(stamp_ns: Stamps, time_s: Floats, apart_m: Floats, first: int, last: int) -> Departure | None:
-    """The broken line (level, slope) that fits best from a window before to the end; None for too slow a slope."""
+    """Best fit of a broken line (level, slope) from a window before to the end; None if the slope is too small."""
     before = int(np.searchsorted(time_s, time_s[first] - WINDOW_S))
     jumps = np.linalg.norm(np.diff(apart_m[first:last], axis=0), axis=1)
-    if len(jumps) and jumps.max() > 3.0:  # a position that comes back with a jump ends the drift
+    if len(jumps) and jumps.max() > 3.0:  # a position that jumps back ends the drift
         last = first + int(np.argmax(jumps)) + 1
     if last - first < 10:
         return None
@@ -155,7 +159,7 @@ def _battery_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
 
 
 def _batteries(log: Log) -> Iterator[tuple[str, Stamps, Floats, Floats]]:
-    """What was measured, or a simulated battery."""
+    """The simulated battery of a recording, else measured batteries."""
     table = log.tables.get("/battery")
     if table is not None and {"voltage_v", "current_a"} <= set(table.columns):
         voltage_v, current_a = numbers(table, "voltage_v"), numbers(table, "current_a")
@@ -168,9 +172,9 @@ def _batteries(log: Log) -> Iterator[tuple[str, Stamps, Floats, Floats]]:
 
 
 def battery_sags(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> list[Departure]:
-    """Instants at which the voltage falls for good: by more than charge and resistance explain. Size: V.
+    """Instants at which the voltage falls permanently, by more than charge and resistance explain. Size: V.
 
-    Around each instant a level, a slope and a resistance are fitted, with a step or with a step of the resistance.
+    Around each instant, a level, a slope and a resistance are fitted, with a step or with a step of the resistance.
     """
     good = np.isfinite(voltage_v) & np.isfinite(current_a) & (voltage_v > 0.0)
     stamp_ns, voltage_v, current_a = stamp_ns[good], voltage_v[good], current_a[good]
@@ -195,7 +199,7 @@ def battery_sags(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> list
 
 
 def _drop_v(time_s: Floats, voltage_v: Floats, current_a: Floats, at: int, half: int, least_v: float) -> float:
-    """Fall of the voltage at row `at`; 0 unless a step explains at least three quarters of what is left without it."""
+    """Fall of the voltage at row `at`; 0 unless a step explains at least three quarters of the residual without it."""
     rows = slice(at - half, at + half)
     after = (np.arange(at - half, at + half) >= at).astype(np.float64)
     current, voltage = current_a[rows], voltage_v[rows]

@@ -1,8 +1,8 @@
-"""Faults of propellers and rudders, by the answer of the vessel to its commands before and after.
+"""Faults of propellers and rudders, from the vessel's response to commands before and after.
 
 The changes of yaw rate and surge speed over a second are fitted by least squares to the commands, to the motion and to
-wind and current. For each span, the rows outside of it give the model. The rows inside are then explained by the model
-alone, or with an actuator that lost thrust, turns against its command, or stays where it is.
+wind and current. For each span, the rows outside it determine the model. The rows inside are then explained by the
+model alone, or by an actuator that lost thrust, turns against its command, or is stuck.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from xitl_cli.logs.signals.series import Series, make_series
 from xitl_cli.logs.signals.states import parameter_values, vehicle_kind
 
 RATE_HZ = 5.0
-_STRIDE = 2  # samples from one row of the fit to the next
-_REACH = 5  # samples over which a change is taken
+_STRIDE = 2  # samples between rows of the fit
+_REACH = 5  # samples over which a change is computed
 _LAGS_S = (0.0, 0.2, 0.4, 0.8, 1.6)
 _FEWEST_ROWS = 100
 _LENGTHS_S = (10.0, 12.5, 15.0, 17.5, 20.0, 22.5, 25.0, 30.0, 35.0, 40.0, 50.0, 60.0)
 _MOST_SPANS = 2000
 _STUCK_AT = np.linspace(-1.0, 1.0, 21)
 LEAST_GAIN, LEAST_STEERING_GAIN = 200.0, 100.0
-"""Least improvement of the fit in units of its variance, of a propeller and of a rudder or gear.
+"""Least improvement of the fit in units of its variance, for a propeller and for a rudder or gear.
 
-Chosen by 21 runs without such a fault. One of them reached 209 for eight seconds, which the shortest span excludes; the
-others reached 87. Ten further runs, of other seeds, gave at most 46.
+It was chosen from 21 runs without such a fault. One of them reached 209 for eight seconds, which the shortest span
+excludes; the others reached 87. Ten further runs with other seeds reached at most 46.
 """
 _SEARCHED_GAIN = 40.0
 _SHORTEST_NS = 10_000_000_000
 LEAST_LOSS = 0.25
-"""Least share of lost thrust that is named: wind and waves take less."""
+"""Least share of lost thrust that is reported: wind and waves cause less."""
 _EXPLAINED = 0.5
 _MOST_FAULTS = 5
 _AS_GOOD = 0.05
-_AS_GOOD_REVERSED = 0.35  # it has no size that could be fitted
+_AS_GOOD_REVERSED = 0.35  # it has no fitted size
 _AMBIGUOUS = 0.35
 _PAUSE_NS = 10_000_000_000
 _ORDER = ("reversed", "thrust_loss", "stuck")
@@ -53,34 +53,41 @@ _ORDER = ("reversed", "thrust_loss", "stuck")
 
 @dataclass(frozen=True, slots=True)
 class VesselMotion:
-    """Samples at `RATE_HZ`, in which nothing is missing. commands: (M, A) from -1 to 1. steers: (A,) of the outputs.
-
-    yaw_rate_radps, surge_mps, sway_mps, yaw_rad: (M,), body axes forward and starboard, speeds over ground.
-    """
+    """Samples at `RATE_HZ`, without missing values. Body axes are forward and starboard; speeds are over ground."""
 
     stamp_ns: Stamps
     yaw_rate_radps: Floats
+    """(M,)"""
     surge_mps: Floats
+    """(M,)"""
     sway_mps: Floats
+    """(M,)"""
     yaw_rad: Floats
+    """(M,)"""
     commands: Floats
+    """(M, A) from -1 to 1."""
     steers: Flags
+    """(A,) whether each output steers."""
 
 
 @dataclass(frozen=True, slots=True)
 class ActuatorFault:
-    """kind: thrust_loss, reversed or stuck. output: its place among the commands. size: share lost, or the command at
-    which it stays. turns: sign of the yaw moment of a stuck one, positive to starboard. gain: of the fit."""
+    """A fault of one actuator."""
 
     kind: str
+    """thrust_loss, reversed or stuck."""
     output: int
+    """Index among the commands."""
     from_ns: int
     until_ns: int | None
     size: float
+    """Lost share, or the command at which the actuator is stuck."""
     turns: float
+    """Sign of the yaw moment of a stuck actuator, positive to starboard."""
     gain: float
+    """Improvement of the fit."""
     other: ActuatorFault | None = None
-    """Another kind of fault of this output that explains nearly as much: the commands do not tell them apart."""
+    """Another kind of fault of this output that explains nearly as much: the commands do not distinguish them."""
 
 
 def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
@@ -126,7 +133,7 @@ def _message_and_field(series: Series) -> tuple[str, str]:
 
 
 def vessel_motion(log: Log, driven: Sequence[OutputChannel]) -> VesselMotion | None:
-    """The longest stretch in which the vehicle was armed; None where heading, speed or commands are not logged."""
+    """Longest time in which the vehicle was armed; None if heading, speed or commands are not logged."""
     turning, heading = _turning(log), yaw(log)
     receiver = next(iter(gnss_receivers(log) or injected_receivers(log)), None)
     velocity = None if receiver is None else _velocity(receiver)
@@ -162,7 +169,7 @@ def vessel_motion(log: Log, driven: Sequence[OutputChannel]) -> VesselMotion | N
 
 
 def _turning(log: Log) -> Series | None:
-    """Turn rate in deg/s; of a recording of ours that of the gyroscope, which no filter delays."""
+    """Turn rate in deg/s. For an xitl recording, this is the gyroscope, which has no filter delay."""
     for unit in injected_units(log):
         if unit.gyro_radps is not None:
             return make_series(unit.stamp_ns, np.degrees(unit.gyro_radps[:, 2]), "deg/s", unit.name)
@@ -188,14 +195,14 @@ def _averaged(series: Series, at_ns: Stamps) -> Floats:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Rows of the fit. changes: (2, N) of yaw rate and surge. designs: (N, K) of each for the commands given."""
+    """Rows of the fit."""
 
     motion: VesselMotion
     commands: Floats
 
     @cached_property
     def rows(self) -> Stamps:
-        """(N,) first sample of each row; those that span a pause are left out."""
+        """(N,) first sample of each row, without rows that span a pause."""
         first = np.arange(0, len(self.motion.stamp_ns) - _REACH, _STRIDE, dtype=np.int64)
         stamps = self.motion.stamp_ns
         whole = stamps[first + _REACH] - stamps[first] < 1.5e9 * _REACH / RATE_HZ
@@ -203,7 +210,7 @@ class _Fit:
 
     @cached_property
     def sides(self) -> Floats:
-        """(P,) of the propellers: sign of the yaw moment that each gives ahead."""
+        """(P,) of the propellers: sign of the yaw moment of each when it drives ahead."""
         motion = self.motion
         drives = self.commands[:, ~motion.steers]
         turning = motion.yaw_rate_radps
@@ -217,7 +224,7 @@ class _Fit:
         return (turning[self.rows + _REACH] - turning[self.rows], surge[self.rows + _REACH] - surge[self.rows])
 
     def designs(self, commands: Floats) -> tuple[Floats, Floats]:
-        """For yaw rate and for surge, means over the second of each row."""
+        """Designs (N, K) for yaw rate and for surge, averaged over the second of each row."""
         moving = self.motion
         turning, surge, sway = moving.yaw_rate_radps, moving.surge_mps, moving.sway_mps
         wind = [np.ones(len(turning)), np.cos(moving.yaw_rad), np.sin(moving.yaw_rad)]
@@ -225,7 +232,7 @@ class _Fit:
         thrust = np.sum(drives * np.abs(drives), axis=1)
         yawing = [*wind, turning, turning * np.abs(turning), surge * turning, sway, surge * sway]
         along = [*wind, surge, surge * np.abs(surge), turning**2, turning * sway]
-        # Propellers are taken to be alike, and to turn the vessel by the same arm to either side.
+        # Assume equal propellers, with the same lever arm on both sides.
         for part in (np.maximum(drives, 0.0) ** 2, np.minimum(drives, 0.0) ** 2, drives):
             yawing += [part @ self.sides] if drives.shape[1] > 1 else []
             along += [part.sum(axis=1)]
@@ -240,7 +247,7 @@ class _Fit:
         return means
 
     def lagged(self, lag_s: float) -> _Fit:
-        """With commands behind a lag of the first order."""
+        """The fit with commands delayed by a first-order lag."""
         if lag_s <= 0.0:
             return self
         share = 1.0 - np.exp(-1.0 / (RATE_HZ * lag_s))
@@ -253,7 +260,7 @@ class _Fit:
 
 
 def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
-    """In the order of time; none where the motion is too short to be judged."""
+    """Faults in order of time; none if the motion is too short to be judged."""
     first = _Fit(motion, motion.commands)
     if len(first.rows) < _FEWEST_ROWS:
         return []
@@ -270,7 +277,7 @@ def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
 
 
 def _certain(fault: ActuatorFault, motion: VesselMotion) -> bool:
-    """Whether the fault is long and large enough to be told from wind, waves and what the model lacks."""
+    """Whether the fault is long and large enough to exclude wind, waves and model errors."""
     until_ns = int(motion.stamp_ns[-1]) if fault.until_ns is None else fault.until_ns
     least = LEAST_STEERING_GAIN if motion.steers[fault.output] else LEAST_GAIN
     enough = fault.kind != "thrust_loss" or fault.size >= LEAST_LOSS
@@ -278,7 +285,7 @@ def _certain(fault: ActuatorFault, motion: VesselMotion) -> bool:
 
 
 def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
-    """The same fault on both sides of a short pause, as while it did not show, is one."""
+    """Join the same fault on both sides of a short pause, in which it was not visible."""
     joined: list[ActuatorFault] = []
     for fault in faults:
         last = joined[-1] if joined else None
@@ -293,7 +300,7 @@ def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
 
 
 def _left(fit: _Fit) -> float:
-    """Sum over both changes of the logarithm of what a fit leaves."""
+    """Sum over both changes of the logarithm of the squared residuals."""
     return sum(
         float(np.log(_squares(change - design @ np.linalg.lstsq(design, change, rcond=None)[0])))
         for design, change in zip(fit.designs(fit.commands), fit.changes, strict=True)
@@ -314,7 +321,7 @@ class _Explained:
 
 
 class _Search:
-    """Spans against hypotheses, both changes in units of their noise."""
+    """Search over spans and hypotheses, with both changes in units of their noise."""
 
     def __init__(self, fit: _Fit) -> None:
         self._fit = fit
@@ -330,7 +337,7 @@ class _Search:
         self._other: Mapping[tuple[str, int, float], list[Floats]] = dict(self._others(fit))
 
     def _others(self, fit: _Fit) -> Iterator[tuple[tuple[str, int, float], list[Floats]]]:
-        """By hypothesis: how its designs differ from those of the commands."""
+        """Difference of the designs from those of the commands, by hypothesis."""
         for output in range(fit.commands.shape[1]):
             propeller = not fit.motion.steers[output]
             cases = [("stuck", float(at)) for at in _STUCK_AT]
@@ -347,7 +354,7 @@ class _Search:
                 )
 
     def best(self, free: Flags) -> tuple[int, int, ActuatorFault] | None:
-        """Rows from and after, and the fault that improves the fit most; only rows that are free."""
+        """First row, row after the last, and the fault that improves the fit most; only in free rows."""
         many = len(free)
         whole = sum(
             _squares(change[free] - design[free] @ _solved(design[free], change[free]))
@@ -402,7 +409,7 @@ class _Search:
         return spans + [(begin, many) for begin in begins if many - begin > lengths[-1]]
 
     def _refined(self, span: tuple[int, int], free: Flags, kind: str) -> tuple[int, int]:
-        """Both ends moved by rows for as long as the fit becomes better."""
+        """Move both ends by rows while the fit improves."""
         reach, many = round(8.0 * RATE_HZ / _STRIDE), len(free)
         least = round(0.5 * _LENGTHS_S[0] * RATE_HZ / _STRIDE)
         for _ in range(2):
@@ -419,9 +426,9 @@ class _Search:
         return span
 
     def _judged(self, span: tuple[int, int], free: Flags, kind: str = "") -> tuple[_Explained | None, float]:
-        """The best hypothesis inside, and the sum of squares outside; None where no hypothesis is better than none.
+        """Best hypothesis for the rows inside, and the sum of squares outside; None if no hypothesis improves the fit.
 
-        kind: of the hypotheses to choose from; "" for all.
+        kind: the hypotheses to choose from; "" for all.
         """
         inside = slice(*span)
         out = free.copy()
@@ -448,7 +455,7 @@ class _Search:
         least = min(each.squares for each in known)
         if least > _EXPLAINED * _squares(rest):
             return None, outside
-        # A propeller that turns against a steady command also looks stuck: the simpler explanation is named.
+        # A propeller that turns against a steady command also looks stuck: report the simpler explanation.
         close = [each for each in known if each.squares <= least + _AS_GOOD * (_squares(rest) - least)]
         return min(close, key=lambda each: (_ORDER.index(each.kind), each.squares)), outside
 

@@ -1,4 +1,4 @@
-"""Arming: when, by whom, and what was refused before."""
+"""Arming: instants, methods, and refusals before."""
 
 from __future__ import annotations
 
@@ -25,21 +25,23 @@ _MOST_FINDINGS = 10
 
 @dataclass(frozen=True, slots=True)
 class ArmSwitch:
-    """One row of ARM: method, forced None where the version does not log them; checks: bits that were enabled."""
+    """One row of ARM. method and forced are None if the version does not log them."""
 
     at_ns: int
     armed: bool
     method: int | None
     forced: bool | None
     checks: int | None
+    """Bits of the enabled checks."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmRefusal:
-    """The same reason given `count` times; attempt: at an attempt to arm, not before one."""
+    """A reason that was given `count` times."""
 
     reason: str
     attempt: bool
+    """Given at an attempt to arm, not before one."""
     count: int
     first_ns: int
     last_ns: int
@@ -61,7 +63,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def arm_switches(log: Log) -> list[ArmSwitch]:
-    """Rows of ARM in the order of time."""
+    """Rows of ARM in order of time."""
     table = log.tables.get("ARM")
     if table is None or "ArmState" not in table.columns:
         return []
@@ -80,7 +82,7 @@ def arm_switches(log: Log) -> list[ArmSwitch]:
 
 
 def arm_refusals(log: Log) -> list[ArmRefusal]:
-    """Reasons not to arm, in the order they were first given."""
+    """Reasons not to arm, in the order of their first occurrence."""
     found: dict[tuple[str, bool], ArmRefusal] = {}
     for text in signals.texts(log):
         match = _REFUSED.match(text.text)
@@ -118,7 +120,7 @@ def _facts(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
 
 
 def _ready_ns(log: Log) -> int | None:
-    """When the pre-arm checks passed for the first time, as telemetry says."""
+    """First instant at which the pre-arm checks passed, from telemetry."""
     table = autopilot_messages(log, "SYS_STATUS")
     names = ("onboard_control_sensors_present", "onboard_control_sensors_health")
     if table is None or not set(names) <= set(table.columns):
@@ -129,7 +131,7 @@ def _ready_ns(log: Log) -> int | None:
 
 
 def _origin_ns(log: Log, clock: LogClock) -> int | None:
-    """When it was first said to be set; a row at the very start of a log repeats what was before."""
+    """First instant at which it was reported as set. A row at the very start of a log repeats an earlier one."""
     said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
     table = log.tables.get("ORGN")
     if table is not None and "Type" in table.columns:

@@ -1,7 +1,7 @@
-"""Attitude and impacts: a vessel that capsized, a vehicle on its back, what it ran into.
+"""Attitude and impacts: capsized vessels, vehicles on their back, collisions.
 
-What is normal depends on the class of the vehicle (`tables/vehicles.py`), its own limits (ANGLE_MAX, ROLL_LIMIT_DEG)
-and the mode: nobody is warned of a loop flown in ACRO.
+Normal values depend on the class of the vehicle (`tables/vehicles.py`), its own limits (ANGLE_MAX, ROLL_LIMIT_DEG) and
+the mode: a loop flown in ACRO gives no warning.
 """
 
 from __future__ import annotations
@@ -36,18 +36,20 @@ _MOST_EVIDENCE = 8
 
 @dataclass(frozen=True, slots=True)
 class TiltSeries:
-    """Roll and pitch (N,) in deg, tilt (N,): angle of the vertical axis to the vertical. source: the message."""
+    """Roll and pitch (N,) in deg."""
 
     stamp_ns: Stamps
     roll_deg: Floats
     pitch_deg: Floats
     tilt_deg: Floats
+    """(N,) angle between the vertical axis and the vertical."""
     source: str
+    """The message."""
     field: str | None
 
 
 def tilt_series(log: Log, of: signals.SignalSource = "estimate") -> TiltSeries | None:
-    """None without an attitude."""
+    """Tilt of the vehicle; None without an attitude."""
     roll, pitch = signals.roll(log, of), signals.pitch(log, of)
     if roll is None or pitch is None:
         return None
@@ -74,7 +76,7 @@ def analyse(log: Log) -> Section | None:
     free = free_attitude_spans(log)
     overturned: list[tuple[int, int]] = []
     findings: list[Finding] = []
-    # What was true, where the estimate does not tell.
+    # Use the truth if there is no estimate.
     tilt = max(every, key=lambda found: len(_overturned_spans(found, limits, free)), default=None)
     if tilt is not None:
         overturned = _overturned_spans(tilt, limits, free)
@@ -92,7 +94,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def vehicle_limits(kind: VehicleKind, parameters: Mapping[str, float]) -> MotionLimits:
-    """Of its class, with the lean it is allowed by its own parameters and 20 deg for gusts."""
+    """Limits of its class, with the lean that its parameters allow, plus 20 deg for gusts."""
     limits = MOTION_LIMITS[kind]
     allowed = {
         "copter": (parameters.get("ATC_ANGLE_MAX", 0.0), parameters.get("ANGLE_MAX", 0.0) * 0.01),
@@ -107,7 +109,7 @@ _GUST_DEG = 20.0
 
 
 def free_attitude_spans(log: Log) -> list[tuple[int, int]]:
-    """In modes in which the pilot may take any attitude."""
+    """Spans in modes in which the pilot may command any attitude."""
     names = FREE_ATTITUDE.get(vehicle_kind(log), frozenset())
     return [(span.from_ns, span.until_ns) for span in signals.modes(log) if span.text in names]
 
@@ -123,7 +125,7 @@ def _overturned_spans(tilt: TiltSeries, limits: MotionLimits, free: Sequence[tup
 
 
 def _sailing(log: Log, clock: LogClock, span: tuple[int, int]) -> str:
-    """In which state a span began: "armed", "just disarmed", "disarmed", or "" where the log does not tell."""
+    """State at the beginning of a span: "armed", "just disarmed", "disarmed", or "" if unknown."""
     if not clock.armed and not any(name in log.tables for name in ("ARM", "EV", "HEARTBEAT", "/actuators")):
         return ""
     if any(begin <= span[1] and end >= span[0] for begin, end in clock.armed):
@@ -140,7 +142,7 @@ def _overturned(
     parameters: Mapping[str, float],
     clock: LogClock,
 ) -> Iterator[Finding]:
-    """One for all of a state, about the longest."""
+    """One finding for each state, about its longest span."""
     for state, severity in _SEVERITIES.items():
         these = [span for span in spans if _sailing(log, clock, span) == state]
         if not these:
@@ -152,7 +154,7 @@ def _overturned(
         running = _running(log, these, parameters) if state != "disarmed" else None
         motors = "" if running is None else f", with its motors running at up to {100.0 * running:.0f} %"
         while_ = f", {state}" if state else ""
-        # A bag of a camera in a hand turns over, too: what is not known to be a vehicle is no capsize.
+        # A camera's bag in a hand turns over too: without a known vehicle it is no capsize.
         if not state and running is None and not parameters and not firmware_text(log) and log.of_topics:
             severity = Severity.CRITICAL if "/truth/state" in log.tables else Severity.NOTICE
         evidence = tuple(
@@ -198,13 +200,13 @@ def _word(log: Log, kind: VehicleKind, parameters: Mapping[str, float]) -> str:
 
 
 def _angles(tilt: TiltSeries, row: int) -> str:
-    """Roll, and pitch where it is what tips it over."""
+    """Roll, and pitch if that causes the tilt."""
     roll, pitch = tilt.roll_deg[row], tilt.pitch_deg[row]
     return f"roll {roll:.0f}°" if abs(roll) >= abs(pitch) else f"pitch {pitch:.0f}° and roll {roll:.0f}°"
 
 
 def _running(log: Log, spans: Sequence[tuple[int, int]], parameters: Mapping[str, float]) -> float | None:
-    """Largest command to a motor in these spans; None where none ran, or none is logged."""
+    """Largest command to a motor in these spans; None if none ran, or none is logged."""
     most = 0.0
     for output in driven_outputs(log, parameters):
         if output.drives:
@@ -214,7 +216,7 @@ def _running(log: Log, spans: Sequence[tuple[int, int]], parameters: Mapping[str
 
 
 def _stands_upright(inertial: Sequence[InertialUnit], begin: int, end: int) -> bool:
-    """Whether accelerometers contradict: what floats or rolls rests on what carries it, and feels that."""
+    """Whether accelerometers contradict: a floating or rolling vehicle measures the support of its weight."""
     for unit in inertial:
         if unit.accel_mps2 is None:
             continue
@@ -230,7 +232,7 @@ def _stands_upright(inertial: Sequence[InertialUnit], begin: int, end: int) -> b
 def _leaning(
     log: Log, tilt: TiltSeries, limits: MotionLimits, explained: Sequence[tuple[int, int]], clock: LogClock
 ) -> Iterator[Finding]:
-    """Farther than its class leans, and not over; while armed alone."""
+    """Lean beyond the limit of the class, without overturning; only while armed."""
     if limits.lean_deg is None:
         return
     spans = spans_where(tilt.stamp_ns, tilt.tilt_deg > limits.lean_deg, 0.2)
@@ -259,7 +261,7 @@ def _leaning(
 _CLUSTER_NS = 1_000_000_000
 _BEFORE_NS = 3_000_000_000
 _JUST_BEFORE_NS = 250_000_000
-_VIBRATIONS = 6.0  # by how often the usual level a peak has to stand out
+_VIBRATIONS = 6.0  # factor by which a peak must exceed the usual level
 _NO_SENSOR_MPS2 = 420.0  # 43 g
 _RANGES_G = (4, 8, 16, 24, 30, 32)
 _FOLLOWS_NS = 5_000_000_000
@@ -267,21 +269,22 @@ _FOLLOWS_NS = 5_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Shock:
-    """A peak of acceleration: size (m/s²), usual: what it shook by just before, beside gravity. range_g: of the sensor
-    where that is reached, so that the true peak is higher.
-    """
+    """A peak of acceleration."""
 
     at_ns: int
     size_mps2: float
     usual_mps2: float
+    """Usual deviation from gravity just before."""
     range_g: int | None
+    """Range of the sensor if it was reached, so that the true peak is higher."""
     unit: str
     message: str
     field: str
 
 
 def find_shocks(inertial: Sequence[InertialUnit], limits: MotionLimits) -> list[Shock]:
-    """Peaks that neither class nor vibration explains, one a second, of the unit that shows most, in order of time."""
+    """Peaks beyond the normal for the class and the vibration, one per second, of the unit with the largest, by
+    time."""
     found: list[Shock] = []
     for unit in inertial:
         if unit.accel_mps2 is not None:
@@ -296,7 +299,7 @@ def find_shocks(inertial: Sequence[InertialUnit], limits: MotionLimits) -> list[
 
 def _shocks(unit: InertialUnit, accel_mps2: Floats, limits: MotionLimits) -> Iterator[Shock]:
     with np.errstate(invalid="ignore"):
-        known = (np.abs(accel_mps2) < _NO_SENSOR_MPS2).all(axis=1)  # what is beyond is damage, and no motion
+        known = (np.abs(accel_mps2) < _NO_SENSOR_MPS2).all(axis=1)  # larger values are damage, not motion
     stamps, accel = unit.stamp_ns[known], accel_mps2[known]
     size = np.linalg.norm(accel, axis=1)
     shaken = np.abs(size - STANDARD_GRAVITY_MPS2)
@@ -317,7 +320,7 @@ def _shocks(unit: InertialUnit, accel_mps2: Floats, limits: MotionLimits) -> Ite
 def _impacts(
     log: Log, shocks: list[Shock], overturned: Sequence[tuple[int, int]], clock: LogClock
 ) -> Iterator[Finding]:
-    """One for all while armed or just disarmed, another for those by hand."""
+    """One finding for all shocks while armed or just disarmed, another for those during handling."""
     states = [_sailing(log, clock, (shock.at_ns, shock.at_ns)) for shock in shocks]
     sailing = [shock for shock, state in zip(shocks, states, strict=True) if state != "disarmed"]
     handled = [shock for shock, state in zip(shocks, states, strict=True) if state == "disarmed"]
@@ -351,7 +354,7 @@ def _impacts(
 def _consequences(
     log: Log, shocks: Sequence[Shock], overturned: Sequence[tuple[int, int]], clock: LogClock
 ) -> list[str]:
-    """In words, what began within five seconds of a shock and before the next."""
+    """Events that began within five seconds of a shock and before the next, in words."""
     speed = signals.ground_speed(log)
     after: dict[str, None] = {}
     for shock in shocks:
@@ -364,14 +367,14 @@ def _consequences(
 
 
 def _stopped(speed: signals.Series, at_ns: int) -> bool:
-    """From over 1 m/s to a fifth of it within three seconds, for two more."""
+    """Whether the speed fell from over 1 m/s to a fifth within three seconds, and stayed there for two more."""
     before = speed.values[(speed.stamp_ns > at_ns - 2 * 10**9) & (speed.stamp_ns < at_ns)]
     after = speed.values[(speed.stamp_ns > at_ns + 3 * 10**9) & (speed.stamp_ns < at_ns + 5 * 10**9)]
     return len(before) > 1 and len(after) > 1 and float(np.median(before)) > max(1.0, 5.0 * float(np.max(after)))
 
 
 def _contacts(log: Log, clock: LogClock) -> Iterator[Finding]:
-    """What a recording of ours knows the vessel touched."""
+    """Contacts of the vessel from an xitl recording."""
     table = first_instance(log, "/contacts")
     if table is None or not {"what", "speed_mps", "began"} <= set(table.columns):
         return

@@ -51,7 +51,7 @@ def load_analysis(name: str) -> Analysis:
 
 
 def _of_px4(found: Section) -> Section | None:
-    """Without what it lacks, which is said in ArduPilot's messages; None where nothing else is left."""
+    """The section without its lacks, which name ArduPilot's messages; None if nothing else is left."""
     told = found.facts or found.findings or found.grids or found.plots
     return replace(found, lacks=()) if told else None
 
@@ -65,11 +65,12 @@ _PACKAGE = Path(__file__).parents[2]
 
 @dataclass(frozen=True, slots=True)
 class AnalysisFailure:
-    """An analysis that broke: a fault of this program, not of the log. place: file and line of the program."""
+    """An analysis that failed: an error of this program, not of the log."""
 
     analysis: str
     error: str
     place: str
+    """File and line of the program."""
 
     @property
     def sentence(self) -> str:
@@ -77,7 +78,7 @@ class AnalysisFailure:
 
 
 def analysis_failure(analysis: str, error: Exception) -> AnalysisFailure:
-    """With the last place of this program that the error went through."""
+    """Record of a failure, with the last line of this program that the error passed through."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = [frame for frame in frames if Path(frame.filename).is_relative_to(_PACKAGE)]
     last = (ours or frames)[-1]

@@ -1,8 +1,8 @@
-"""Control: what was demanded of the vehicle beside what it did, and where it no longer obeyed.
+"""Control: setpoints against the vehicle's response, and losses of control.
 
-Rover says what it steers to in NTUN, THR and STER, Copter and Plane in ATT and RATE; our recordings keep what the
-autopilot tells of its heading and its error of speed over MAVLink. A demand that is 0 throughout is none. How a demand
-was answered (delay, rise, overshoot) is in responses.py.
+Rover logs its setpoints in NTUN, THR and STER, Copter and Plane in ATT and RATE. Recordings of xitl contain the heading
+and the error of speed that the autopilot reports over MAVLink. A setpoint that is always 0 is ignored. responses.py
+analyses the response to a setpoint (delay, rise, overshoot).
 """
 
 from __future__ import annotations
@@ -34,10 +34,7 @@ _FEWEST_ROWS = 10
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """Demanded and achieved (N,) in `unit`, at the rows in which a demand is in force. error: achieved less demanded.
-
-    turns: an angle round the circle. message, field: of the demand.
-    """
+    """Setpoint and response (N,) in `unit`, in rows with an active setpoint. error: achieved minus demanded."""
 
     key: str
     label: str
@@ -46,8 +43,11 @@ class Tracking:
     demanded: Floats
     achieved: Floats
     message: str
+    """Message of the setpoint."""
     field: str
+    """Field of the setpoint."""
     turns: bool = False
+    """An angle of 360 degrees."""
 
     @property
     def error(self) -> Floats:
@@ -57,20 +57,19 @@ class Tracking:
 
 @dataclass(frozen=True, slots=True)
 class TrackingLimit:
-    """An error over `least` and over `share` of the demand, for `lasting_s` at a time, is worth `severity`.
-
-    moved: what has to be achieved meanwhile: sticks are stirred on the ground, too, where nothing follows.
-    """
+    """Limit of an error: over `least` and over `share` of the setpoint, for `lasting_s` at a time, it has
+    `severity`."""
 
     least: float
     share: float
     lasting_s: float
     severity: Severity = Severity.WARNING
     moved: float = 0.0
+    """Least response in that time: a pilot also moves the sticks on the ground, where nothing follows."""
 
 
-# A boat turns through half a circle in 10 to 15 s and gathers way in 10 s; ArduCopter's crash check takes 30 deg for
-# two seconds for lost control.
+# A boat turns by half a circle in 10 to 15 s and gathers way in 10 s. ArduCopter's crash check treats 30 deg for two
+# seconds as lost control.
 _HEADING = TrackingLimit(30.0, 0.0, 15.0)
 _SLOW = TrackingLimit(0.5, 0.3, 15.0)
 _FAST = TrackingLimit(0.75, 0.5, 10.0)
@@ -80,7 +79,7 @@ _RATE = TrackingLimit(60.0, 1.0, 1.0, moved=60.0)
 
 
 def analyse(log: Log) -> Section | None:
-    """None where a recording holds no demand."""
+    """Section on control; None for a recording without setpoints."""
     clock, kind = LogClock(log), vehicle_kind(log)
     found = [each for each in _trackings(log, kind) if len(each.stamp_ns) >= _FEWEST_ROWS]
     if not found:
@@ -98,7 +97,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def _as_one(findings: Sequence[Finding]) -> list[Finding]:
-    """Roll and pitch that were lost together are one loss."""
+    """Join findings: roll and pitch that were lost together are one loss."""
     by_key: dict[str, Finding] = {}
     for finding in findings:
         before = by_key.setdefault(finding.key, finding)
@@ -119,7 +118,7 @@ def _armed(log: Log, stamp_ns: Stamps) -> Flags:
 
 
 def _in_modes(log: Log, stamp_ns: Stamps, names: frozenset[str]) -> Flags:
-    """True throughout where modes are not logged."""
+    """(N,) True in these modes; True throughout if modes are not logged."""
     modes = signals.modes(log)
     if not modes:
         return np.ones(len(stamp_ns), dtype=np.bool_)
@@ -127,7 +126,7 @@ def _in_modes(log: Log, stamp_ns: Stamps, names: frozenset[str]) -> Flags:
 
 
 def _heading(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
-    """Of a vessel under way in a mode that holds a heading; going backwards it points the other way."""
+    """Heading of a vessel under way in a mode that holds a heading. Going backwards, it points the other way."""
     demand, yaw = signals.yaw_desired(log), signals.yaw(log)
     if demand is None or yaw is None:
         return
@@ -148,7 +147,7 @@ _UNDER_WAY_MPS = 0.2
 
 
 def _under_way(log: Log, stamp_ns: Stamps) -> Flags:
-    """Where a speed ahead is demanded, or none is logged: a vessel that lies still does not steer."""
+    """(N,) True if the setpoint of the speed is ahead, or is not logged: a vessel at rest does not steer."""
     speed = column_series(log, "THR", "DesSpeed", "m/s")
     if speed is None or not (speed.values >= _UNDER_WAY_MPS).any():
         return np.ones(len(stamp_ns), dtype=np.bool_)
@@ -159,7 +158,7 @@ def _under_way(log: Log, stamp_ns: Stamps) -> Flags:
 def _columns(
     log: Log, key: str, label: str, unit: str, message: str, demanded: str, achieved: str, *, turns: bool = False
 ) -> Iterator[Tracking]:
-    """Of two columns of a message, while armed, where anything is demanded at all."""
+    """Tracking of two columns of a message while armed, if any setpoint is not 0."""
     table = first_instance(log, message)
     wanted = None if table is None else numbers(table, demanded)
     there = None if table is None else numbers(table, achieved)
@@ -174,7 +173,7 @@ def _rows(each: Tracking, chosen: Flags) -> Tracking:
 
 
 def _speed(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
-    """Where a speed is demanded; 0 of a mode without one is no demand."""
+    """Speed with a setpoint. 0 in a mode without a setpoint is ignored."""
     logged = [*_columns(log, "speed", "speed", "m/s", "THR", "DesSpeed", "Speed")]
     for each in logged or _told_speed(log):
         asked = _rows(each, np.abs(each.demanded) >= _UNDER_WAY_MPS)
@@ -186,7 +185,7 @@ _NAVIGATION = "NAV_CONTROLLER_OUTPUT"
 
 
 def _told_speed(log: Log) -> Iterator[Tracking]:
-    """Over MAVLink an autopilot tells its error alone, demanded less achieved; ArduRover leaves it at 0."""
+    """Speed from MAVLink, which has only the error, demanded minus achieved; ArduRover leaves it at 0."""
     achieved = signals.ground_speed(log)
     for message in (_NAVIGATION, f"/link/agent/rx:{_NAVIGATION}"):
         error = column_series(log, message, "aspd_error", "m/s")
@@ -213,7 +212,7 @@ def _pitch(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
 
 
 def _steered(log: Log, name: str, demanded: str, achieved: str) -> Iterator[Tracking]:
-    """Not in modes without a demanded attitude."""
+    """Attitude or rate, without modes that have no attitude setpoint."""
     for each in _columns(log, name, name, "deg", "ATT", demanded, achieved, turns=True):
         yield _rows(each, ~inside(each.stamp_ns, free_attitude_spans(log)))
 
@@ -224,13 +223,13 @@ def _rates(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
         ("pitch_rate", "pitch rate", "PDes", "P"),
         ("yaw_rate", "yaw rate", "YDes", "Y"),
     ):
-        table = log.tables.get("RATE")  # hundredths of a degree in old logs, which do not say so
+        table = log.tables.get("RATE")  # hundredths of a degree in old logs, without a unit
         if table is not None and achieved in table.columns and table.columns[achieved].unit == "deg/s":
             yield from _columns(log, key, label, "deg/s", "RATE", demanded, achieved)
 
 
 def _judged(each: Tracking, clock: LogClock) -> Iterator[Finding]:
-    """One finding for all spans in which the error was too large for too long."""
+    """One finding for all spans with too large an error for too long."""
     error = each.error
     if each.key == "heading":
         yield from _off(
@@ -291,7 +290,7 @@ def _off(
 
 
 def _unbroken(stamp_ns: Stamps, spans: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """Spans parted where rows are missing: of what was between them nothing is known."""
+    """Spans split at missing rows, because nothing is known between them."""
     for begin, end in spans:
         within = stamp_ns[(stamp_ns >= begin) & (stamp_ns <= end)]
         for part in unbroken(within):
@@ -316,13 +315,13 @@ def _facts(found: Sequence[Tracking]) -> Iterator[Fact]:
         yield Fact(f"{each.key}_error_max_{unit}", f"{label}, largest error", significant(largest, 3), each.unit)
 
 
-# Changes of a demand whose answer can be told from what waves and gusts do.
+# Changes of a setpoint that are distinguishable from the effect of waves and gusts.
 _VARIES = {"deg": 3.0, "m/s": 0.15, "deg/s": 3.0}
 _STEPS = {"deg": 20.0, "m/s": 1.0, "deg/s": 10.0}
 
 
 def _unturned(each: Tracking) -> tuple[Floats, Floats]:
-    """Demanded and achieved as numbers without the jump where 360 becomes 0."""
+    """Setpoint and response as numbers without the step from 360 to 0."""
     if not each.turns:
         return each.demanded, each.achieved
     demanded = np.unwrap(each.demanded, period=360.0)
@@ -370,7 +369,7 @@ def _steps(found: Sequence[Tracking], clock: LogClock) -> Iterator[Grid]:
 
 
 def _lacks(log: Log, kind: VehicleKind, found: Sequence[Tracking]) -> Iterator[str]:
-    """Of a rover, what it was not told to do, or did not log."""
+    """Setpoints that a rover did not get, or did not log."""
     if kind not in ("rover", "unknown"):
         return
     there = {each.key for each in found}

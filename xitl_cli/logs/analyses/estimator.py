@@ -24,22 +24,23 @@ from xitl_cli.logs.tables.events import EKF_MAG_FUSION, EKF_SOURCE_SETS
 
 _POSITION_M = (1.0, 3.0)
 _YAW_DEG = (5.0, 10.0)
-"""Root mean square from which an error is worth a notice, and a warning."""
+"""Root mean square error from which a notice, and a warning, is given."""
 _FARTHEST_M = 1e5
 _AROUND = 2
 
 
 @dataclass(frozen=True, slots=True)
 class EstimateError:
-    """Estimate less truth at the estimate's instants. values: (N,) or (N, k)."""
+    """Estimate minus truth at the estimate's instants."""
 
     stamp_ns: Stamps
     values: Floats
+    """(N,) or (N, k)."""
     source: str
     truth: str
 
     def while_in(self, spans: list[tuple[int, int]]) -> EstimateError:
-        """Only of these spans; all of it when there are none."""
+        """The errors in these spans; all errors if there are no spans."""
         if not spans:
             return self
         rows = inside(self.stamp_ns, spans)
@@ -131,7 +132,7 @@ def _error_finding(
 
 
 def _lasting(size: Floats) -> Floats:
-    """(N,) the median of each with its neighbours: a row or two that are damaged are not what the estimate did."""
+    """(N,) median of each value with its neighbours, to remove one or two damaged rows."""
     width = 2 * _AROUND + 1
     if len(size) < width:
         return size
@@ -225,7 +226,7 @@ def _origin_facts(
 
 
 def _selection(log: Log) -> Iterator[Fact]:
-    """XKFS: what the filter takes its measurements from, at the end."""
+    """XKFS: the sources of the filter's measurements, at the end."""
     table = log.tables.get("XKFS")
     if table is None or not len(table):
         return
@@ -239,7 +240,7 @@ def _selection(log: Log) -> Iterator[Fact]:
 
 
 def _filters(used: list[cores.FilterUse], clock: LogClock) -> Iterator[Finding]:
-    """Attitude that fell back from a filter to DCM while armed."""
+    """Fallback of the attitude from a filter to DCM while armed."""
     fallbacks = [
         (before, use) for before, use in itertools.pairwise(used) if use.name == "DCM" and clock.was_armed(use.from_ns)
     ]

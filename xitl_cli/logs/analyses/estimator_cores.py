@@ -1,7 +1,6 @@
-"""Cores of the estimator, and when each had what: origin, position, biases, agreement of cores.
+"""Cores of the estimator: origin, position, biases, and agreement of cores over time.
 
-EKF3's XKF messages, EKF2's NKF, EKF1 to EKF4 of the first filter, by number of the core, whatever the version calls
-them.
+The messages are EKF3's XKF, EKF2's NKF, and EKF1 to EKF4 of the first filter, by number of the core, for all versions.
 """
 
 from __future__ import annotations
@@ -23,14 +22,14 @@ from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import autopilot_messages
 from xitl_cli.logs.tables.events import EKF_ABSOLUTE, EKF_ACTIVE, EKF_GPS_CHECKS
 
-FIRST_FILTER = "EKF1"  # until Copter 3.4; its bits of faults are its own
+FIRST_FILTER = "EKF1"  # until Copter 3.4; its fault bits differ
 _FAMILIES = (("EKF3", "XKF"), ("EKF2", "NKF"), (FIRST_FILTER, "EKF"))
-_SECOND_CORE = 5  # before 4.1 a core had messages of its own: XKF6 is XKF1 of the second
+_SECOND_CORE = 5  # before 4.1, a core had its own messages: XKF6 is XKF1 of the second
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorCore:
-    """solution: XKF1, innovations: XKF3, health: XKF4 of one core, None where not logged."""
+    """One core: solution (XKF1), innovations (XKF3), health (XKF4); None if not logged."""
 
     number: int
     filter: str
@@ -40,7 +39,7 @@ class EstimatorCore:
 
 
 def estimator_cores(log: Log) -> list[EstimatorCore]:
-    """Of EKF3 where it was logged, else of EKF2, else of the first filter, by number."""
+    """Cores by number, of EKF3 if it was logged, else of EKF2, else of the first filter."""
     for name, prefix in _FAMILIES:
         parts = {kind: _by_core(log, prefix, kind) for kind in (1, 3, 4)}
         numbers = sorted(set().union(*parts.values()))
@@ -54,7 +53,7 @@ def estimator_cores(log: Log) -> list[EstimatorCore]:
 
 
 def core_in_use(log: Log, every: list[EstimatorCore], primary: int) -> EstimatorCore | None:
-    """Rows of whichever core was in use when they were written, under the number of the one that was so longest."""
+    """Rows of the core in use at each row, under the number of the core that was in use longest."""
     core = next((one for one in every if one.number == primary), None)
     prefix = next((prefix for name, prefix in _FAMILIES if core is not None and name == core.filter), "")
     if core is None or lanes(log, prefix) is None or len(every) < 2:
@@ -84,19 +83,22 @@ _DIFFERENT_M = 0.01
 
 @dataclass(frozen=True, slots=True)
 class EstimatorOrigin:
-    """set_ns: None where it was set before the log began. altitude_m: of ORGN, height_m: XKF1.OH at first."""
+    """Origin of the estimator."""
 
     set_ns: int | None
+    """None if it was set before the log began."""
     latitude_deg: float | None
     longitude_deg: float | None
     altitude_m: float | None
+    """From ORGN."""
     height_m: float | None
+    """First XKF1.OH."""
     heights: tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class FilterUse:
-    """A filter that steers attitude and position, from when until when."""
+    """A filter that provides attitude and position, and its span."""
 
     from_ns: int
     until_ns: int
@@ -104,7 +106,7 @@ class FilterUse:
 
 
 def estimator_origin(log: Log, every: list[EstimatorCore], clock: LogClock) -> EstimatorOrigin | None:
-    """The estimator's, None when the log shows none."""
+    """Origin of the estimator; None if it is not logged."""
     rows = _origin_rows(log)
     heights = _heights(every)
     said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
@@ -121,7 +123,7 @@ def estimator_origin(log: Log, every: list[EstimatorCore], clock: LogClock) -> E
 
 
 def first_position_ns(every: list[EstimatorCore]) -> int | None:
-    """When a core first said that its absolute position is good."""
+    """First instant at which a core reported a good absolute position."""
     found = []
     for core in every:
         if core.health is not None and "SS" in core.health.columns:
@@ -131,7 +133,7 @@ def first_position_ns(every: list[EstimatorCore]) -> int | None:
 
 
 def never_positioned(every: list[EstimatorCore], clock: LogClock) -> Iterator[Finding]:
-    """No core ever had an absolute position, and what its checks of GPS said most often."""
+    """Finding that no core ever had an absolute position, with its most frequent results of GPS checks."""
     tables = [core.health for core in every if core.health is not None and "SS" in core.health.columns]
     if not tables or first_position_ns(every) is not None:
         return
@@ -151,7 +153,7 @@ def never_positioned(every: list[EstimatorCore], clock: LogClock) -> Iterator[Fi
 
 
 def filter_uses(log: Log) -> list[FilterUse]:
-    """By ATT.AEKF; empty where it is not logged."""
+    """Filters by ATT.AEKF; empty if it is not logged."""
     table = log.tables.get("ATT")
     if table is None or "AEKF" not in table.columns or not len(table):
         return []
@@ -180,7 +182,7 @@ def _origin_rows(log: Log) -> list[tuple[int, float, float, float]]:
 
 
 def _heights(every: list[EstimatorCore]) -> list[tuple[int, float]]:
-    """(stamp, m) where the height of the origin changed, of the first core that logs it; 0 means that there is none."""
+    """(stamp, m) of changes of the origin's height, from the first core that logs it; 0 means that there is none."""
     for core in every:
         if core.solution is None or "OH" not in core.solution.columns:
             continue
@@ -200,7 +202,7 @@ _BIAS_STATES = (
     ("XKF1", ("GX", "GY", "GZ"), "gyroscope", "deg/s", (0.5, 2.0)),
     ("XKF2", ("AX", "AY", "AZ"), "accelerometer", "m/s²", (0.3, 0.8)),
 )
-"""Table, fields, what, unit, and from where a bias is worth a notice and a warning."""
+"""Table, fields, name, unit, and the biases for a notice and a warning."""
 
 
 def bias_facts(log: Log, core: EstimatorCore | None) -> Iterator[Fact]:
@@ -211,7 +213,7 @@ def bias_facts(log: Log, core: EstimatorCore | None) -> Iterator[Fact]:
 
 
 def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iterator[Finding]:
-    """Of the last seconds: a filter that has just begun does not know it yet."""
+    """Biases of the last seconds, because a filter that has just started does not know them yet."""
     for message, fields, what, unit, limits in _BIAS_STATES:
         if (last := _last_biases(log, core, message, fields)) is None:
             continue
@@ -238,7 +240,7 @@ _FEWEST_AT_LIMIT = 20
 
 
 def _at_limit(values: Floats, bias: float) -> bool:
-    """Whether the filter's estimate ends at its largest value, and stays at it."""
+    """Whether the estimate ends at its largest value, and has stayed there."""
     held = np.abs(np.abs(values) - abs(bias)) <= 1e-3 * abs(bias)
     beyond = np.abs(values) > 1.001 * abs(bias)
     return bool(held[-_FEWEST_AT_LIMIT:].all() and not beyond.any() and len(values) > _FEWEST_AT_LIMIT)
@@ -247,7 +249,7 @@ def _at_limit(values: Floats, bias: float) -> bool:
 def _last_biases(
     log: Log, core: EstimatorCore | None, message: str, fields: tuple[str, ...]
 ) -> tuple[Floats, Table] | None:
-    """(3,) medians over the last seconds, and the rows of the core in use; None where it ran too short."""
+    """(3,) medians over the last seconds, and the rows of the core in use; None if it ran too short."""
     whole = log.tables.get(message)
     if whole is None or core is None or not set(fields) <= set(whole.columns):
         return None
@@ -278,7 +280,7 @@ _STEPS = (
 
 
 def agreement_facts(every: list[EstimatorCore], clock: LogClock) -> Iterator[Fact]:
-    """How far the first two cores were apart while armed."""
+    """Distance between the first two cores while armed."""
     found = _apart(every, clock)
     if found is None:
         return
@@ -309,7 +311,7 @@ def agreement_findings(every: list[EstimatorCore], two_worlds: bool, clock: LogC
 
 
 def step_facts(log: Log) -> Iterator[Fact]:
-    """XKT, NKT: steps of the IMU and of the filter; of all cores, with the windows of the start left out."""
+    """XKT, NKT: steps of the IMU and of the filter, of all cores, without the windows at the start."""
     table = log.tables.get("XKT") or log.tables.get("NKT")
     if table is None:
         return

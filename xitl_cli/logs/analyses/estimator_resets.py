@@ -1,7 +1,7 @@
 """Refused measurements, timeouts, resets and lane switches of the estimator.
 
-XKF4.SV SP SH SM SVT, NKF4 and EKF_STATUS_REPORT give the root of the ratio of the squares: at 1 and over the
-measurement was refused.
+XKF4.SV SP SH SM SVT, NKF4 and EKF_STATUS_REPORT hold the square root of the test ratio: from 1 on, the measurement was
+refused.
 """
 
 from __future__ import annotations
@@ -51,13 +51,16 @@ _MOST_SPANS = 50
 
 @dataclass(frozen=True, slots=True)
 class TestRatios:
-    """of: what was tested. source: "XKF4.SV". values: (N,) at stamp_ns."""
+    """Ratios of one innovation test."""
 
     core: int
     of: str
+    """The tested measurement."""
     source: str
+    """Message and field, such as XKF4.SV."""
     stamp_ns: Stamps
     values: Floats
+    """(N,) at stamp_ns."""
 
     @property
     def refused(self) -> list[tuple[int, int]]:
@@ -66,7 +69,7 @@ class TestRatios:
 
 
 def test_ratios(log: Log, every: list[EstimatorCore]) -> list[TestRatios]:
-    """Of all cores; those that stay 0, of sensors that were never fused, are left out."""
+    """Ratios of all cores. Ratios that stay 0, of sensors that were never fused, are omitted."""
     found: list[TestRatios] = []
     for core in every:
         if core.health is not None:
@@ -94,7 +97,7 @@ def _ratios_of(core: int, table: Table, columns: Mapping[str, str]) -> list[Test
 
 
 def ratio_facts(every: list[TestRatios], clock: LogClock) -> Iterator[Fact]:
-    """Largest ratio of each test of the core in use while armed, or ever when it was not."""
+    """Largest ratio of each test of the core in use while armed, or overall if never armed."""
     for one in every:
         rows = inside(one.stamp_ns, clock.armed) if clock.armed else np.ones(len(one.values), dtype=np.bool_)
         if rows.any():
@@ -103,7 +106,7 @@ def ratio_facts(every: list[TestRatios], clock: LogClock) -> Iterator[Fact]:
 
 
 def refusal_findings(every: list[TestRatios], clock: LogClock) -> Iterator[Finding]:
-    """Refusals of the core in use while armed; before arming filters settle, and it is worth no word."""
+    """Refusals of the core in use while armed. Before arming, filters settle, so refusals are normal."""
     for one in every:
         spans = [span for span in one.refused if clock.was_armed(*span)]
         if not spans:
@@ -189,7 +192,7 @@ def _fault_names(core: EstimatorCore, bits: int) -> str:
 
 
 def unused_core_findings(log: Log, every: list[EstimatorCore], clock: LogClock) -> Iterator[Finding]:
-    """What the other cores refused or lost while armed and not in use: it steered nothing, and tells of their IMU."""
+    """Refusals and losses of the other cores while armed. They had no effect, but they show the state of their IMU."""
     for core in every:
         if len(every) < 2 or core.health is None or "PI" not in core.health.columns:
             continue
@@ -218,7 +221,7 @@ def unused_core_findings(log: Log, every: list[EstimatorCore], clock: LogClock) 
 
 
 def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iterator[Finding]:
-    """Solution status: a position that was there and is not any more, GPS that glitches, in use while armed."""
+    """Solution status of the core in use while armed: loss of position, GPS glitches."""
     table = None if core is None else core.health
     column = "SS"
     if table is None or column not in table.columns:
@@ -278,16 +281,18 @@ _LATEST_NS = 1 << 62
 
 @dataclass(frozen=True, slots=True)
 class EstimateJump:
-    """size_m: None where it is not logged. source: where it was seen."""
+    """A jump of the estimate."""
 
     at_ns: int
     what: str
     size_m: float | None
+    """None if not logged."""
     source: str
+    """Message and field that show it."""
 
 
 def lane_switches(log: Log, every: list[EstimatorCore]) -> list[tuple[int, int]]:
-    """(stamp, core now in use), after the first; by XKF4.PI, or by ERR 24 where that is not logged."""
+    """(stamp, core now in use), after the first; by XKF4.PI, or by ERR 24 if that is not logged."""
     table = every[0].health if every else None
     if table is not None and "PI" in table.columns and len(table):
         lanes = flag_column(table, "PI")
@@ -297,7 +302,7 @@ def lane_switches(log: Log, every: list[EstimatorCore]) -> list[tuple[int, int]]
 
 
 def primary_core(every: list[EstimatorCore]) -> int:
-    """The core that was in use longest; the first one where that is not logged."""
+    """The core that was in use longest; the first core if that is not logged."""
     table = every[0].health if every else None
     if table is None or "PI" not in table.columns or not len(table):
         return every[0].number if every else 0
@@ -307,7 +312,7 @@ def primary_core(every: list[EstimatorCore]) -> int:
 
 
 def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
-    """Resets that were logged, and steps of the position that its velocity does not explain, in the order of time."""
+    """Logged resets, and steps of the position that its velocity does not explain, in order of time."""
     found = _logged(log)
     if core is not None:
         found += _offsets(core)

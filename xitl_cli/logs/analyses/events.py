@@ -1,4 +1,4 @@
-"""Events, errors and texts in one table; and what of it is trouble."""
+"""Events, errors and texts in one table, and findings on those that are troubles."""
 
 from __future__ import annotations
 
@@ -42,23 +42,24 @@ _ROWS: tuple[tuple[str, str, Severity], ...] = (
 _PATTERNS = tuple((re.compile(pattern, re.I), key, severity) for pattern, key, severity in _ROWS)
 _PLAIN = re.compile(r"\b(disabled|enabled|ready|config|param|pre-?arm|arm:)\b|^(PreArm|Arm)\s*:", re.I)
 
-_RUN = "run"  # who says so in /log
+_RUN = "run"  # name of its sender in /log
 _LOG_ERROR = 4  # level of foxglove.Log
 
 
 @dataclass(frozen=True, slots=True)
 class ReportedTrouble:
-    """until_ns: when the autopilot said that it is over; None where it never did."""
+    """A trouble reported in texts."""
 
     key: str
     severity: Severity
     text: LogText
     count: int
     until_ns: int | None
+    """Instant at which the autopilot reported its end; None if it never did."""
 
 
 def reported_troubles(texts: list[LogText]) -> list[ReportedTrouble]:
-    """One for each kind of trouble from its first sentence to the one that ends it, in the order of time."""
+    """One for each kind of trouble, from its first text to the text that ends it, in order of time."""
     open_ones: dict[str, ReportedTrouble] = {}
     done: list[ReportedTrouble] = []
     for text in texts:
@@ -79,16 +80,19 @@ def reported_troubles(texts: list[LogText]) -> list[ReportedTrouble]:
 
 @dataclass(frozen=True, slots=True)
 class ErrorSpan:
-    """code: the first one of the span. until_ns: when it was cleared, None when it never was or tells of an instant."""
+    """An error from its first row to its end."""
 
     subsystem: int
     code: int
+    """First code of the span."""
     from_ns: int
     until_ns: int | None
+    """Instant at which it was cleared; None if it never was, or if it is an instant."""
 
 
 def error_spans(rows: list[tuple[int, int, int]]) -> list[ErrorSpan]:
-    """A code 0 ends what its subsystem had; one without anything to end is how a healthy start looks."""
+    """Spans of errors. A code 0 ends the error of its subsystem; without such an error it is part of a healthy
+    start."""
     open_ones: dict[int, ErrorSpan] = {}
     done: list[ErrorSpan] = []
     for at_ns, subsystem, code in rows:
@@ -183,7 +187,7 @@ def _level(severity: int | None) -> str:
 
 
 def _switches(log: Log) -> list[tuple[int, str, str, str]]:
-    """AUXF: what RC switches and ground stations switched."""
+    """AUXF: functions switched by RC switches and ground stations."""
     table = log.tables.get("AUXF")
     if table is None or not {"function", "pos"} <= set(table.columns):
         return []
@@ -198,7 +202,7 @@ def _switches(log: Log) -> list[tuple[int, str, str, str]]:
 
 
 def _from_errors(spans: list[ErrorSpan], kind: VehicleKind, clock: LogClock) -> Iterator[Finding]:
-    """One a subsystem and code: the open one first, else how often and for how long."""
+    """One finding per subsystem and code: the open error first, else their number and duration."""
     groups: dict[tuple[int, int], list[ErrorSpan]] = {}
     for span in spans:
         if span.subsystem != codes.ERR_EKF_PRIMARY:
@@ -243,7 +247,7 @@ def _severity(subsystem: int, armed: bool, is_open: bool) -> Severity:
 
 
 def _from_texts(log: Log, told: list[ReportedTrouble], spans: list[ErrorSpan], clock: LogClock) -> Iterator[Finding]:
-    """Sentences of trouble that no error code and no mode change tells already."""
+    """Texts of trouble that no error code and no mode change reports already."""
     explained = [span.from_ns for span in spans if span.subsystem != codes.ERR_EKF_PRIMARY]
     explained += [span.from_ns for span in mode_spans(log) if span.failsafe]
     for trouble in told:
@@ -267,7 +271,7 @@ def _from_texts(log: Log, told: list[ReportedTrouble], spans: list[ErrorSpan], c
 
 
 def _failure_of_run(log: Log, clock: LogClock) -> Iterator[Finding]:
-    """Of a run of ours, what ended it: its own last sentence with the level of an error."""
+    """Reason for the end of an xitl run: its own last text with the level of an error."""
     table = log.tables.get("/log")
     if table is None or not {"level", "name", "message"} <= set(table.columns):
         return
@@ -284,7 +288,7 @@ def _failure_of_run(log: Log, clock: LogClock) -> Iterator[Finding]:
 
 
 def _internal_error_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
-    """MON: the main loop stood still. WDOG: the watchdog reset the board before this log. PM: internal errors."""
+    """MON: the main loop stopped. WDOG: the watchdog reset the board before this log. PM: internal errors."""
     watchdog = log.tables.get("WDOG")
     if watchdog is not None:
         sentence = "The watchdog reset the board before this log began"

@@ -1,4 +1,4 @@
-"""Faults injected on purpose, takeovers, and where their effects are to be seen."""
+"""Faults injected on purpose, takeovers, and the sections that show their effects."""
 
 from __future__ import annotations
 
@@ -73,17 +73,19 @@ EXPECTED: Mapping[str, Mapping[str, str]] = {
         "voltage_drop_v": "a voltage too low for the current (actuators and power)",
     },
 }
-"""By group and key of a fault in a profile: what other sections then show."""
+"""By group and key of a fault in a profile: its effects in other sections."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultSpan:
-    """until_ns: None when it is in force to the end. wrong: group and key of what it does, empty when not known."""
+    """A fault and its span."""
 
     name: str
     from_ns: int
     until_ns: int | None
+    """None if it is in force until the end."""
     wrong: tuple[tuple[str, str, str], ...]
+    """Group, key and value of its effects; empty if unknown."""
 
     @property
     def what(self) -> str:
@@ -96,7 +98,7 @@ class FaultSpan:
 
 
 def analyse(log: Log) -> Section | None:
-    """None where nothing was injected and no agent took over."""
+    """Section on faults; None if nothing was injected and no agent took over."""
     faults = fault_spans(log)
     takeovers = log.tables.get("/takeovers")
     handed = takeovers is not None and {"from_node", "to_node", "silent_s", "step"} <= set(takeovers.columns)
@@ -126,7 +128,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def fault_spans(log: Log) -> list[FaultSpan]:
-    """In the order of their beginning."""
+    """Faults in order of their beginning."""
     table = log.tables.get("/faults")
     if table is None or not {"fault", "active"} <= set(table.columns):
         return []
@@ -145,7 +147,7 @@ def fault_spans(log: Log) -> list[FaultSpan]:
 
 
 def _told(log: Log) -> dict[str, tuple[tuple[str, str, str], ...]]:
-    """Effect of each fault, by the profile inside the recording or beside it; empty without a profile."""
+    """Effects of each fault, from the profile inside the recording or next to it; empty without a profile."""
     text = log.attachment("profile.yaml")
     if text is None:
         try:
@@ -172,7 +174,7 @@ def _faults_of(document: Any) -> dict[Any, Any]:
 
 
 def _wrongs(fault: Mapping[Any, Any]) -> tuple[tuple[str, str, str], ...]:
-    """Group, key and value of what is not as without the fault."""
+    """Group, key and value of each effect that differs from the state without the fault."""
     return tuple(
         (str(group), str(key), str(value))
         for group, keys in fault.items()
@@ -277,7 +279,7 @@ def _missing(log: Log, from_ns: int, until_ns: int) -> int | None:
 
 
 def _plots(log: Log, faults: Sequence[FaultSpan]) -> tuple[Plot, ...]:
-    """A band a fault."""
+    """One band per fault."""
     if not faults or log.span_ns is None:
         return ()
     end_ns = log.span_ns[1]

@@ -1,4 +1,4 @@
-"""Satellite navigation: fixes lost and found, stated accuracy, and whether positions and speeds agree."""
+"""Satellite navigation: fixes lost and found, stated accuracy, and agreement of positions and speeds."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def fixed_rows(receiver: GnssReceiver) -> Flags:
 
 
 def fix_findings(log: Log, receiver: GnssReceiver, pause: Stamps, clock: LogClock) -> Iterator[Finding]:
-    """Fixes lost after the first one, and a first one that never came."""
+    """Fixes lost after the first one, and a first fix that never occurred."""
     fixed = fixed_rows(receiver)
     field = receiver.fields["fix"]
     if not fixed.any():
@@ -58,8 +58,9 @@ def fix_findings(log: Log, receiver: GnssReceiver, pause: Stamps, clock: LogCloc
 
 
 def _outages(log: Log, receiver: GnssReceiver, fixed: Flags, pause: Stamps, clock: LogClock) -> Iterator[Finding]:
-    """Times between two fixes with messages that say there is none, or with no message at all for over a second and
-    five periods. One at the end of the log counts to its end.
+    """Times between two fixes in which messages report no fix, or in which no message arrived.
+
+    Without messages, a time counts from over a second and five periods. At the end of the log, it lasts to its end.
     """
     good = np.flatnonzero(fixed)
     regular = regularity(receiver.sample_ns[good])
@@ -115,12 +116,12 @@ _WINDOW_S = 10.0
 
 
 def motion_section(receiver: GnssReceiver, clock: LogClock) -> Section:
-    """Positions from fix to fix against the mean of the two velocities, in the horizontal."""
+    """Changes of position from fix to fix against the mean of the two velocities, in the horizontal."""
     good = np.flatnonzero((receiver.fix >= FIX_3D) & np.isfinite(receiver.lat_deg) & np.isfinite(receiver.lon_deg))
     if len(good) < 10:
         return Section("gnss", "GNSS")
     lat, lon = receiver.lat_deg[good], receiver.lon_deg[good]
-    # About the median: one wild fix shall not move the frame.
+    # Use the median as origin, so that one outlier does not move the frame.
     frame = LocalFrame(float(np.median(lat)), float(np.median(lon)), 0.0)
     north_east = frame.ned(lat, lon, np.zeros(len(good)))[:, :2]
     step_s = np.diff(receiver.sample_ns[good]) * 1e-9
@@ -136,7 +137,7 @@ def motion_section(receiver: GnssReceiver, clock: LogClock) -> Section:
         known = np.asarray(np.isfinite(strayed).all(axis=1))
         if np.count_nonzero(known) >= 10:
             length = np.where(known, np.hypot(strayed[:, 0], strayed[:, 1]), np.nan)
-            if not findings:  # a position that stands still contradicts any velocity
+            if not findings:  # a constant position contradicts any velocity
                 findings += _bias(receiver, good, strayed, step_s, known, clock)
             findings += _jumps(receiver, good, length, moved, step_s, clock)
             noise = np.sqrt(np.nanmedian(np.diff(velocity, axis=0)[known] ** 2) / 2.0) / 0.6745
@@ -178,7 +179,7 @@ def _jumps(
 
 
 def _stated(receiver: GnssReceiver, at_ns: int) -> float:
-    """Horizontal accuracy that the receiver stated about then; 0 unknown."""
+    """Horizontal accuracy that the receiver reported at about that time; 0: unknown."""
     accuracy = receiver.accuracy
     if accuracy is None or accuracy.horizontal_m is None or not len(accuracy.stamp_ns):
         return 0.0
@@ -189,7 +190,7 @@ def _stated(receiver: GnssReceiver, at_ns: int) -> float:
 def _bias(
     receiver: GnssReceiver, good: NDArray[np.intp], strayed: Floats, step_s: Floats, known: Flags, clock: LogClock
 ) -> Iterator[Finding]:
-    """Velocities that for ten seconds say something else than the positions do; jumps are left out."""
+    """Velocities that differ from the positions for ten seconds; jumps are omitted."""
     usual = 1.4826 * float(np.nanmedian(np.hypot(strayed[:, 0], strayed[:, 1])))
     calm = known & (np.nan_to_num(np.hypot(strayed[:, 0], strayed[:, 1])) < max(_JUMP_M, _SIGMAS * usual))
     stamps = receiver.stamp_ns[good[1:]][calm]
@@ -217,7 +218,7 @@ def _bias(
 
 
 def _frozen(receiver: GnssReceiver, good: NDArray[np.intp], step_s: Floats, clock: LogClock) -> Iterator[Finding]:
-    """The same position again and again from a receiver that says it moves."""
+    """A position that repeats while the receiver reports motion."""
     if receiver.speed_mps is None or not (step_s > 0.0).any():
         return
     period_s = float(np.median(step_s[step_s > 0.0]))
@@ -249,13 +250,13 @@ _TITLE = "GNSS"
 _POOR_SHARE = 0.05
 _FEW_SATELLITES = 6
 _POOR_HDOP = 2.0
-_POOR_HORIZONTAL_M, _POOR_SPEED_MPS = 5.0, 1.0  # EKF3 takes a receiver for good up to these
+_POOR_HORIZONTAL_M, _POOR_SPEED_MPS = 5.0, 1.0  # EKF3 accepts a receiver up to these
 _APART_M = 5.0
 _ERR_GLITCH = 2
 
 
 def analyse(log: Log) -> Section | None:
-    """None where a recording holds no receiver; for a vehicle's log the lack is reported."""
+    """Section on receivers; None for a recording without one. For a vehicle's log, the lack is reported."""
     clock = LogClock(log)
     found = gnss_receivers(log)
     if not found:
@@ -283,7 +284,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def _quality(receiver: GnssReceiver) -> Iterator[Finding]:
-    """Shares of the time with a fix in which the receiver itself says that it is poor."""
+    """Shares of the time with a fix in which the receiver itself reports a poor quality."""
     fixed = fixed_rows(receiver)
     if np.count_nonzero(fixed) < 5:
         return
@@ -324,7 +325,7 @@ def _quality(receiver: GnssReceiver) -> Iterator[Finding]:
 
 
 def _two_receivers(found: list[GnssReceiver], clock: LogClock) -> Iterator[Finding]:
-    """How far two receivers of one vehicle are apart, over what they usually are."""
+    """Distance between two receivers of one vehicle, compared with their usual distance."""
     for one, other in combinations([each for each in found if fixed_rows(each).sum() >= 10], 2):
         if one.message.rpartition(":")[0] != other.message.rpartition(":")[0] or _units_differ(one, other):
             continue
@@ -351,14 +352,14 @@ def _two_receivers(found: list[GnssReceiver], clock: LogClock) -> Iterator[Findi
 
 
 def _units_differ(one: GnssReceiver, other: GnssReceiver) -> bool:
-    """Telemetry of a receiver is no second receiver."""
+    """Whether two tables are different receivers. Telemetry of a receiver is not a second receiver."""
     return {one.message.rpartition(":")[2], other.message.rpartition(":")[2]} == {"XITL_GNSS", "GPS_RAW_INT"}
 
 
 def _glitches(log: Log, clock: LogClock) -> Iterator[Finding]:
     """Glitches reported by the autopilot itself: estimator flags, errors, texts."""
     spans: list[tuple[int, int, str, str]] = []
-    table = rows_in_use(log, "XKF4")  # a core that steers nothing tells of its own sensors
+    table = rows_in_use(log, "XKF4")  # a core that is not in use refers to its own sensors
     flags = None if table is None else numbers(table, "SS", raw=True)
     if table is not None and flags is not None:
         on = (np.nan_to_num(flags).astype(np.int64) & EKF_GPS_GLITCHING) != 0

@@ -1,8 +1,8 @@
-"""MAVLink as it was recorded: losses by the sequence numbers of each sender, and intervals without a frame.
+"""MAVLink as recorded: losses by the sequence numbers of each sender, and intervals without a frame.
 
-A sequence number goes round after 256, and a recording does not have the totals of its senders: where a sender was not
-heard for as long as it usually takes for half a round, what is missing is told as the least that it can be. How many
-rounds it was is not guessed from the rate, as a sender may have been silent.
+A sequence number wraps after 256, and a recording does not have the totals of its senders. If a sender was not heard
+for the usual time of half a wrap, the loss is reported as the least possible number. The number of wraps is not
+estimated from the rate, because a sender may have been silent.
 """
 
 from __future__ import annotations
@@ -34,17 +34,20 @@ IN_A_ROW = 32
 
 @dataclass(frozen=True, slots=True)
 class Sender:
-    """stamp_ns: (N,) in the order of the file. lost: (N,) frames missing before each; at_least: there may be more.
-    late, repeated: numbers that went back, and that came twice.
-    """
+    """One sender."""
 
     system: int
     component: int
     stamp_ns: Stamps
+    """(N,) in the order of the file."""
     lost: Stamps
+    """(N,) frames missing before each."""
     at_least: bool
+    """There may be more losses."""
     late: int
+    """Numbers that went back."""
     repeated: int
+    """Numbers that occurred twice."""
 
     @property
     def name(self) -> str:
@@ -58,11 +61,13 @@ class Sender:
 
 @dataclass(frozen=True, slots=True)
 class Quiet:
-    """Spans without a frame of one link or sender, which is `source` in the log; `last_ns` is when its last came."""
+    """Spans without a frame of one link or sender."""
 
     name: str
     source: str
+    """Its name in the log."""
     last_ns: int
+    """Time of its last frame."""
     spans: list[tuple[int, int]]
 
 
@@ -79,7 +84,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
     else:
         found, losses = [], []
         span_ns = log.span_ns
-        until_ns = None if span_ns is None else span_ns[1]  # a station may record on when the vehicle is off, a run not
+        until_ns = None if span_ns is None else span_ns[1]  # a station may record after the vehicle is off
         quiet = [
             Quiet(
                 name.removeprefix("/link/"),
@@ -132,7 +137,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
 
 
 def senders(log: Log) -> list[Sender]:
-    """Of a telemetry log, those that sent most first."""
+    """Senders of a telemetry log, the one with most frames first."""
     parts: dict[tuple[int, int], list[tuple[Stamps, Stamps, Stamps]]] = {}
     for table in log.tables.values():
         if not {"_sysid", "_compid", "_seq"} <= set(table.columns):
@@ -156,7 +161,7 @@ def senders(log: Log) -> list[Sender]:
 
 
 def frames_due(stamp_ns: Stamps) -> Floats:
-    """(N,) how many frames the sender usually sends in the time before each: by the median time of `IN_A_ROW`."""
+    """(N,) number of frames that the sender usually sends in the time before each, by the median time of `IN_A_ROW`."""
     run = min(IN_A_ROW, len(stamp_ns) - 1)
     if run < 1:
         return np.zeros(len(stamp_ns))
@@ -165,10 +170,10 @@ def frames_due(stamp_ns: Stamps) -> Floats:
 
 
 def missing_frames(sequence: Stamps, due: Floats) -> tuple[Stamps, int, int]:
-    """(N,) how many are missing before each frame; how many came late, and how many twice in a row.
+    """(N,) number of frames missing before each frame; number of late frames, and of frames that are repeated directly.
 
-    A number that went back by half a round or less is a late frame, which is not missing any more if it was. Where a
-    quarter of a round and more was `due` (N,) before it, see `frames_due`, it went on to the next round.
+    A number that went back by half a wrap or less is a late frame; if it was missing, it is not missing any more. If a
+    quarter of a wrap or more was `due` (N,) before it (see `frames_due`), it belongs to the next wrap.
     """
     paused = due >= ROUND / 4
     lost = np.zeros(len(sequence), dtype=np.int64)
@@ -178,8 +183,8 @@ def missing_frames(sequence: Stamps, due: Floats) -> tuple[Stamps, int, int]:
         lost[1:] = ahead[1:] - 1
         return lost, 0, 0
     late = repeated = 0
-    newest = int(sequence[0])  # counted on beyond a round
-    missing: dict[int, int] = {}  # those of the last half round, and the row before which they are counted
+    newest = int(sequence[0])  # counted beyond a wrap
+    missing: dict[int, int] = {}  # missing numbers of the last half wrap, and the row before which they are counted
     for row, (number, pause) in enumerate(zip(sequence[1:].tolist(), paused[1:].tolist(), strict=True), start=1):
         step = (number - newest) % ROUND
         if pause or 0 < step < half:
@@ -202,10 +207,10 @@ def _losses(sender: Sender, unknown: int, clock: LogClock) -> Iterator[Finding]:
     lost, frames = int(sender.lost.sum()), len(sender.stamp_ns)
     if not lost or frames < LEAST_FRAMES:
         return
-    beyond = max(lost - unknown, 0)  # frames of messages that no dialect has are in the file, not lost
+    beyond = max(lost - unknown, 0)  # frames with unknown messages are in the file, not lost
     ratio = beyond / (frames + lost)
     severity = Severity.NOTICE
-    if ratio > LOSS_WARNING and sender.component == AUTOPILOT:  # of itself a station records what it likes
+    if ratio > LOSS_WARNING and sender.component == AUTOPILOT:  # a station selects which of its own frames it records
         severity = Severity.CRITICAL if ratio > LOSS_CRITICAL else Severity.WARNING
     rows = np.flatnonzero(sender.lost)
     first_ns, last_ns = int(sender.stamp_ns[rows[0]]), int(sender.stamp_ns[rows[-1]])
@@ -222,7 +227,8 @@ def _losses(sender: Sender, unknown: int, clock: LogClock) -> Iterator[Finding]:
 
 
 def _quiet_spans(stamp_ns: Stamps, least_s: float, until_ns: int | None = None) -> list[tuple[int, int]]:
-    """Pauses much longer than usual, that before `until_ns` included; a frame or two between them does not end one."""
+    """Pauses much longer than usual, including the pause before `until_ns`. A frame or two between pauses do not end
+    them."""
     stamps = np.sort(stamp_ns if until_ns is None else np.append(stamp_ns, until_ns))
     between = np.diff(stamps)
     if not len(between):

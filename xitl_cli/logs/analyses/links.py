@@ -1,4 +1,5 @@
-"""Links: losses, latency and silence, as both ends counted (/links) and as an autopilot logs (MAV, RAD, UART, TSYN)."""
+"""Links: losses, latency and silence, as counted by both ends (/links) and as logged by an autopilot (MAV, RAD, UART,
+TSYN)."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ _TROUBLES = {
     "unsent": ("frames were not taken by the transport", "The link is slower than what it has to carry: lower rates."),
     "refused": ("frames were refused for their signature", "Give both ends the same key."),
 }
-"""By count of /links: what came of so many frames, and what to do."""
+"""By count of /links: the fate of these frames, and the recommended action."""
 
 
 def count_section(log: Log, clock: LogClock) -> Section | None:
@@ -65,7 +66,7 @@ def count_section(log: Log, clock: LogClock) -> Section | None:
 
 
 def _last_counts(link: Table) -> dict[str, int | None]:
-    """The newest of each that is known; `lost` is not where the two ends did not agree in the end."""
+    """Last known value of each count. `lost` is None if the two ends did not agree in the end."""
     counts: dict[str, int | None] = {}
     for count in COUNTS:
         values = np.asarray(link.values(count, raw=True))
@@ -89,13 +90,13 @@ def _ms(seconds: float | None) -> float | None:
 
 
 def _lost(counts: dict[str, int | None]) -> int:
-    """By the counts of both ends, else at least what the receiver misses."""
+    """Losses by the counts of both ends, else at least those that the receiver misses."""
     lost = counts["lost"]
     return counts["gaps"] or 0 if lost is None else lost
 
 
 def _sent_count(counts: dict[str, int | None]) -> int:
-    """Frames sent; where that is unknown, received and lost ones."""
+    """Frames sent; if unknown, received plus lost frames."""
     if counts["sent"] is not None:
         return counts["sent"]
     return (counts["received"] or 0) - (counts["repeated"] or 0) + _lost(counts)
@@ -145,7 +146,7 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
 
 
 def _growths(link: Table, count: str) -> list[tuple[int, int]]:
-    """Episodes in which it counted up, each from the row before."""
+    """Episodes in which the count grew, each from the previous row."""
     values = np.asarray(link.values(count, raw=True)).astype(np.int64)
     grown = np.diff(np.maximum.accumulate(np.maximum(values, 0)), prepend=0) > 0
     return spells(link.stamp_ns, grown | np.append(grown[1:], False))
@@ -171,11 +172,11 @@ def _count_plots(links: dict[str, Selection]) -> tuple[Plot, ...]:
 
 
 DROP_WARNING = 0.05
-LEAST_PACKETS = 50  # fewer say nothing of a link
-MARGIN_LOW = 10.0  # RSSI less noise of a SiK radio, in its own steps of about half a dB
+LEAST_PACKETS = 50  # with fewer, a link is not judged
+MARGIN_LOW = 10.0  # RSSI minus noise of a SiK radio, in its own steps of about half a dB
 TRIP_WARNING_MS = 500.0
-LONGEST_TRIP_MS = 1e6  # what ArduPilot subtracts the wrong way round goes below 0 and comes out near 2^64
-ROUND = 1 << 16  # counts of packets are of 16 bits
+LONGEST_TRIP_MS = 1e6  # ArduPilot's negative differences wrap to near 2^64
+ROUND = 1 << 16  # packet counts have 16 bits
 
 
 def autopilot_section(log: Log, clock: LogClock) -> Section | None:
@@ -184,7 +185,7 @@ def autopilot_section(log: Log, clock: LogClock) -> Section | None:
 
 
 def _grown(table: Table, column: str) -> Stamps:
-    """(N,) by how much a count of 16 bits grew at each row."""
+    """(N,) growth of a 16-bit count at each row."""
     values = np.asarray(table.values(column, raw=True)).astype(np.int64)
     grown: Stamps = np.diff(values, prepend=values[:1]) % ROUND
     return np.where(grown < ROUND // 2, grown, 0)
@@ -323,7 +324,7 @@ def _trips(log: Log, clock: LogClock) -> Section | None:
 
 
 def analyse(log: Log) -> Section | None:
-    """None where the log tells of no link."""
+    """Section on links; None if the log has none."""
     clock = LogClock(log)
     if log.format == "dataflash":
         parts = [autopilot_section(log, clock)]

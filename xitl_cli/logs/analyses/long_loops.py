@@ -17,23 +17,22 @@ from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import spells
 from xitl_cli.logs.signals.states import last_parameters
 
-BESIDE_NS = 500_000_000  # of a loop that could be placed
-PLACED = 0.7  # of the longest loop's time must be without a row of the loop
+BESIDE_NS = 500_000_000  # around a loop with a known instant
+PLACED = 0.7  # share of the longest loop's time that must be without a row of the loop
 FAST_TABLES = ("ATT", "IMU", "RCOU", "XKF1", "NKF1", "GPS", "POS", "STER", "RATE")
 
 
 @dataclass(frozen=True, slots=True)
 class LongLoopWindow:
-    """One that had long loops. placed: the pause in the log that the longest one left, None where none is found.
-
-    leapt: it is long since the clock leapt ahead.
-    """
+    """A window with long loops."""
 
     row: int
     placed: tuple[int, int] | None
+    """Pause in the log during the longest loop; None if none was found."""
     happened: str
     armed: bool
     leapt: bool
+    """It is long because the clock jumped ahead."""
 
 
 def windows_with_long_loops(
@@ -54,7 +53,7 @@ def windows_with_long_loops(
 
 
 def _pauses(log: Log, period_s: float | None) -> list[Stamps]:
-    """Stamps of what is logged in about every loop."""
+    """Stamps of messages that are logged in about every loop."""
     if period_s is None:
         return []
     found = []
@@ -71,7 +70,7 @@ def _pauses(log: Log, period_s: float | None) -> list[Stamps]:
 def _placed(
     pauses: list[Stamps], from_ns: int, until_ns: int, longest_s: float, log: Log, period_s: float | None
 ) -> tuple[int, int] | None:
-    """Where nothing of the loop was logged for as long as the longest loop; before the log's first row at its start."""
+    """Span without any row of the loop for as long as the longest loop; before the log's first row at its start."""
     if not np.isfinite(longest_s) or period_s is None or longest_s < 2.0 * period_s:
         return None
     best: tuple[int, int] | None = None
@@ -87,7 +86,7 @@ def _placed(
     if best is not None:
         return best
     begins_ns = log.span_ns[0] if log.span_ns else from_ns
-    if pauses and from_ns < begins_ns < until_ns:  # no pause since the first row, so it was before
+    if pauses and from_ns < begins_ns < until_ns:  # no pause since the first row, so it was earlier
         return (begins_ns - round(longest_s * 1e9), begins_ns)
     return None
 
@@ -214,7 +213,7 @@ def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
 def _longest(
     windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, clock: LogClock
 ) -> Iterator[Finding]:
-    """One finding for the longest loop armed, one for the longest disarmed, where they are long at all."""
+    """One finding for the longest loop while armed and one while disarmed, if they are long at all."""
     for armed in (True, False):
         rows = [one for one in found if one.armed == armed and np.isfinite(windows.longest_us[one.row])]
         if not rows or period_s is None:
@@ -270,7 +269,7 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
 
 
 def _window_spells(windows: LoopWindows, flags: Flags) -> list[tuple[int, int]]:
-    """Episodes of neighbouring windows, by when they were logged."""
+    """Episodes of consecutive windows, by the time of logging."""
     return spells(windows.until_ns, flags)
 
 

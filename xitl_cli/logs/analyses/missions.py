@@ -1,4 +1,4 @@
-"""The mission: what was loaded, its legs, cross-track errors, and whether it was completed."""
+"""The mission: loaded items, its legs, cross-track errors, and its completion."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ _PLAUSIBLE_ITEMS = 5000
 
 @dataclass(frozen=True, slots=True)
 class LoggedMissionItem:
-    """latitude and longitude in deg, altitude in m; place: whether it is somewhere to go to."""
+    """One item of a mission.
+
+    Latitude and longitude in deg, altitude in m. place: whether it has a destination.
+    """
 
     seq: int
     command: int
@@ -45,7 +48,7 @@ class LoggedMissionItem:
 
 @dataclass(frozen=True, slots=True)
 class MissionVersion:
-    """The mission from `at_ns` on, by number of the item; item 0 is home."""
+    """The mission since `at_ns`, by number of the item; item 0 is home."""
 
     at_ns: int
     items: Mapping[int, LoggedMissionItem]
@@ -56,12 +59,12 @@ class MissionVersion:
 
 
 def mission_rows(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
-    """Stamp, number of items in the mission (0 unknown), and item, in the log's order."""
+    """Stamp, number of items in the mission (0: unknown), and item, in the log's order."""
     return _items_from_log(log) or _items_from_telemetry(log)
 
 
 def mission_versions(log: Log) -> list[MissionVersion]:
-    """Every mission that was logged and differs from the one before, in the log's order; home is not compared."""
+    """Every logged mission that differs from the previous one, in the log's order; home is not compared."""
     found: list[MissionVersion] = []
     current: dict[int, LoggedMissionItem] = {}
     began_ns, last_seq = 0, -1
@@ -78,7 +81,7 @@ def mission_versions(log: Log) -> list[MissionVersion]:
 
 
 def executed_items(log: Log) -> list[tuple[int, int]]:
-    """(stamp, number) of each item taken up, in the order of time."""
+    """(stamp, number) of each item started, in order of time."""
     table = log.tables.get("MISE")
     if table is not None and "CNum" in table.columns:
         return _sequence(table, "CNum", changes_only=False)
@@ -146,26 +149,32 @@ def _rows(
 
 @dataclass(frozen=True, slots=True)
 class MissionLeg:
-    """On the way to `seq`. until_ns: when it was reached, or left; reached: which of the two."""
+    """The way to item `seq`."""
 
     seq: int
     from_ns: int
     until_ns: int
+    """Instant at which it was reached, or left."""
     reached: bool
+    """Whether it was reached."""
 
 
 @dataclass(frozen=True, slots=True)
 class LegTrack:
-    """Of one leg: way and straight length in m, root mean square and largest distance from its line in m."""
+    """Track of one leg."""
 
     way_m: float | None = None
+    """Length of the path."""
     length_m: float | None = None
+    """Straight length."""
     cross_rms_m: float | None = None
+    """Root mean square of the distance from its line."""
     cross_max_m: float | None = None
+    """Largest distance from its line."""
 
 
 def length_m(plan: MissionVersion) -> float:
-    """Along the straight lines from waypoint to waypoint."""
+    """Length along the straight lines between waypoints."""
     places = plan.places
     if len(places) < 2:
         return 0.0
@@ -183,7 +192,7 @@ def _path(places: list[LoggedMissionItem], origin: LoggedMissionItem) -> NDArray
 
 
 def leg_tracks(log: Log, plan: MissionVersion | None, legs: list[MissionLeg]) -> list[LegTrack]:
-    """Each leg's way against its line: from the waypoint before, or from where its first leg began."""
+    """Path of each leg against its line, which begins at the previous waypoint, or at the start of the first leg."""
     geodetic = signals.position_geodetic(log)
     if plan is None or geodetic is None or not legs:
         return [LegTrack()] * len(legs)
@@ -208,7 +217,7 @@ def leg_tracks(log: Log, plan: MissionVersion | None, legs: list[MissionLeg]) ->
 
 
 def _against(way: NDArray[Any], start: NDArray[Any]) -> LegTrack:
-    """`way` about the waypoint, which is at 0, 0; `start` is where the line to it begins."""
+    """Track of a leg. `way`: path relative to the waypoint at (0, 0). `start`: beginning of the line to it."""
     length_m = float(np.hypot(*start))
     way_m = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
     if length_m < 0.1:
@@ -218,7 +227,7 @@ def _against(way: NDArray[Any], start: NDArray[Any]) -> LegTrack:
 
 
 def overall_rms_m(legs: list[MissionLeg], sailed: list[LegTrack]) -> float | None:
-    """Over time: each leg counts by how long it took."""
+    """Root mean square over time: each leg is weighted by its duration."""
     known = [
         ((leg.until_ns - leg.from_ns) * 1e-9, one.cross_rms_m)
         for leg, one in zip(legs, sailed, strict=True)
@@ -240,7 +249,7 @@ _COMPLETE_STATE = 5  # MISSION_STATE_COMPLETE
 _AUTO = "AUTO"
 _MOST_LEGS = 2000
 _REPEATED_NS = 5_000_000_000
-_HEARD_LATE_NS = 1_500_000_000  # MISSION_CURRENT comes once a second
+_HEARD_LATE_NS = 1_500_000_000  # MISSION_CURRENT arrives once a second
 
 
 def analyse(log: Log) -> Section | None:
@@ -278,7 +287,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def reached_at(log: Log) -> list[tuple[int, int]]:
-    """(stamp, number) of each waypoint that the autopilot said it reached, each once, in the order of time."""
+    """(stamp, number) of each waypoint that the autopilot reported as reached, each once, in order of time."""
     found = [
         (text.at_ns, int(match.group(1)))
         for text in signals.texts(log)
@@ -303,7 +312,7 @@ def _complete_ns(log: Log) -> int | None:
 
 
 def _last_item(log: Log) -> int:
-    """Number of the last item by MISSION_CURRENT, for logs without the items themselves; 0 when unknown."""
+    """Number of the last item by MISSION_CURRENT, for logs without the items themselves; 0 if unknown."""
     table = autopilot_messages(log, "MISSION_CURRENT")
     if table is None or "total" not in table.columns:
         return 0
@@ -314,11 +323,11 @@ def _last_item(log: Log) -> int:
 def _legs(
     log: Log, taken_up: list[tuple[int, int]], reached: list[tuple[int, int]], modes: list[ModeSpan], clock: LogClock
 ) -> list[MissionLeg]:
-    """From each item taken up to where it was reached, the next one was, or the mode was left."""
+    """Legs from each started item until it was reached, the next item started, or the mode changed."""
     if not taken_up and reached:
         starts = [(span.from_ns, reached[0][1]) for span in modes if span.name == _AUTO][:1]
         taken_up = starts + [(at_ns, seq) for (at_ns, _), (_, seq) in itertools.pairwise(reached)]
-    # Item 1 can be current long before anything is sailed: a leg begins in AUTO.
+    # Item 1 can be current long before the vessel moves: a leg begins in AUTO.
     auto = [(span.from_ns, span.until_ns) for span in modes if span.name == _AUTO]
     armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     legs: list[MissionLeg] = []
@@ -333,7 +342,7 @@ def _legs(
         last = legs[-1] if legs else None
         if last is not None and last.reached and last.seq < seq and 0 <= from_ns - last.until_ns <= _HEARD_LATE_NS:
             from_ns = last.until_ns
-        # In real time the sentence is logged just after the next item.
+        # In real time, the text is logged just after the next item.
         latest_ns = next_ns + _HEARD_LATE_NS
         there = next(
             (min(when, next_ns) for when, which in reached if which == seq and from_ns <= when <= latest_ns), None
@@ -345,7 +354,7 @@ def _legs(
 
 
 def _plan_in_force(loaded: list[MissionVersion], legs: list[MissionLeg]) -> MissionVersion | None:
-    """The last mission loaded before its first leg was over, else the last one."""
+    """The last mission loaded before the end of its first leg, else the last mission."""
     if not loaded:
         return None
     if not legs:

@@ -1,4 +1,4 @@
-"""Modes: from when until when, and why."""
+"""Modes: their spans and the reasons of changes."""
 
 from __future__ import annotations
 
@@ -30,19 +30,21 @@ _STEPS = {
 }
 
 _KINDS = {3: ".link", 4: ".battery", 5: ".link", 6: ".position", 7: ".position", 25: ".link", 50: ".position"}
-"""Which trouble a reason answers to, as the end of a finding's key. Rover gives 25 where radio or station is lost."""
+"""Trouble behind a reason, as the end of a finding's key. Rover gives 25 if radio or ground station is lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModeSpan:
-    """reason: number of ModeReason, None where none is logged. cause: in words, "" when not known."""
+    """A span in one mode."""
 
     from_ns: int
     until_ns: int
     number: int | None
     name: str
     reason: int | None
+    """Number of ModeReason; None if not logged."""
     cause: str
+    """In words; "" if unknown."""
     failsafe: bool
     source: str
 
@@ -83,7 +85,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def mode_spans(log: Log) -> list[ModeSpan]:
-    """One after another; the same mode logged again is no new span."""
+    """Mode spans in order of time. The same mode logged again is no new span."""
     table = log.tables.get("MODE")
     column = None if table is None else first_of(table, ("ModeNum", "Mode"))
     if table is None or column is None:
@@ -97,7 +99,7 @@ def mode_spans(log: Log) -> list[ModeSpan]:
 
 
 def _recorded_cause(log: Log, from_ns: int, name: str) -> str:
-    """The failsafe that a run recorded for the change to this mode, empty without one."""
+    """Failsafe that a run recorded for the change to this mode; empty if there is none."""
     table = log.tables.get("/autopilot/events")
     if table is None or not {"event", "mode", "reason"} <= set(table.columns):
         return ""
@@ -136,7 +138,7 @@ def _from_rows(log: Log, table: Table, column: str) -> list[ModeSpan]:
 
 
 def _failsafe_at(log: Log, at_ns: int) -> str:
-    """The failsafe that was logged as an error with the mode change, for autopilots that give no reason."""
+    """Failsafe that was logged as an error with the mode change, for autopilots that give no reason."""
     names = (
         error_name(subsystem, code)
         for error_ns, subsystem, code in error_rows(log)

@@ -1,4 +1,4 @@
-"""Outputs of the autopilot as commands: what each drives, between which ends, and what it rests at."""
+"""Outputs of the autopilot as commands: function, end points and neutral position of each."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from xitl_cli.logs.tables.commands import (
 )
 from xitl_cli.logs.tables.vehicles import VehicleKind
 
-_SHORTEST_US, _LONGEST_US = 500.0, 2500.0  # of a pulse; what is beyond is none
+_SHORTEST_US, _LONGEST_US = 500.0, 2500.0  # of a pulse; other values are not pulses
 _USUAL_US = (1100.0, 1900.0)
 _AT_END = 0.05  # of the range
 _GROUND_STEERING = 26
 _MOTORS_BOTH_WAYS = ("rover", "sub")
-_FEWEST_MOTORS = 4  # what a copter flies with, on its first outputs
+_FEWEST_MOTORS = 4  # minimum of a copter, on its first outputs
 
 
 @dataclass(frozen=True, slots=True)
 class OutputChannel:
-    """command: (N,) from -1 to 1 about what it does nothing at, from 0 to 1 where that is its end; NaN where no pulse.
-
-    armed: (N,); all rows where the log does not tell, and arming_known is False. known: whether the log tells its ends.
-    """
+    """An output with its command."""
 
     channel: int
     name: str
     function: int | None
     series: Series
     command: Floats
+    """(N,) from -1 to 1 about neutral, or from 0 to 1 if neutral is an end; NaN without a pulse."""
     armed: Flags
+    """(N,); all True if the log does not show arming, and arming_known is False."""
     known: bool
+    """Whether the log has its end points."""
     arming_known: bool
 
     @property
@@ -54,7 +54,7 @@ class OutputChannel:
 
 @dataclass(frozen=True, slots=True)
 class OutputRange:
-    """Pulses (us) of an output: least, most, and that at which it does nothing (trim, or an end: idle)."""
+    """Pulses (us) of an output: minimum, maximum, and neutral (trim, or an end: idle)."""
 
     low_us: float
     high_us: float
@@ -63,7 +63,7 @@ class OutputRange:
     known: bool
 
     def command(self, pulse_us: Floats) -> Floats:
-        """(N,) of pulses: share of the way from neutral to either end."""
+        """(N,) commands for pulses: share of the range from neutral to either end."""
         offset = pulse_us - self.neutral_us
         up, down = self.high_us - self.neutral_us, self.neutral_us - self.low_us
         command = np.where(offset >= 0.0, offset / up if up > 0.0 else 0.0, offset / down if down > 0.0 else 0.0)
@@ -71,7 +71,7 @@ class OutputRange:
 
 
 def driven_outputs(log: Log, parameters: Mapping[str, float]) -> list[OutputChannel]:
-    """Those that drive something, by channel."""
+    """Outputs with a function, by channel."""
     kind = vehicle_kind(log)
     every = (output_channel(log, channel, each, parameters, kind) for channel, each in outputs(log).items())
     return [output for output in every if output is not None]
@@ -80,7 +80,7 @@ def driven_outputs(log: Log, parameters: Mapping[str, float]) -> list[OutputChan
 def output_channel(
     log: Log, channel: int, each: Series, parameters: Mapping[str, float], kind: VehicleKind
 ) -> OutputChannel | None:
-    """None for one that drives nothing."""
+    """Output of a channel; None if it drives nothing."""
     armed = armed_rows(log, each.stamp_ns)
     on = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None else armed
     if each.unit != "us":
@@ -102,7 +102,7 @@ def output_channel(
 
 
 def _recorded_name(log: Log, channel: int) -> str:
-    """What a command of a recording of ours is for; empty where it does not say."""
+    """Function of a command in an xitl recording; empty if unknown."""
     table = log.tables.get("/actuators")
     if table is None or "names" not in table.columns or not len(table.stamp_ns):
         return ""
@@ -111,7 +111,7 @@ def _recorded_name(log: Log, channel: int) -> str:
 
 
 def _function(channel: int, parameters: Mapping[str, float], kind: VehicleKind) -> int | None:
-    """0 for an output without one; None where the log does not tell."""
+    """Function number; 0 for an output without function; None if unknown."""
     if any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in parameters):
         return int(parameters.get(f"SERVO{channel}_FUNCTION", 0.0))
     fixed = OLD_FUNCTIONS.get(kind, {}).get(channel)
@@ -136,7 +136,7 @@ def _output_range(
     turned = parameters.get(f"{prefix}REVERSED", 0.0) > 0.0 or parameters.get(f"{prefix}REV", 1.0) < 0.0
     trim = parameters.get(f"{prefix}TRIM")
     if idles or (kind == "plane" and function in THROTTLES and parameters.get("THR_MIN", 0.0) >= 0.0):
-        trim = high if turned and not idles else low  # TRIM has no part in these
+        trim = high if turned and not idles else low  # TRIM is not used for these
     if trim is None or not low <= trim <= high:
         at_rest = pulse_us[~on & np.isfinite(pulse_us)]
         trim = float(np.median(at_rest)) if len(at_rest) else 0.5 * (low + high)
@@ -150,7 +150,7 @@ THROTTLES = (THROTTLE, PORT_THROTTLE, STARBOARD_THROTTLE)
 
 
 def _motor_ends(low: float, high: float, parameters: Mapping[str, float]) -> tuple[float, float]:
-    """Motors of a multicopter have ends of their own; before 2017 those of the throttle's channel."""
+    """End points of multicopter motors, which are separate; before 2017, those of the throttle's channel."""
     for prefix in ("MOT_PWM_", "Q_M_PWM_"):
         if parameters.get(f"{prefix}MAX", 0.0) > parameters.get(f"{prefix}MIN", 0.0) > 0.0:
             return parameters[f"{prefix}MIN"], parameters[f"{prefix}MAX"]

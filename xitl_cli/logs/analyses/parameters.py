@@ -1,4 +1,4 @@
-"""Parameters: which differ from their defaults, and which were changed when."""
+"""Parameters: differences from their defaults, and changes in time."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import ParameterRow, parameter_rows
 
-# Written by the autopilot itself, run after run.
+# Written by the autopilot itself in every run.
 _BY_ITSELF = re.compile(
     r"^(STAT_|MIS_TOTAL$|FENCE_TOTAL$|RALLY_TOTAL$|BARO\d_GND_PRESS$|GND_(ABS_PRESS|TEMP)|INS_GYR\d?(OFFS|_CALTEMP)|"
     r"COMPASS_(DEC|OFS|DIA|ODI|MOT|SCALE)|LOG_LASTFILE$|SYS_NUM_RESETS$|.*_DEV_?ID\d*$|ARSPD\d?_OFFSET|CAL_|AHRS_TRIM)"
 )
 _COUNTERS = re.compile(r"^(STAT_|MIS_TOTAL$|FENCE_TOTAL$|RALLY_TOTAL$)")
-_SAME = 1e-6  # relative: a float32 written twice
+_SAME = 1e-6  # relative: differences of a float32 that is written twice
 _MOST_EVIDENCE = 20
 
 
@@ -38,11 +38,11 @@ class ParameterChange:
     by_itself: bool
     source: str
     by_run: bool = False
-    """Whether the run's recording has the message by which xitl set it to this value."""
+    """Whether the run's recording has the message with which xitl set it to this value."""
 
     @property
     def by_others(self) -> bool:
-        """Neither by the autopilot nor by xitl: over telemetry, by a script or by a menu."""
+        """Set neither by the autopilot nor by xitl, but over telemetry, by a script or in a menu."""
         return not self.by_itself and not self.by_run
 
     @property
@@ -106,7 +106,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def parameter_changes(log: Log, rows: list[ParameterRow]) -> list[ParameterChange]:
-    """Rows that give a parameter another value than the one before, in the log's order."""
+    """Rows that change the value of a parameter, in the log's order."""
     armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     on = inside(np.array([row.at_ns for row in rows], dtype=np.int64), armed)
     known: dict[str, float] = {}
@@ -125,9 +125,9 @@ def parameter_changes(log: Log, rows: list[ParameterRow]) -> list[ParameterChang
 
 
 def values_given_by_run(log: Log) -> dict[str, set[float]]:
-    """Values that xitl set each parameter to, by PARAM_SET in its recording; empty for a log of no run.
+    """Values to which xitl set each parameter, by PARAM_SET in its recording; empty for a log without a run.
 
-    The recording of an autopilot's log is in its folder, or of a fleet in the folder above.
+    The recording of an autopilot's log is in its folder, or, in a fleet, in the folder above.
     """
     if log.format == "mcap":
         return _given(log)
@@ -185,7 +185,7 @@ def _same(one: float, other: float) -> bool:
 
 
 def _shown(value: float) -> float:
-    """Seven digits, all a float32 has."""
+    """Value with seven digits, the precision of a float32."""
     return float(f"{value:.7g}")
 
 

@@ -1,7 +1,7 @@
-"""Power: batteries against their failsafe levels, sag and resistance, charge left; the supply of the board.
+"""Power: batteries against their failsafe levels, sag and resistance, remaining charge; the supply of the board.
 
-ArduPilot's page on diagnosing with logs takes 0.1 to 0.15 V of change of the board's supply for normal and more for a
-reason to look.
+According to ArduPilot's page on diagnosing with logs, 0.1 to 0.15 V of change of the board's supply is normal. A larger
+change needs a check.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ _HUNDREDTHS = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """All (N,), NaN where not known; None where not logged. number counts from 1, as in BATT2_…."""
+    """One battery; each array is (N,), NaN if unknown, None if not logged."""
 
     name: str
     message: str
     number: int
+    """From 1, as in BATT2_…."""
     stamp_ns: Stamps
     voltage_v: Floats
     voltage_field: str
@@ -43,7 +44,7 @@ class Battery:
 
 
 def batteries(log: Log) -> list[Battery]:
-    """Every instance that ever shows a voltage. Of telemetry BATTERY_STATUS, or else SYS_STATUS."""
+    """Every instance that ever has a voltage. For telemetry, BATTERY_STATUS, or else SYS_STATUS."""
     found: list[Battery] = []
     for kinds in (("BAT", "BAT2"), ("CURR", "CUR2"), ("BATTERY_STATUS",), ("SYS_STATUS",)):
         for table in tables_of(log, kinds):
@@ -78,8 +79,10 @@ def _battery_from_log(table: Table, each: Table, number: int) -> Battery | None:
 
 
 def _measured(each: Table, name: str) -> Floats | None:
-    """(N,) in volts or amperes. Before 2016 (CURR of Copter 3.4) it was hundredths of them as whole numbers, which no
-    letter of its FMT says; since then it is floating point. Source: LogStructure.h of ArduPilot's releases.
+    """(N,) in volts or amperes.
+
+    Before 2016 (CURR of Copter 3.4), the values were hundredths in whole numbers, which no letter of the FMT shows.
+    Since then they are floating point. Source: LogStructure.h of ArduPilot's releases.
     """
     values = numbers(each, name)
     if values is None or each.columns[name].unit or each.values(name, raw=True).dtype.kind not in "iu":
@@ -88,7 +91,7 @@ def _measured(each: Table, name: str) -> Floats | None:
 
 
 def _battery_from_telemetry(table: Table, each: Table, number: int) -> Battery | None:
-    """MAVLink: mV with 65535 unknown, cA and % with -1 unknown."""
+    """Battery from MAVLink: mV with 65535 unknown, cA and % with -1 unknown."""
     name = "voltages" if "voltages" in each.columns else "voltage_battery"
     millivolts = numbers(each, name, raw=True)
     if millivolts is None:
@@ -121,7 +124,7 @@ _MEASURED_V = 1.0
 
 
 def board_section(log: Log, clock: LogClock) -> Section | None:
-    """None where nothing of the board's supply is logged."""
+    """Section on the board's supply; None if nothing of it is logged."""
     parts = [part for part in (_supply(log, clock), _processor(log, clock)) if part is not None]
     if not parts and log.format == "dataflash":
         lack = "The board's own voltage is not logged (POWR): its sensor may be missing."
@@ -134,7 +137,7 @@ def _supply(log: Log, clock: LogClock) -> Section | None:
         told_mv = numbers(table, "Vcc", raw=True)
         if told_mv is None or not len(table):
             continue
-        # POWER_STATUS is in whole millivolts, as POWR once was; since then POWR is in volts.
+        # POWER_STATUS is in whole millivolts, and so was POWR in old versions; since then POWR is in volts.
         voltage = told_mv * 1e-3 if np.nanmax(np.nan_to_num(told_mv)) > 100.0 else told_mv
         findings = list(_flag_findings(table, clock))
         measured = np.nan_to_num(voltage) > _MEASURED_V
@@ -208,15 +211,15 @@ def _processor(log: Log, clock: LogClock) -> Section | None:
     return Section("power", _TITLE, (fact,), findings)
 
 
-_LEAST_LOAD_A = 0.5  # spread of the current that a resistance can be told from
+_LEAST_LOAD_A = 0.5  # least spread of the current to determine a resistance
 _LOW_PERCENT = 20.0
 _FALL_V_SHARE = 0.8
 _END_S = 60.0
-_NO_BATTERY_V = 3.0  # under one cell: a monitor without a battery on it
+_NO_BATTERY_V = 3.0  # below one cell: a monitor without a battery
 
 
 def analyse(log: Log) -> Section | None:
-    """None for a recording without batteries; for a vehicle's log the lack is reported."""
+    """Section on power; None for a recording without batteries. For a vehicle's log, the lack is reported."""
     clock = LogClock(log)
     found = batteries(log)
     parameters = parameter_values(log)
@@ -286,7 +289,7 @@ def _judged(each: Battery, parameters: Mapping[str, float], clock: LogClock) -> 
 
 
 def _longest_under(each: Battery, limit_v: float) -> tuple[int, int, float] | None:
-    """From, until and least voltage of the longest time under a level; rows of 0 V are no measurement."""
+    """Begin, end and least voltage of the longest time below a level. Rows of 0 V are not measurements."""
     with np.errstate(invalid="ignore"):
         under = (each.voltage_v < limit_v) & (each.voltage_v > 0.0)
     if not under.any():
@@ -315,7 +318,7 @@ def _nearly_empty(each: Battery) -> Iterator[Finding]:
 
 
 def _falls_at_end(each: Battery) -> Iterator[Finding]:
-    """A log that ends while the voltage breaks down: whoever wrote it went out with it."""
+    """A log that ends while the voltage breaks down: its writer lost power."""
     known = np.flatnonzero(np.isfinite(each.voltage_v) & (each.voltage_v > 0.0))
     if len(known) < 20:
         return
@@ -346,9 +349,9 @@ def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
 
 
 def resistance_ohm(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> float | None:
-    """Slope of voltage over current between means of neighbouring seconds: differences, so that discharge cancels.
+    """Slope of voltage over current between means of neighbouring seconds: differences cancel the discharge.
 
-    None when the current hardly changes, or the voltage does not fall with it.
+    None if the current hardly changes, or the voltage does not fall with it.
     """
     good = np.isfinite(voltage_v) & np.isfinite(current_a) & (voltage_v > 0.0)
     if np.count_nonzero(good) < 20:
@@ -384,7 +387,10 @@ def _facts(each: Battery, parameters: Mapping[str, float]) -> tuple[Fact, ...]:
 
 
 def _left_min(each: Battery, parameters: Mapping[str, float]) -> float | None:
-    """Capacity less what is used, at the mean current of the last minute; None without a capacity or a current."""
+    """Remaining minutes: capacity minus used charge, at the mean current of the last minute.
+
+    None without a capacity or a current.
+    """
     capacity = parameters.get(_prefix(each) + "CAPACITY", 0.0)
     if capacity <= 0.0 or each.used_mah is None or each.current_a is None:
         return None

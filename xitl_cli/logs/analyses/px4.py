@@ -1,4 +1,4 @@
-"""What PX4 itself logs of trouble: failsafes, failure detector, estimator, load, supply and the logger; of ULog alone.
+"""Troubles logged by PX4: failsafes, failure detector, estimator, load, supply and the logger; only for ULogs.
 
 Limits: a test ratio over 1 rejects a measurement (EKF2 of PX4). `battery_status.warning` 1 is low, 2 critical, 3
 emergency. Load and memory are shares of 1.
@@ -74,7 +74,7 @@ def _facts(log: Log) -> Iterator[Fact]:
 
 
 def _true(table: Table | None, field: str) -> Flags:
-    """(N,) where a flag is set."""
+    """(N,) True if a flag is set."""
     values = None if table is None else numbers(table, field)
     return np.zeros(0, np.bool_) if values is None or values.ndim != 1 else values > 0.0
 
@@ -107,7 +107,7 @@ _NO_REASON = ("timestamp", "mode_req_", "multi_id")
 
 
 def _flags_set(log: Log, from_ns: int, until_ns: int) -> list[str]:
-    """Flags of failsafe_flags that were set when a failsafe began, and not all the time before."""
+    """Flags of failsafe_flags that were set when a failsafe began, without those that were always set before."""
     table = px4.topic(log, "failsafe_flags")
     if table is None or not len(table):
         return []

@@ -1,4 +1,4 @@
-"""Remote control and outputs: failsafes, signal strength, what each output drives, and limits reached."""
+"""Remote control and outputs: failsafes, signal strength, function of each output, and saturation."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def input_section(
 def _failsafe(
     log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float], clock: LogClock
 ) -> Iterator[Finding]:
-    """From the receiver's flag, the throttle channel under FS_THR_VALUE, or the error that was logged."""
+    """Failsafes from the receiver's flag, the throttle channel under FS_THR_VALUE, or the logged error."""
     for stamps, lost, message, field in _losses(log, channels, parameters):
         if not lost.any():
             continue
@@ -79,7 +79,7 @@ def _failsafe(
 def _losses(
     log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float]
 ) -> list[tuple[Stamps, Flags, str, str]]:
-    """Stamps, whether the remote control was lost at each, message and field: the best witness first."""
+    """Stamps, whether the remote control was lost at each, message and field; the most reliable source first."""
     found: list[tuple[Stamps, Flags, str, str]] = []
     table = log.tables.get("RCI2")
     flags = None if table is None else numbers(table, "Flags", raw=True)
@@ -98,7 +98,7 @@ def _losses(
 
 
 def _held(channels: Mapping[int, Series], clock: LogClock) -> Iterator[Finding]:
-    """Channels that otherwise tremble all the time, and then all stand still: the receiver holds its last values."""
+    """Channels that otherwise always vary, and then all stop: the receiver holds its last values."""
     shortest = min(len(each.values) for each in channels.values())
     first = next(iter(channels.values()))
     rows = np.stack([each.values[:shortest] for each in channels.values()], axis=1)
@@ -120,7 +120,7 @@ def _held(channels: Mapping[int, Series], clock: LogClock) -> Iterator[Finding]:
 
 
 def _strength(log: Log) -> Iterator[Finding]:
-    """Share of the time with little signal; 255 of telemetry is unknown."""
+    """Share of the time with a weak signal; 255 in telemetry means unknown."""
     for table in tables_of(log, ("RSSI", "RC_CHANNELS")):
         for field, scale, what in (("RXRSSI", 1.0, "signal strength"), ("RXLQ", 100.0, "link quality"),
                                    ("rssi", 254.0, "signal strength")):  # fmt: skip
@@ -152,7 +152,7 @@ def _input_grid(channels: Mapping[int, Series]) -> Grid:
 
 
 def _input_plots(channels: Mapping[int, Series]) -> tuple[Plot, ...]:
-    """Of the channels that move."""
+    """Plots of the channels that move."""
     traces = [
         Trace(f"channel {channel}", each.stamp_ns, each.values, "steps")
         for channel, each in channels.items()
@@ -162,7 +162,7 @@ def _input_plots(channels: Mapping[int, Series]) -> tuple[Plot, ...]:
 
 
 _OUTPUT_TITLE = "Outputs"
-_AT_LIMIT = 0.995  # of the way from trim to the end
+_AT_LIMIT = 0.995  # of the range from trim to the end
 _NOTICE_SHARE, _NOTICE_S = 0.05, 3.0
 _WARNING_SHARE, _WARNING_S = 0.25, 10.0
 _UNEVEN = 0.15
@@ -196,7 +196,7 @@ def output_section(log: Log, driven: Mapping[int, Series], parameters: Mapping[s
 
 
 def _longest(output: OutputChannel, on: Flags) -> tuple[int, int]:
-    """From and until (ns) of the longest stretch; a row lasts until the next one."""
+    """Begin and end (ns) of the longest span; a row lasts until the next row."""
     spans = held_spans(output.series.stamp_ns, on)
     return max(spans, key=lambda span: span[1] - span[0], default=(0, 0))
 
@@ -212,7 +212,7 @@ def _share(output: OutputChannel, on: Flags) -> float:
 
 
 def _saturated(output: OutputChannel, clock: LogClock) -> Iterator[Finding]:
-    """Of outputs that steer or drive; where the log does not tell which those are, it is no more than a notice."""
+    """Saturation of outputs that steer or drive. If the log does not identify them, it is only a notice."""
     if output.function is not None and output.function not in CONTROLS:
         return
     limit = _at_limit(output)
@@ -233,7 +233,7 @@ def _saturated(output: OutputChannel, clock: LogClock) -> Iterator[Finding]:
 
 
 def _swinging(output: OutputChannel) -> Iterator[Finding]:
-    """Changes of direction by more than a fifth of the way, too often to do any good."""
+    """Changes of direction by more than a fifth of the range, too frequent to be useful."""
     reversals = _reversals(output)
     if reversals is None or reversals < _SWINGS_HZ:
         return
@@ -249,7 +249,8 @@ def _swinging(output: OutputChannel) -> Iterator[Finding]:
 
 
 def _reversals(output: OutputChannel) -> float | None:
-    """Changes of direction a second while armed, of swings larger than a fifth of the way; None for a short record."""
+    """Changes of direction per second while armed, of swings larger than a fifth of the range; None for a short
+    record."""
     command = output.command[output.armed]
     stamps = output.series.stamp_ns[output.armed]
     known = np.isfinite(command)
@@ -257,7 +258,7 @@ def _reversals(output: OutputChannel) -> float | None:
     if len(command) < 50:
         return None
     span_s = float(stamps[-1] - stamps[0]) * 1e-9
-    # Only turning points matter: between them a monotonous run is one move, and what repeats is none.
+    # Keep only turning points: a monotonic run is one move, and repeated values are none.
     command = command[np.concatenate(([True], np.diff(command) != 0.0))]
     moves = np.diff(command)
     turning = np.flatnonzero(np.sign(moves[1:]) * np.sign(moves[:-1]) < 0) + 1
@@ -275,7 +276,7 @@ def _reversals(output: OutputChannel) -> float | None:
 
 
 def _uneven(found: list[OutputChannel]) -> Iterator[Finding]:
-    """Port and starboard throttle of a vessel that steers by them."""
+    """Port and starboard throttle of a vessel that steers with them."""
     pairs = {output.function: output for output in found}
     port, starboard = pairs.get(PORT_THROTTLE), pairs.get(STARBOARD_THROTTLE)
     if port is None or starboard is None:
@@ -303,7 +304,7 @@ def _uneven(found: list[OutputChannel]) -> Iterator[Finding]:
 
 
 def _too_slow(log: Log, found: list[OutputChannel], clock: LogClock) -> Iterator[Finding]:
-    """Throttle at its end while the speed stays under what is asked for."""
+    """Throttle at its end while the speed remains below the setpoint."""
     table = log.tables.get("THR")
     if table is None:
         return
@@ -338,7 +339,7 @@ def _too_slow(log: Log, found: list[OutputChannel], clock: LogClock) -> Iterator
 
 
 def _steering(log: Log) -> tuple[Fact, ...]:
-    """Share of the rows in which the steering controller asks for all there is, and in which its integrator is held."""
+    """Share of the rows in which the steering controller demands its maximum, and in which its integrator is frozen."""
     facts: list[Fact] = []
     table = log.tables.get("STER")
     out = None if table is None else numbers(table, "SteerOut")
@@ -392,7 +393,7 @@ def _output_plots(found: list[OutputChannel], findings: Iterable[Finding]) -> tu
 
 
 def analyse(log: Log) -> Section | None:
-    """None for a recording with neither inputs nor outputs."""
+    """Section on inputs and outputs; None for a recording without them."""
     clock = LogClock(log)
     channels, driven = rc_inputs(log), outputs(log)
     if not channels and not driven and log.of_topics:

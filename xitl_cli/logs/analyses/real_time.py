@@ -1,4 +1,4 @@
-"""Whether a run of ours in real time was one: by the same limits as the verdict of its summary."""
+"""Check whether a run of xitl kept real time, by the limits of its summary's verdict."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HOST, COMPANION = "PS1", "HC"
 
 
 def analyse(log: Log) -> Section | None:
-    """None for a log that is not of a run in real time."""
+    """Section on real time; None for a log that is not of a run in real time."""
     figures = measured(log)
     if figures is None:
         return None
@@ -45,7 +45,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def measured(log: Log) -> RealTimeFigures | None:
-    """The figures of a recording; None for another kind of log, or one in lockstep."""
+    """Figures of a recording; None for another kind of log, or a lockstep run."""
     pace = log.tables.get(PACE)
     if pace is None or not len(pace):
         return None
@@ -67,7 +67,7 @@ def measured(log: Log) -> RealTimeFigures | None:
 
 
 def _last(table: Table, name: str, row: int = -1) -> float:
-    """0 where it is not told."""
+    """Last value of a column; 0 if unknown."""
     if name not in table.columns:
         return 0.0
     value = float(table.values(name)[row])
@@ -75,7 +75,7 @@ def _last(table: Table, name: str, row: int = -1) -> float:
 
 
 def _wall_s(log: Log) -> float:
-    """By the host's own clock, else by simulation time and for how long it was held."""
+    """Length of the run by the host's own clock, else by simulation time plus the time for which it was held."""
     clocks = log.tables.get(CLOCKS)
     if clocks is not None and {"node", "host_ns"} <= set(clocks.columns):
         host_ns = np.asarray(clocks.values("host_ns"))[np.asarray(clocks.values("node")) == HOST]
@@ -86,7 +86,7 @@ def _wall_s(log: Log) -> float:
 
 
 def _rows_of(table: Table | None, key: str) -> dict[str, int]:
-    """The last row of each name."""
+    """Last row of each name."""
     if table is None or key not in table.columns:
         return {}
     return {str(name): row for row, name in enumerate(table.values(key).tolist())}

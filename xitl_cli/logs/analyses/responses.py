@@ -1,4 +1,4 @@
-"""How a demand was answered: the delay of what was achieved, and rise, overshoot and settling after each step."""
+"""Response to a setpoint: its delay, and rise, overshoot and settling after each step."""
 
 from __future__ import annotations
 
@@ -10,39 +10,39 @@ import numpy as np
 
 from xitl_cli.logs.model.table import Floats, Stamps
 
-LONGEST_PAUSE_S = 2.0  # between rows: what was between them is not known
+LONGEST_PAUSE_S = 2.0  # between rows: values in a longer pause are unknown
 LONGEST_DELAY_S = 10.0
-_FINER = 0.8  # of the error without a shift, for a delay to be one
+_FINER = 0.8  # share of the error without a shift, required for a delay
 _SHIFT_S, _MOST_ROWS = 0.05, 20_000
 _STEP_WITHIN_S, _BEGINS_SHARE = 1.0, 0.1
 _HOLD_S, _HOLD_SHARE = 4.0, 0.15
 _SETTLED_SHARE = 0.1
-_ANSWER_S = 20.0  # after a step; what comes later is of the water and the wind
+_ANSWER_S = 20.0  # after a step; later changes are effects of water and wind
 _LEAST_ROWS = 20
 
 
 @dataclass(frozen=True, slots=True)
 class StepResponse:
-    """What a step of the demand from `begin` to `end`, held until until_ns, was answered with.
-
-    rise_s: from 10 to 90 % of the way, None where it was not reached. overshoot_percent: of the step, beyond its end.
-    settled_s: from the step until it stayed within a tenth of it; None where it did not. All within twenty seconds.
-    """
+    """Response to a step of the setpoint from `begin` to `end`, held until until_ns. All figures are within twenty
+    seconds."""
 
     at_ns: int
     until_ns: int
     begin: float
     end: float
     rise_s: float | None
+    """From 10 to 90 % of the step; None if it was not reached."""
     overshoot_percent: float
+    """Of the step, beyond its end."""
     settled_s: float | None
+    """From the step until the response stayed within a tenth of it; None if it did not."""
 
 
 def response_delay_s(stamp_ns: Stamps, demanded: Floats, achieved: Floats, least: float) -> float | None:
-    """The shift back in time at which what was achieved is nearest to the demand, by least squares.
+    """Delay at which the response is nearest to the setpoint, by least squares.
 
-    demanded, achieved: (N,) without turns. least: change of the demand below which nothing can be told. None too where
-    no shift brings the two clearly nearer to each other.
+    demanded, achieved: (N,) without turns. least: least change of the setpoint that allows a result. None also if no
+    shift brings the two clearly nearer to each other.
     """
     parts = [part for part in unbroken(stamp_ns) if part.stop - part.start >= _LEAST_ROWS]
     if not parts or max(float(np.std(demanded[part])) for part in parts) < least:
@@ -63,7 +63,7 @@ def response_delay_s(stamp_ns: Stamps, demanded: Floats, achieved: Floats, least
 
 
 def _apart(stamp_ns: Stamps, demanded: Floats, achieved: Floats, parts: Sequence[slice], shift_s: float) -> float:
-    """Mean of the squares; over the rows that every shift has, so that all are of the same ones."""
+    """Mean square difference, over the rows that every shift has, so that all shifts use the same rows."""
     squares: list[Floats] = []
     for part in parts:
         seconds = (stamp_ns[part] - stamp_ns[part.start]) * 1e-9
@@ -76,9 +76,9 @@ def _apart(stamp_ns: Stamps, demanded: Floats, achieved: Floats, parts: Sequence
 
 
 def step_responses(stamp_ns: Stamps, demanded: Floats, achieved: Floats, least: float) -> list[StepResponse]:
-    """Of steps of at least `least`: within a second to another value, which is then held for four or longer.
+    """Responses to steps of at least `least`: a change within a second to a value that is then held for at least four.
 
-    demanded, achieved: (N,) without turns. The step counts from where the vessel was to the demand at its end.
+    demanded, achieved: (N,) without turns. A step is from the vessel's value to the setpoint at its end.
     """
     return [found for part in unbroken(stamp_ns) for found in _responses(stamp_ns, demanded, achieved, part, least)]
 
@@ -109,7 +109,10 @@ def _responses(
 def _answered(
     stamp_ns: Stamps, wanted: Floats, there: Floats, reached: int, least: float
 ) -> StepResponse | None:  # fmt: skip
-    """reached: the row from which the demand is held; where it drifts a little, the answer is measured from it."""
+    """Response to one step.
+
+    reached: the row from which the setpoint is held. If the setpoint then drifts, the response is relative to it.
+    """
     final, begin = float(wanted[reached]), float(there[0])
     if abs(final - begin) < least:
         return None
@@ -128,7 +131,7 @@ def _answered(
 
 
 def _crossing(seconds: Floats, way: Floats, level: float) -> float:
-    """When `way` first reached the level, between its rows."""
+    """First time (s) at which `way` reached the level, interpolated between rows."""
     row = int(np.flatnonzero(way >= level)[0])
     if row == 0:
         return float(seconds[0])
@@ -137,7 +140,7 @@ def _crossing(seconds: Floats, way: Floats, level: float) -> float:
 
 
 def unbroken(stamp_ns: Stamps) -> list[slice]:
-    """Rows without a pause between them."""
+    """Parts of the rows without a pause."""
     breaks = np.flatnonzero(np.diff(stamp_ns) > LONGEST_PAUSE_S * 1e9) + 1
     ends = [0, *breaks.tolist(), len(stamp_ns)]
     return [slice(first, after) for first, after in pairwise(ends) if after > first]

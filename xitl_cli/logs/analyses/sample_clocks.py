@@ -1,7 +1,7 @@
-"""Clocks against the number of the sample: seconds a sample, and how evenly they go.
+"""Clocks against the sample number: seconds per sample, and their regularity.
 
-The slope is that of the line through (sample number, clock) by least squares, of the longest part without a step of the
-clock; its variation is the standard deviation of the slopes of ten equal parts.
+The slope is that of the least-squares line through (sample number, clock), over the longest part without a step of the
+clock. Its variation is the standard deviation of the slopes of ten equal parts.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from xitl_cli.logs.signals.states import last_parameters
 
 LEAST_ROWS = 50
 PARTS = 10
-EVEN = 0.35  # scatter of the steps, of the period, up to which a message is periodic
-NEAR = 0.02  # of a rate to be meant
+EVEN = 0.35  # scatter of the steps, as share of the period, up to which a message is periodic
+NEAR = 0.02  # of a rate: distance to a nominal rate
 RATES_HZ = (1.0, 2.0, 4.0, 5.0, 8.0, 10.0, 20.0, 25.0, 50.0, 100.0, 200.0, 250.0, 400.0, 500.0, 800.0, 1000.0, 2000.0)
 MOST_ROWS = 40
 MOST_POINTS = 2000
@@ -34,27 +34,29 @@ _SENSORS = ("IMU", "GPS", "MAG", "BARO", "ATT", "RCOU", "XKF1", "NKF1", "POS", "
 
 @dataclass(frozen=True, slots=True)
 class SampleClock:
-    """number, clock_ns: (N,) both from 0. per_sample_s, variation_s: slope and its standard deviation over ten parts.
-
-    rate_hz: the rate that is meant, None where none is near. lost: samples that the numbers say are missing.
-    """
+    """One clock against the sample number."""
 
     name: str
     message: str
     field: str
     number: Stamps
+    """(N,) from 0."""
     clock_ns: Stamps
+    """(N,) from 0."""
     at_ns: Stamps
     per_sample_s: float
+    """Slope."""
     variation_s: float | None
+    """Standard deviation of the slope over ten parts."""
     scatter_s: float
     rate_hz: float | None
+    """Nominal rate; None if none is near."""
     gaps: int
     longest_gap_s: float
 
     @property
     def off_ppm(self) -> float | None:
-        """Of the period against the rate that is meant."""
+        """Deviation of the period from the nominal rate."""
         return None if self.rate_hz is None else 1e6 * (self.per_sample_s * self.rate_hz - 1.0)
 
 
@@ -98,7 +100,7 @@ def sample_clock_section(log: Log, relations: Sequence[ClockRelation], clock: Lo
 
 
 def _findings(found: list[SampleClock]) -> tuple[Finding, ...]:
-    """Of the rate, where samples are numbered: without a number a lost row looks like a slow clock."""
+    """Findings on the rate of numbered samples. Without a number, a lost row looks like a slow clock."""
     return tuple(
         Finding.notice(
             "time_bases.sample_rate",
@@ -113,7 +115,7 @@ def _findings(found: list[SampleClock]) -> tuple[Finding, ...]:
 
 
 def _plots(found: list[SampleClock]) -> tuple[Plot, ...]:
-    """Residuals of the line, which the line itself does not show, and the lines."""
+    """Residuals of the lines, which the lines themselves do not show, and the lines."""
     traces = []
     for each in found[:6]:
         thin = slice(None, None, max(len(each.number) // MOST_POINTS, 1))
@@ -137,7 +139,7 @@ def _plots(found: list[SampleClock]) -> tuple[Plot, ...]:
 
 
 def sample_clocks(log: Log, relations: Sequence[ClockRelation] = ()) -> list[SampleClock]:
-    """Every clock that is read at numbered samples, then messages of an even rate; 40 at most."""
+    """Every clock that is read at numbered samples, then messages with an even rate; 40 at most."""
     found: list[SampleClock] = []
     for clock in (*_numbered(log, relations), *_periodic(log, relations)):
         found.append(clock)
@@ -147,7 +149,7 @@ def sample_clocks(log: Log, relations: Sequence[ClockRelation] = ()) -> list[Sam
 
 
 def _stepped(relations: Sequence[ClockRelation], key: str) -> list[int]:
-    """When the clocks of a pair stepped, on the log's own time."""
+    """Instants at which the clocks of a pair stepped, on the log's own time."""
     return [
         step.at_ns
         for relation in relations
@@ -158,14 +160,14 @@ def _stepped(relations: Sequence[ClockRelation], key: str) -> list[int]:
 
 
 def _unbroken(at_ns: Stamps, stepped: Sequence[int]) -> slice:
-    """The rows of the longest part between steps."""
+    """Rows of the longest part between steps."""
     cuts = [0, *sorted({int(np.searchsorted(at_ns, one)) for one in stepped}), len(at_ns)]
     begin, end = max(pairwise(cuts), key=lambda part: part[1] - part[0])
     return slice(begin, end)
 
 
 def _numbered(log: Log, relations: Sequence[ClockRelation]) -> Iterator[SampleClock]:
-    """Of /clocks: `sample` against the node's clock, of PS1 the step against the host's."""
+    """Clocks of /clocks: `sample` against the node's clock; for PS1, the step against the host's clock."""
     table = log.tables.get("/clocks")
     if table is None or not {"node", "sample", "node_ns", "host_ns"} <= set(table.columns):
         return
@@ -218,7 +220,7 @@ def _periodic(log: Log, relations: Sequence[ClockRelation]) -> Iterator[SampleCl
 def _even(
     label: str, table: Table, field: str, clock_ns: Stamps, loop_hz: float | None, numbers: Stamps | None = None
 ) -> SampleClock | None:
-    """None unless it goes evenly, or its samples are numbered by another clock."""
+    """Clock of a message; None unless it is even, or if another clock numbers its samples."""
     steps = np.diff(clock_ns).astype(np.float64)
     if len(steps) < LEAST_ROWS or (steps < 0.0).any():
         return None
@@ -231,7 +233,7 @@ def _even(
 
 
 def _lost(steps: Floats, usual: float) -> Floats:
-    """How many rows are missing at each step: not those of a late row, whose neighbour makes up for it."""
+    """Number of rows missing at each step. A late row does not count, because its neighbour compensates for it."""
     before = np.concatenate(([usual], steps[:-1])) + steps - usual
     after = np.concatenate((steps[1:], [usual])) + steps - usual
     lost: Floats = np.maximum(np.round(np.minimum(np.minimum(before, after), steps) / usual) - 1.0, 0.0)
@@ -275,7 +277,7 @@ def _slope(x: Floats, y: Floats) -> float:
 
 
 def _meant(per_sample_s: float, loop_hz: float | None) -> float | None:
-    """The rate near this period: a whole part of the loop's rate, else a round number."""
+    """Nominal rate near this period: a whole fraction of the loop's rate, else a round number."""
     rate_hz = 1.0 / per_sample_s
     if loop_hz and loop_hz > 0.0 and rate_hz <= loop_hz * (1.0 + NEAR):
         divided = loop_hz / max(round(loop_hz / rate_hz), 1)

@@ -1,4 +1,4 @@
-"""Deadlines: missed deadlines of periodic tasks, long loops of ArduPilot, each with what else happened then."""
+"""Deadlines: missed deadlines of periodic tasks and long loops of ArduPilot, each with simultaneous events."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _total(tasks: Sequence[TaskTotal], name: str) -> TaskTotal | None:
 
 
 def _by_step(misses: MissedDeadlines, steps: Sequence[ClockStep]) -> Flags:
-    """Which misses are no more than a clock that leapt ahead."""
+    """Misses that only result from a forward step of the clock."""
     found = np.zeros(len(misses), dtype=np.bool_)
     end_ns = misses.end_ns
     for step in steps:
@@ -87,7 +87,7 @@ def _finding(
     happened: Sequence[Moment],
     clock: LogClock,
 ) -> Finding:
-    """One for all tasks of a node: what held up one of them held up the others."""
+    """One finding for all tasks of a node, because the cause for one also delayed the others."""
     names = {task.name for task in tasks}
     rows = [] if misses is None else [row for row, name in enumerate(misses.task) if name in names]
     leapt = {task.name: 0 for task in tasks}
@@ -187,7 +187,7 @@ _NO_PM = "The log has no PM: set bit 3 of LOG_BITMASK (PM) to log how the main l
 
 
 def analyse(log: Log) -> Section | None:
-    """None for a recording without deadlines, and for telemetry, which carries none."""
+    """Section on deadlines; None for a recording without them, and for telemetry, which has none."""
     windows = loop_windows(log)
     tasks = task_totals(log)
     misses = missed_deadlines(log)
@@ -215,7 +215,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def clock_steps(log: Log) -> list[ClockStep]:
-    """Of a node's own clock: what waits for one skips what it leaps over."""
+    """Steps of a node's own clock: a task that waits for it skips the interval of a step."""
     return [
         step
         for relation in clock_relations(log)

@@ -1,8 +1,8 @@
-"""Errors of single sensors, by what they contradict: onset, end and size.
+"""Errors of single sensors, from contradictions with other sensors: onset, end and size.
 
-A magnetometer is judged by the gyroscope: a field that only turns with the vessel has no step. A barometer is judged by
-itself: no vessel changes its height within a second. A gyroscope is judged by the attitude: roll and pitch of the
-estimate, and the heading of the magnetometer.
+A magnetometer is compared with the gyroscope: a field that only turns with the vessel has no step. A barometer is
+compared with itself: no vessel changes its height within a second. A gyroscope is compared with the attitude: roll and
+pitch of the estimate, and the heading of the magnetometer.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from xitl_cli.logs.signals.spans import find_holds, runs
 from xitl_cli.logs.signals.states import vehicle_kind
 
 FIELD_STEP_MGAUSS = 20.0
-"""Least step of the field, of which noise and turning give less."""
+"""Least step of the field; noise and turning cause less."""
 PRESSURE_STEP_PA = {"rover": 36.0}
-"""Least step of the pressure: 3 m of height for what stays on the water."""
+"""Least step of the pressure: 3 m of height for vehicles on the water."""
 _PRESSURE_STEP_PA = 120.0
 GYRO_STEP_RADPS = np.radians(1.2)
-"""Least step of the bias of a gyroscope, of which hard iron in a turn gives less."""
+"""Least step of a gyroscope's bias; hard iron in a turn causes less."""
 _NOISE_FACTOR = 8.0
 _STEP_WINDOW_S = 0.8
 _SLOPE_WINDOW_S = 12.0
@@ -51,11 +51,13 @@ _SAME_NS = 500_000_000
 
 @dataclass(frozen=True, slots=True)
 class SensorStep:
-    """An error that begins at once. size: (k,) in the sensor's unit and frame. until_ns: None where it lasts."""
+    """An error with a sudden onset."""
 
     from_ns: int
     until_ns: int | None
+    """None if it lasts."""
     size: Floats
+    """(k,) in the sensor's unit and frame."""
 
     @property
     def length(self) -> float:
@@ -139,7 +141,7 @@ def _span_text(step: SensorStep, clock: LogClock) -> str:
 
 
 def _heading_error_deg(compass: SensorSeries, step: SensorStep) -> float:
-    """Largest error of the heading over all headings, by the horizontal part of the step and of the field."""
+    """Largest error over all headings, from the horizontal parts of the step and of the field."""
     before = compass.stamp_ns < step.from_ns
     usual = compass.values[before] if before.any() else compass.values
     horizontal = float(np.median(np.hypot(usual[:, 0], usual[:, 1])))
@@ -148,7 +150,7 @@ def _heading_error_deg(compass: SensorSeries, step: SensorStep) -> float:
 
 
 def _throttle_text(log: Log, compass: SensorSeries) -> str:
-    """Whether the length of the field follows what the outputs are commanded to."""
+    """Sentence on the correlation between the length of the field and the commands of the outputs."""
     driven = [each for each in outputs(log).values() if np.ptp(each.values) > 0.0]
     if not driven:
         return "no output is logged to compare it with"
@@ -165,7 +167,8 @@ def _throttle_text(log: Log, compass: SensorSeries) -> str:
 
 
 def _unexplained(units: Sequence[InertialUnit], compass: SensorSeries) -> list[SensorStep]:
-    """Steps of the field that no gyroscope explains: some may be of another vehicle, as a simulator's own."""
+    """Steps of the field that no gyroscope explains. Some gyroscopes may be of another vehicle, such as a simulator's
+    own."""
     first, *others = (field_steps(unit, compass) for unit in units)
     return [
         step
@@ -175,7 +178,8 @@ def _unexplained(units: Sequence[InertialUnit], compass: SensorSeries) -> list[S
 
 
 def field_steps(unit: InertialUnit, compass: SensorSeries) -> list[SensorStep]:
-    """Steps of the field (3,) in body axes that the gyroscope does not explain, each with its end if one undoes it."""
+    """Steps of the field (3,) in body axes that the gyroscope does not explain, each with its end if a step reverses
+    it."""
     turns = _rotations(unit)
     if turns is None:
         return []
@@ -195,7 +199,7 @@ def pressure_steps(baro: SensorSeries, least_pa: float) -> list[SensorStep]:
 
 
 def _without_holds(sensor: SensorSeries, rows: list[int], sizes: list[Floats]) -> tuple[list[int], list[Floats]]:
-    """Without the jump at the end of a stretch in which a sensor showed one value."""
+    """The steps without the jump at the end of a time in which a sensor held one value."""
     period_s = float(np.median(np.diff(sensor.stamp_ns))) * 1e-9
     holds = find_holds(sensor.values, max(period_s, 1e-3)).holds
     reach = round(_STEP_WINDOW_S / max(period_s, 1e-3))
@@ -208,7 +212,7 @@ def _without_holds(sensor: SensorSeries, rows: list[int], sizes: list[Floats]) -
 
 
 def _steps(stamp_ns: Stamps, values: Floats, least: float) -> tuple[list[int], list[Floats]]:
-    """Rows at which values (N, k) step, and each step (k,): a level and a slope are fitted, with and without it."""
+    """Rows at which values (N, k) step, and each step (k,), from the fit of a level, a slope and a step."""
     if len(stamp_ns) < 4 * _FEWEST_IN_WINDOW or not np.isfinite(values).all():
         return [], []
     period_s = float(np.median(np.diff(stamp_ns))) * 1e-9
@@ -233,7 +237,7 @@ def _steps(stamp_ns: Stamps, values: Floats, least: float) -> tuple[list[int], l
     rows = []
     for begin, after in _near(runs(length > limit), half):
         row = begin + int(np.argmax(length[begin:after]))
-        # A step is within a row or two: a ramp of the whole window is none.
+        # A step is within a row or two: a ramp over the whole window is not a step.
         sides = values[max(row - 2, 0)], values[min(row + 1, len(values) - 1)]
         if np.linalg.norm(sides[1] - sides[0]) > 0.5 * length[row]:
             rows.append(row)
@@ -251,7 +255,7 @@ def _near(spans: Sequence[tuple[int, int]], rows: int) -> list[tuple[int, int]]:
 
 
 def _paired(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
-    """Each step with the next that undoes it."""
+    """Each step with the next step that reverses it."""
     found, used = [], set[int]()
     for place, (from_ns, size) in enumerate(zip(at_ns, sizes, strict=True)):
         if place in used:
@@ -272,7 +276,7 @@ def _paired(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
 
 
 def _rotations(unit: InertialUnit) -> tuple[Stamps, Floats] | None:
-    """Stamps (N,) and rotations (N, 3, 3) from body axes to those at the start, by the gyroscope alone."""
+    """Stamps (N,) and rotations (N, 3, 3) from body axes to those at the start, from the gyroscope alone."""
     assert unit.gyro_radps is not None
     good = np.isfinite(unit.gyro_radps).all(axis=1)
     stamp_ns, rate = unit.stamp_ns[good], unit.gyro_radps[good]
@@ -284,14 +288,14 @@ def _rotations(unit: InertialUnit) -> tuple[Stamps, Floats] | None:
     scale = np.where(size > 1e-12, np.sin(0.5 * size) / np.maximum(size, 1e-12), 0.5)
     turn = np.concatenate([np.cos(0.5 * size), angle * scale], axis=1)
     reach = 1
-    while reach < len(turn):  # products of all beginnings, by doubling
+    while reach < len(turn):  # products from the start to each row, by doubling
         turn = np.concatenate([turn[:reach], _product(turn[:-reach], turn[reach:])])
         reach *= 2
     return stamp_ns, _matrices(turn / np.linalg.norm(turn, axis=1, keepdims=True))
 
 
 def _product(one: Floats, other: Floats) -> Floats:
-    """Of quaternions (N, 4), scalar first."""
+    """Product of quaternions (N, 4), scalar first."""
     scalar = one[:, 0] * other[:, 0] - np.sum(one[:, 1:] * other[:, 1:], axis=1)
     vector = one[:, :1] * other[:, 1:] + other[:, :1] * one[:, 1:] + np.cross(one[:, 1:], other[:, 1:])
     return np.concatenate([scalar[:, None], vector], axis=1)
@@ -314,7 +318,7 @@ def gyro_steps(
     compass: SensorSeries | None,
     field: Sequence[SensorStep] = (),
 ) -> list[SensorStep]:
-    """Steps of the bias (3,) in rad/s, body axes. field: steps of the compass, which are taken out of its heading."""
+    """Steps of the bias (3,) in rad/s, body axes. field: steps of the compass, which are removed from its heading."""
     at_ns = _grid(unit, roll_deg, pitch_deg)
     if at_ns is None or unit.gyro_radps is None:
         return []
@@ -324,7 +328,7 @@ def gyro_steps(
     series = make_series(unit.stamp_ns, way, "rad", unit.name)
     if series is None:
         return []
-    # Turns from one instant to the next, in the axes of roll, pitch and yaw.
+    # Rotations from one instant to the next, in the axes of roll, pitch and yaw.
     turned = np.diff(series.interpolated(at_ns), axis=0, prepend=0.0)
     turned[0] = 0.0
     turning = (turned[:, 1] * np.sin(phi) + turned[:, 2] * np.cos(phi)) / np.maximum(np.cos(theta), 0.2)
@@ -346,7 +350,7 @@ def gyro_steps(
 
 
 def _grid(unit: InertialUnit, roll_deg: Series, pitch_deg: Series) -> Stamps | None:
-    """Stamps at a regular rate that all cover; None for too short a time."""
+    """Stamps at a regular rate that all sources cover; None if the time is too short."""
     begin = max(int(unit.stamp_ns[0]), int(roll_deg.stamp_ns[0]), int(pitch_deg.stamp_ns[0]))
     end = min(int(unit.stamp_ns[-1]), int(roll_deg.stamp_ns[-1]), int(pitch_deg.stamp_ns[-1]))
     step_ns = round(1e9 / _SLOPE_RATE_HZ)
@@ -359,7 +363,7 @@ def _grid(unit: InertialUnit, roll_deg: Series, pitch_deg: Series) -> Stamps | N
 def _heading(
     compass: SensorSeries, at_ns: Stamps, phi: Floats, theta: Floats, field: Sequence[SensorStep]
 ) -> Floats | None:
-    """Magnetic heading (rad, unwrapped), the tilt taken out."""
+    """Magnetic heading (rad, unwrapped), corrected for tilt."""
     values = compass.values.copy()
     for step in field:
         until_ns = compass.stamp_ns[-1] + 1 if step.until_ns is None else step.until_ns
@@ -379,7 +383,7 @@ def _heading(
 
 
 def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:
-    """Rows at which the slope of an angle (N,) changes, and by how much (rad/s)."""
+    """Rows at which the slope of an angle (N,) changes, and the change (rad/s)."""
     half = round(_SLOPE_WINDOW_S * _SLOPE_RATE_HZ)
     line = (np.arange(2 * half) - half + 0.5) / _SLOPE_RATE_HZ
     common = [np.ones(2 * half), line]

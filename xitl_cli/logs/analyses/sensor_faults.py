@@ -1,4 +1,4 @@
-"""Sensor faults: gaps, wrong stamps, values that stick or saturate, rows the autopilot calls unhealthy."""
+"""Sensor faults: gaps, wrong stamps, stuck or saturated values, rows that the autopilot marks as unhealthy."""
 
 from __future__ import annotations
 
@@ -23,10 +23,7 @@ from xitl_cli.logs.signals.states import armed_rows
 
 @dataclass(frozen=True, slots=True)
 class JudgedSensor:
-    """Properties by which any sensor is judged. values: (N, k). gaps: without pauses of the whole log.
-
-    clock_jumps: of the sensor's own clock (`SampleTimes.jumps`).
-    """
+    """Properties by which any sensor is judged."""
 
     name: str
     sort: str
@@ -34,9 +31,12 @@ class JudgedSensor:
     field: str
     stamp_ns: Stamps
     values: Floats
+    """(N, k)"""
     regularity: Regularity
     gaps: Gaps
+    """Without pauses of the whole log."""
     clock_jumps: tuple[tuple[int, float], ...]
+    """Of the sensor's own clock (`SampleTimes.jumps`)."""
     holding: HoldStatistics
     healthy: Flags | None
     temperature_degc: Floats | None
@@ -72,7 +72,7 @@ def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps, log: Log) ->
 
 
 def _own_gaps(log: Log, stamp_ns: Stamps, sample_ns: Stamps, found: Regularity, pause: Stamps) -> Gaps:
-    """On the log's time, without those in which everything paused, or logging was off."""
+    """Gaps on the log's time, without times in which everything paused or logging was off."""
     each = gaps(sample_ns, found.period_s, bursts=found.bursts)
     from_ns = stamp_ns[each.row]
     until_ns = from_ns + (each.until_ns - each.from_ns)
@@ -96,8 +96,8 @@ _GAP_STEP = (
 
 
 def timing_section(found: list[JudgedSensor], clock: LogClock, *, telemetry: bool) -> Section:
-    """Gaps, stamps that go wrong, instances of one message at different rates."""
-    # What telemetry carries is thinned out as its link allows; the links section tells of losses.
+    """Gaps, wrong stamps, and different rates of instances of one message."""
+    # Telemetry is thinned out as its link allows; the links section reports losses.
     findings = (
         *_gaps(found, clock),
         *(one for sensor in found for one in _stamp_findings(sensor, telemetry)),
@@ -121,7 +121,7 @@ def _stamp_findings(sensor: JudgedSensor, telemetry: bool) -> Iterator[Finding]:
 
 
 def _clock_jumps(found: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
-    """One for all sensors on the clock that was set: no sample is missing for it."""
+    """One finding for all sensors on the clock that was set, because no sample is missing."""
     jumped = [sensor for sensor in found if sensor.clock_jumps]
     if not jumped:
         return
@@ -159,14 +159,14 @@ def _rates(found: list[JudgedSensor]) -> Iterator[Finding]:
 
 
 def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding, ...]:
-    """One finding for all in which the whole log stood still for a noticeable time."""
+    """One finding for all noticeable pauses of the whole log."""
     long = pause[(pause[:, 1] - pause[:, 0]) >= int(_LONG_S * 1e9)]
     leapt = [step for relation in clock_relations(log) for step in relation.steps if step.size_s >= _LONG_S]
     long = long[[not any(_is_leap(begin, end, step) for step in leapt) for begin, end in long.tolist()]]
     long = long[~switched_off(log, long)]
     lengths_s = (long[:, 1] - long[:, 0]) * 1e-9
     whole_s = 0.0 if log.span_ns is None else (log.span_ns[1] - log.span_ns[0]) * 1e-9
-    if len(long) >= _MANY and lengths_s.sum() > 0.5 * whole_s:  # what comes in bursts pauses all the time
+    if len(long) >= _MANY and lengths_s.sum() > 0.5 * whole_s:  # a log with bursts always pauses
         apart = lengths_s > 3.0 * float(np.median(lengths_s))
         long, lengths_s = long[apart], lengths_s[apart]
     if not len(long):
@@ -201,12 +201,12 @@ _LATEST_STAMP_NS = 1_000_000_000
 
 
 def switched_off(log: Log, pause: Stamps) -> Flags:
-    """(N,) which of these pauses (N, 2) began with disarming and ended with arming: logging was off meanwhile."""
+    """(N,) True for pauses (N, 2) that began with disarming and ended with arming: logging was off in between."""
     spans = [] if log.format != "dataflash" else log_armed(log)
     found = np.zeros(len(pause), dtype=np.bool_)
     for place, (begin, end) in enumerate(pause.tolist()):
         disarmed = any(begin - _STOPS_AFTER_NS <= span.until_ns <= begin + _LATEST_STAMP_NS for span in spans)
-        # Events without a time of their own are stamped as the row before them: the arming that ends a pause, too.
+        # Events without a time get the stamp of the previous row, and so does the arming that ends a pause.
         armed = [span.from_ns for span in spans if span.until_ns > begin + _LATEST_STAMP_NS and span.from_ns < end]
 
         def near_end(span: StateSpan, end: int = end) -> bool:
@@ -215,20 +215,20 @@ def switched_off(log: Log, pause: Stamps) -> Flags:
         at_end = any(map(near_end, spans))
         at_begin = [from_ns for from_ns in armed if abs(from_ns - begin) <= _LATEST_STAMP_NS]
         between = any(from_ns < end - _STARTS_BEFORE_NS for from_ns in armed if from_ns not in at_begin)
-        # Where disarming itself was no longer logged, arming a second time tells of it.
+        # If the disarming was not logged, a second arming implies it.
         twice = any(span.from_ns == other.until_ns for span in spans if near_end(span) for other in spans)
         found[place] = twice or (disarmed and (at_end or bool(at_begin)) and not between)
     return found
 
 
 def _long_gaps(sensor: JudgedSensor) -> tuple[Gap, ...]:
-    """Those far longer than the period, in the order of time."""
+    """Gaps far longer than the period, in order of time."""
     least_s = max(_LONG_S, 5.0 * sensor.regularity.period_s)
     return tuple(sorted((gap for gap in sensor.gaps.longest(100) if gap.duration_s > least_s), key=_gap_begin))
 
 
 def _gaps(found: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
-    """One finding for sensors that are missing at the same times: the cause is none of them."""
+    """One finding for sensors that are missing at the same times, because none of them is the cause."""
     groups: list[tuple[list[JudgedSensor], tuple[Gap, ...]]] = []
     for sensor in found:
         if not (long := _long_gaps(sensor)):
@@ -262,7 +262,7 @@ def _same(one: Gap, other: Gap) -> bool:
 
 
 def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
-    """A share of samples missing that matters, where no long gap tells of it."""
+    """A relevant share of missing samples, if no long gap reports it."""
     regular = sensor.regularity
     if _long_gaps(sensor):
         return
@@ -286,7 +286,7 @@ def _gap_begin(gap: Gap) -> int:
 
 
 def _is_leap(begin_ns: int, end_ns: int, step: ClockStep) -> bool:
-    """Whether it was the clock that leapt, and nothing paused."""
+    """Whether the clock jumped, without a pause."""
     inside = begin_ns <= step.at_ns <= end_ns + round(_LONG_S * 1e9)
     return inside and step.size_s > _LEAPT * (end_ns - begin_ns) * 1e-9
 
@@ -316,7 +316,7 @@ _FAST_TURN_DEGPS = 3.0
 _MOVING_MPS = 0.3
 _UNEXPLAINED_S = 5.0
 _GYRO_LEAST_RADPS = 2.0  # 115 deg/s: the smallest range on the market is 125
-_ACCEL_LEAST_MPS2 = 18.0  # the smallest is 2 g
+_ACCEL_LEAST_MPS2 = 18.0  # the smallest range is 2 g
 _RATE_DROP = 0.8
 _AT_ONCE_NS = 1_000_000_000
 _STUCK = "sensors.stuck"
@@ -339,7 +339,8 @@ def trouble_section(
 
 
 def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None, clock: LogClock) -> list[Finding]:
-    """Findings of a sensor that stopped, and of its health flag. Unhealthy spells of the stop belong to the stop."""
+    """Findings on a sensor that stopped, and on its health flag. Unhealthy spells during the stop belong to the
+    stop."""
     if sensor.healthy is None or sensor.healthy.all():
         return stuck
     bad = ~sensor.healthy
@@ -349,7 +350,7 @@ def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None
         (one.at_ns, one.until_ns) for one in stuck[0].evidence if one.at_ns is not None and one.until_ns is not None
     ]
     while_stopped = inside(sensor.stamp_ns, [(begin, end + _AT_ONCE_NS) for begin, end in stopped])
-    # A flag that was raised before the sensor stopped has another reason.
+    # A flag that was set before the sensor stopped has another reason.
     spans = spells(sensor.stamp_ns, bad)
     before = [span for span in spans if not any(begin <= span[0] <= end + _AT_ONCE_NS for begin, end in stopped)]
     elsewhere = bad & inside(sensor.stamp_ns, before)
@@ -363,7 +364,7 @@ def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None
 
 
 def _together(by_sensor: Mapping[str, list[Finding]], clock: LogClock) -> tuple[Finding, ...]:
-    """All findings; sensors that stopped within a second in one, as the cause is none of them."""
+    """All findings. Sensors that stopped within a second share one finding, because none of them is the cause."""
     every = tuple(finding for findings in by_sensor.values() for finding in findings)
     stopped = {name: one for name, findings in by_sensor.items() for one in findings if one.key == _STUCK}
     begins = [_begin(one) for one in stopped.values()]
@@ -388,7 +389,7 @@ def _begin(finding: Finding) -> int:
 def _stuck(
     sensor: JudgedSensor, others: Sequence[JudgedSensor], turning: Series | None, speed: Series | None, clock: LogClock
 ) -> list[Finding]:
-    """Equal values for long are a fault when the vehicle moved meanwhile, or when the noise usually shows."""
+    """Constant values for long are a fault if the vehicle moved in that time, or if the sensor usually shows noise."""
     if sensor.sort not in _STICKS or not sensor.holding.holds:
         return []
     certain: list[tuple[HeldRows, str]] = []
@@ -427,7 +428,7 @@ def _stuck(
 
 
 def _shared(sensor: JudgedSensor, from_ns: int, until_ns: int, others: Sequence[JudgedSensor]) -> bool:
-    """Whether all other sensors of the sort stood still as well for most of this time: then nothing moved."""
+    """Whether all other sensors of the sort were constant too for most of this time: then nothing moved."""
     alike = [each for each in others if each.sort == sensor.sort == "magnetometer"]
     for each in alike:
         spans = ((int(each.stamp_ns[hold.first]), int(each.stamp_ns[hold.last])) for hold in each.holding.holds)
@@ -437,14 +438,14 @@ def _shared(sensor: JudgedSensor, from_ns: int, until_ns: int, others: Sequence[
 
 
 def _lively(sensor: JudgedSensor) -> bool:
-    """Whether noise usually shows in every sample."""
+    """Whether every sample usually shows noise."""
     return sensor.holding.usual < 1.5
 
 
 def _moved(sort: str, from_ns: int, until_ns: int, turning: Series | None, speed: Series | None) -> str:
-    """Motion that contradicts a constant value, as the end of a sentence; "" without any.
+    """Motion that contradicts a constant value, as the end of a sentence; "" if there is none.
 
-    Turns are those of the gyroscope: a heading that is still being found changes without any.
+    Turns are those of the gyroscope, because a heading changes without a turn while the estimator searches for it.
     """
     if turning is not None and sort == "magnetometer":
         turned_deg = _turned_deg(turning, from_ns, until_ns)
@@ -458,7 +459,7 @@ def _moved(sort: str, from_ns: int, until_ns: int, turning: Series | None, speed
 
 
 def _turned_deg(rate_degps: Series, from_ns: int, until_ns: int) -> float:
-    """How far the heading went to and fro, by the rate without its median, which may be a bias unless it is fast."""
+    """Range of the heading (deg), from the rate without its median. A slow median may be a bias; a fast one is kept."""
     inside = (rate_degps.stamp_ns >= from_ns) & (rate_degps.stamp_ns <= until_ns)
     if np.count_nonzero(inside) < 3:
         return 0.0
@@ -490,7 +491,7 @@ def _health_evidence(sensor: JudgedSensor, bad: Flags) -> tuple[Evidence, ...]:
 
 
 def _unwell(sensor: JudgedSensor, bad: Flags, armed: Flags | None, clock: LogClock) -> list[Finding]:
-    """Spells in which the autopilot's own flag says unhealthy: bad (N,)."""
+    """Spells in which the autopilot's own flag is unhealthy. bad: (N,)."""
     if not bad.any():
         return []
     count, whole = int(np.count_nonzero(bad)), len(bad)
@@ -532,7 +533,7 @@ def _saturated(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
 
 
 def _unit_errors(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
-    """Error counters that go up, and a measurement rate that falls."""
+    """Error counters that increase, and a measurement rate that falls."""
     for field, what in (("EG", "gyroscope"), ("EA", "accelerometer")):
         counts = numbers(unit.table, field, raw=True)
         if counts is None or len(counts) < 2:
@@ -553,7 +554,7 @@ def _unit_errors(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
             continue
         usual = float(np.median(rates[rates > 0.0]))
         low = np.flatnonzero(rates < _RATE_DROP * usual)
-        low = low[unit.stamp_ns[low] > unit.stamp_ns[0] + 5_000_000_000]  # the rate is measured from the start on
+        low = low[unit.stamp_ns[low] > unit.stamp_ns[0] + 5_000_000_000]  # the rate is measured since the start
         if len(low):
             at_ns = int(unit.stamp_ns[low[int(np.argmin(rates[low]))]])
             yield Finding.warning(
@@ -567,18 +568,21 @@ def _unit_errors(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
 
 @dataclass(frozen=True, slots=True)
 class Saturation:
-    """limit: the value that is not exceeded. rows: how many show it; first, last: the longest stretch of them."""
+    """A limit that a signal does not exceed."""
 
     limit: float
     rows: int
+    """Number of rows at the limit."""
     first: int
+    """First row of the longest run at the limit."""
     last: int
+    """Last row of that run."""
 
 
 def saturation(values: Floats, least: float) -> Saturation | None:
-    """A signal (N,) that stops at one largest magnitude, again and again: three rows in a row, while others differ.
+    """Saturation of a signal (N,): it repeatedly stops at one largest magnitude, for three consecutive rows.
 
-    `least`: magnitudes below are no end of a range.
+    least: smaller magnitudes are not the end of a range.
     """
     magnitude = np.abs(values)
     if not len(magnitude) or not np.isfinite(magnitude).any():
@@ -586,7 +590,7 @@ def saturation(values: Floats, least: float) -> Saturation | None:
     limit = float(np.nanmax(magnitude))
     if limit < least:
         return None
-    # A range that is not the same on both sides by a step of the converter is still one range.
+    # A range may differ by one step of the converter between both sides.
     at_limit = magnitude >= limit * (1.0 - 1e-4)
     count = int(np.count_nonzero(at_limit))
     begin, after = max(runs(at_limit), key=lambda run: run[1] - run[0])

@@ -27,13 +27,13 @@ from xitl_cli.logs.signals.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, RestPeriods, SensorSeries
 from xitl_cli.logs.signals.series import significant
 
-# AP_Arming: accelerometers 0.75 m/s^2 with the vertical counted half, gyroscopes 5 deg/s, over ten seconds;
+# AP_Arming: accelerometers 0.75 m/s^2 with half weight on the vertical, gyroscopes 5 deg/s, over ten seconds;
 # AP_Compass: 60 deg and 200 mGauss in the plane of the vessel.
 ACCEL_MPS2 = 0.75
 GYRO_RADPS = np.radians(5.0)
 MAG_ANGLE_DEG = 60.0
 MAG_LENGTH_MGAUSS = 200.0
-# ArduPilot's page on diagnosing with logs: a field whose length changes by under 30 % is good, over 60 % is bad.
+# ArduPilot's page on diagnosing with logs: a change of the field's length below 30 % is good, over 60 % is bad.
 MAG_CHANGE_NOTICE, MAG_CHANGE_WARNING = 0.3, 0.6
 BARO_APART_PA = 60.0  # 5 m
 WINDOW_NS = 10_000_000_000
@@ -98,7 +98,8 @@ def agreement_section(
 
 
 def _of_two_worlds(findings: list[Finding]) -> tuple[Finding, ...]:
-    """Instances of which some are fed from outside and some are ArduPilot's own simulated vehicle's cannot agree."""
+    """One notice that replaces findings on disagreement: external sensors and those of ArduPilot's own simulation
+    differ."""
     if not findings:
         return ()
     evidence = tuple(each for finding in findings for each in finding.evidence)
@@ -114,7 +115,7 @@ def _of_two_worlds(findings: list[Finding]) -> tuple[Finding, ...]:
 
 
 def _merged(findings: list[Finding]) -> tuple[Finding, ...]:
-    """One finding of a kind, about the pair named first: one bad unit among three differs from both others."""
+    """One finding per kind, about the first pair: one bad unit among three differs from both others."""
     groups: dict[tuple[str, str | None], list[Finding]] = {}
     for finding in findings:
         groups.setdefault((finding.key, finding.evidence[0].field), []).append(finding)
@@ -128,7 +129,7 @@ def _merged(findings: list[Finding]) -> tuple[Finding, ...]:
 
 
 def _same_family(one: str, other: str) -> bool:
-    """RAW_IMU with SCALED_IMU2, IMU with IMU2: of one autopilot, on one link."""
+    """Whether two names are of one autopilot on one link: RAW_IMU with SCALED_IMU2, IMU with IMU2."""
     link, _, kind = one.rpartition(":")
     other_link, _, other_kind = other.rpartition(":")
     telemetry = all(name.startswith(("RAW_IMU", "SCALED_IMU")) for name in (kind, other_kind))
@@ -136,7 +137,8 @@ def _same_family(one: str, other: str) -> bool:
 
 
 def _apart(one_ns: Stamps, one: Floats, other_ns: Stamps, other: Floats) -> tuple[Stamps, Floats] | None:
-    """When each common window of ten seconds begins, and the difference of the means there (W, k); None without one."""
+    """Beginning of each common window of ten seconds, and the difference of the means there (W, k); None without
+    one."""
     first = _means(one_ns, one)
     second = _means(other_ns, other)
     if first is None or second is None:
@@ -148,7 +150,7 @@ def _apart(one_ns: Stamps, one: Floats, other_ns: Stamps, other: Floats) -> tupl
 
 
 def _means(stamp_ns: Stamps, values: Floats) -> tuple[Stamps, Floats] | None:
-    """Numbers of the windows that hold ten samples or more, and the means there."""
+    """Numbers of the windows with ten samples or more, and their means."""
     good = np.isfinite(values).all(axis=1) & (np.abs(values) < 1e9).all(axis=1)
     if np.count_nonzero(good) < 10:
         return None
@@ -193,7 +195,7 @@ def _compasses(
             "deg",
         )
     )
-    # Means of a whole turn are near zero and have no direction; the length of the difference still holds.
+    # The mean over a full turn is near zero and has no direction; the length of the difference remains valid.
     weak = np.minimum(np.hypot(a[:, 0], a[:, 1]), np.hypot(b[:, 0], b[:, 1])) < 0.2 * np.median(
         np.linalg.norm(a, axis=1)
     )
@@ -212,7 +214,7 @@ def _compasses(
 
 
 def _field_length(each: SensorSeries) -> Iterator[Finding]:
-    """How much the length of the measured field changes: iron and currents change it, turning does not."""
+    """Change of the length of the measured field: iron and currents change it, turning does not."""
     length = np.linalg.norm(each.values, axis=1)
     length = length[np.isfinite(length)]
     if len(length) < 20:
@@ -367,7 +369,8 @@ def _done(inertial: Sequence[InertialUnit], still: RestPeriods, simulated: bool,
 
 
 def _piece(unit: InertialUnit, from_ns: int, until_ns: int) -> tuple[NDArray[np.intp], float] | str:
-    """Rows of the longest part of the stretch without a long gap, and their period; or why there is none."""
+    """Rows of the longest part of the period without a long gap, and their time step; or the reason why there is
+    none."""
     inside = np.flatnonzero((unit.stamp_ns >= from_ns) & (unit.stamp_ns < until_ns))
     samples = unit.sample_ns[inside]
     found = regularity(samples)
@@ -405,7 +408,8 @@ def _decimation(unit: InertialUnit, period_s: float, parameters: Mapping[str, fl
 
 
 def _scatter(inertial: Sequence[InertialUnit], plain: Sequence[SensorSeries], still: RestPeriods) -> Grid:
-    """Deviation of the differences of neighbours over √2: noise without drift, of each sensor in its own unit."""
+    """Standard deviation of the differences of neighbours over √2: noise without drift, for each sensor in its own
+    unit."""
     rows: list[tuple[Value, ...]] = []
     if sum(until - begin for begin, until in still.stretches) >= SHORTEST_SCATTER_S * 1e9:
         for unit in inertial:

@@ -1,4 +1,4 @@
-"""Inertial units, magnetometers, barometers and the rest: rates, gaps, values that stick or saturate, health, noise."""
+"""Inertial units, magnetometers, barometers and others: rates, gaps, stuck or saturated values, health, noise."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TITLE = "Sensors"
 
 
 def analyse(log: Log) -> Section | None:
-    """None where the log holds no sensor at all and is none of a vehicle's."""
+    """Section on sensors; None if the log has no sensor and is not of a vehicle."""
     clock = LogClock(log)
     inertial, plain = inertial_units(log), sensor_series(log)
     departures = Section("sensors", _TITLE, findings=departure_findings(log, clock))
@@ -117,7 +117,7 @@ def _lacks(log: Log, inertial: list[InertialUnit], plain: list[SensorSeries]) ->
     sorts = {each.sort for each in plain}
     missing: list[str] = []
     if log.format != "dataflash":
-        return ()  # which sensors a recording or telemetry carries is its own choice
+        return ()  # the writer of a recording or of telemetry selects the sensors
     if not inertial:
         missing.append("No inertial unit is logged; set the bit IMU of LOG_BITMASK.")
     if "magnetometer" not in sorts:

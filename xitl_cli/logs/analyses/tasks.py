@@ -1,4 +1,4 @@
-"""Processor time of each task: @SYS/tasks.txt of ArduPilot, TASK rows and /tasks of ours."""
+"""Processor time of each task: @SYS/tasks.txt of ArduPilot, TASK rows and /tasks of xitl."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _FETCH = (
 
 
 def analyse(log: Log) -> Section | None:
-    """None where there are neither tasks nor a scheduler."""
+    """Section on tasks; None if there are neither tasks nor a scheduler."""
     own = task_totals(log)
-    if clock_stood_still(own):  # nothing was measured, which the scheduler section says
+    if clock_stood_still(own):  # nothing was measured, which the scheduler section reports
         own = []
     found = task_file(log)
     if not own and found is None:
@@ -59,7 +59,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
-    """The tasks and where they are from: the log itself, else a file beside it. None where there is none."""
+    """The tasks and their source: the log itself, else a file next to it. None if there is none."""
     for text, source in (*_embedded(log), *_beside(log.path)):
         tasks = parse_tasks(text)
         if tasks:
@@ -80,7 +80,7 @@ def _embedded(log: Log) -> list[tuple[str, str]]:
 
 
 def _beside(path: Path) -> list[tuple[str, str]]:
-    """`<log>.tasks.txt`, or tasks.txt where the log lies."""
+    """Candidates: `<log>.tasks.txt`, or tasks.txt in the log's folder."""
     found = []
     for candidate in (
         path.with_name(path.name + "." + FILE_NAME),

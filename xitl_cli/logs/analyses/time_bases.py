@@ -1,4 +1,4 @@
-"""Clocks against each other: rate, how it varies, Allan deviation of the time error, gaps and steps."""
+"""Clocks against each other: rate, its variation, Allan deviation of the time error, gaps and steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from xitl_cli.logs.signals import allan
 from xitl_cli.logs.signals.deadlines import simulated_clock_reason
 from xitl_cli.logs.signals.series import rounded
 
-RTC_STEP_S = 0.05  # a message of UTC that came with less delay than any before moves it ahead, which is no news
+RTC_STEP_S = 0.05  # a UTC message with a shorter delay than any before moves it ahead, which is normal
 
 
 def pair_title(readings: ClockReadings) -> str:
@@ -29,9 +29,9 @@ def pair_key(readings: ClockReadings) -> str:
 
 
 def pair_rate(relation: ClockRelation) -> tuple[float, float | None]:
-    """Over the pieces that have readings enough to know it; the standard error of the longest.
+    """Rate over the pieces with enough readings, and the standard error of the longest piece.
 
-    Each is weighed by the cube of its length, as the variance of a slope falls with that.
+    Each piece is weighted by the cube of its length, because the variance of a slope falls with it.
     """
     pieces = [piece for piece in relation.pieces if piece.slope_error_ppm is not None] or [relation.longest]
     weights = np.array([max((piece.until_ns - piece.from_ns) * 1e-9, 1e-9) ** 3 for piece in pieces])
@@ -102,9 +102,10 @@ def clock_plots(relations: Sequence[ClockRelation], clock: LogClock) -> tuple[Pl
 
 
 def allan_of(relation: ClockRelation) -> allan.AllanCurve | None:
-    """Of the time error, its drift taken out, by the longest piece; None where that is too short or too uneven.
+    """Allan deviation of the time error without its drift, over the longest piece; None if that is too short or too
+    uneven.
 
-    A deviation of the mean rate over tau: that of the differences of the time error, each over one period.
+    The deviation of the mean rate over tau is that of the differences of the time error, each over one period.
     """
     piece = relation.longest
     readings = relation.readings
@@ -128,14 +129,14 @@ def allan_of(relation: ClockRelation) -> allan.AllanCurve | None:
     return allan.AllanCurve(curve.tau_s[known], curve.deviation[known], curve.relative_error[known])
 
 
-CRYSTAL_PPM, WRONG_PPM = 100.0, 1000.0  # two crystals of 50 ppm, and what no crystal does
+CRYSTAL_PPM, WRONG_PPM = 100.0, 1000.0  # two crystals of 50 ppm; impossible for a crystal
 BEND_PPM = 10.0
 LEAST_PIECE_S = 5.0  # on either side of a change of rate
-ONE_TROUBLE_S = 5.0  # steps that follow each other so soon have one cause
+ONE_TROUBLE_S = 5.0  # steps in such a short time have one cause
 STEP_WARNING_S = 0.1
 SAME_STEP_S, SAME_SIZE = 2.0, 0.2
 GAP_PERIODS, GAP_S = 10.0, 5.0
-SCALED_PPM = 20_000.0  # no two clocks of the same time
+SCALED_PPM = 20_000.0  # the clocks do not measure the same time
 SURE = 3.0  # standard errors
 MOST_NAMED = 5
 
@@ -163,7 +164,7 @@ def _facts(relation: ClockRelation) -> tuple[Fact, ...]:
     key, title = pair_key(relation.readings), pair_title(relation.readings)
     rate_ppm, error_ppm = pair_rate(relation)
     steps = Fact(f"{key}_steps", f"Steps of {title}", len(real_steps(relation)))
-    if error_ppm is None or SURE * error_ppm > WRONG_PPM:  # too short, or too uneven, to tell a rate
+    if error_ppm is None or SURE * error_ppm > WRONG_PPM:  # too short, or too uneven, to determine a rate
         return (steps,)
     return (
         Fact(f"{key}_ppm", f"Drift of {title}", rounded(rate_ppm, 2), "ppm"),
@@ -201,7 +202,7 @@ def _grid(relations: Sequence[ClockRelation]) -> Grid:
 
 
 def _steps(relations: Sequence[ClockRelation], clock: LogClock) -> Iterator[Finding]:
-    """One finding a step, with every pair that shows it; of steps close together one for all of them."""
+    """One finding per step, with every pair that shows it. Steps close together share one finding."""
     groups: list[list[tuple[ClockRelation, ClockStep]]] = []
     every = sorted(
         ((relation, step) for relation in relations for step in real_steps(relation)), key=lambda each: each[1].at_ns
@@ -243,7 +244,7 @@ def _step(group: list[tuple[ClockRelation, ClockStep]], clock: LogClock) -> Find
 
 
 def _whole_s(relation: ClockRelation, steps: Sequence[ClockStep]) -> float:
-    """From the line before the first of these steps to the line after the last."""
+    """Change from the line before the first of these steps to the line after the last."""
     before, after = (relation.pieces[relation.steps.index(one) + more] for one, more in ((steps[0], 0), (steps[-1], 1)))
     at_ns = np.array([steps[-1].first_ns], dtype=np.int64)
     return float(after.offset_at(at_ns)[0] - before.offset_at(at_ns)[0]) * 1e-9
@@ -279,7 +280,7 @@ def _rates(relation: ClockRelation, made_up: bool) -> Iterator[Finding]:
 
 
 def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
-    """An OK finding about the pairs whose rate is known well enough to judge it; for logs without other findings."""
+    """An OK finding about the pairs with a well-known rate, for logs without other findings."""
     judged = [relation for relation in relations if _known(relation)]
     if not judged:
         return ()
@@ -289,7 +290,7 @@ def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
 
 
 def _known(relation: ClockRelation) -> bool:
-    """Whether the rate is known better than what it is held against."""
+    """Whether the rate is known more precisely than its limit."""
     error_ppm = relation.longest.slope_error_ppm
     return error_ppm is not None and SURE * error_ppm < CRYSTAL_PPM
 
@@ -331,7 +332,7 @@ def _bends(relations: Sequence[ClockRelation], clock: LogClock) -> Iterator[Find
 
 
 def _gaps(relation: ClockRelation, clock: LogClock) -> Iterator[Finding]:
-    """Only of clocks that are read for the sake of it: other readings come as their messages do."""
+    """Gaps of clocks that are read on purpose. Other readings arrive with their messages."""
     readings = relation.readings
     if not readings.key.startswith(("clocks.", "timesync.")):
         return

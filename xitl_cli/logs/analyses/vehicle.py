@@ -46,7 +46,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def facts_of(log: Log) -> tuple[Fact, ...]:
-    """Those that the log tells, and nothing judged: cheap. None of a log without a stamped row."""
+    """Facts from the log without an analysis, which is fast. Empty for a log without a stamped row."""
     if log.span_ns is None:
         return ()
     every = (
@@ -178,7 +178,7 @@ def _simulated_finding(autopilot: str, evidence: tuple[Evidence, ...]) -> Findin
 
 
 def _reboots(log: Log) -> Iterator[Finding]:
-    """A clock that starts again; rows a little out of order are none."""
+    """Clocks that start again. Rows slightly out of order do not count."""
     if log.format != "dataflash":
         return
     counts = []
@@ -188,7 +188,7 @@ def _reboots(log: Log) -> Iterator[Finding]:
         stamps = table.stamp_ns
         if len(stamps) < 4:
             continue
-        # Two rows on either side: a damaged stamp stands alone.
+        # Use two rows on either side, because a damaged stamp is a single row.
         before, after = np.minimum(stamps[:-3], stamps[1:-2]), np.maximum(stamps[2:-1], stamps[3:])
         back = np.flatnonzero(after < before - _REBOOT_NS) + 1
         counts.append((len(back), name, [int(stamps[row]) for row in back[:20]]))

@@ -1,6 +1,7 @@
-"""Vibration: the levels that the autopilot keeps, clipping, and spectra of batches or of fast records.
+"""Vibration: the levels that the autopilot computes, clipping, and spectra of batches or of fast records.
 
-Limits in m/s^2 as of ArduPilot's page on measuring vibration: under 30 is acceptable, over 60 nearly always a problem.
+Limits in m/s^2 from ArduPilot's page on measuring vibration: below 30 is acceptable, over 60 is nearly always a
+problem.
 """
 
 from __future__ import annotations
@@ -46,14 +47,16 @@ class SampleBatch:
 
 @dataclass(frozen=True, slots=True)
 class SampleBatches:
-    """whole: batches with all their samples. broken: headers whose samples are not all there."""
+    """Batches of a log."""
 
     whole: tuple[SampleBatch, ...]
+    """Batches with all their samples."""
     broken: int
+    """Headers with missing samples."""
 
 
 def read_batches(log: Log) -> SampleBatches:
-    """ISBH and ISBD; at most 400 batches, spread evenly over the log when there are more."""
+    """Read ISBH and ISBD; at most 400 batches, spread evenly over the log."""
     heads, rows = log.tables.get("ISBH"), log.tables.get("ISBD")
     wanted = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate")
     if heads is None or rows is None or any(name not in heads.columns for name in wanted):
@@ -64,7 +67,7 @@ def read_batches(log: Log) -> SampleBatches:
     number, seqno = numbers(rows, "N", raw=True), numbers(rows, "seqno", raw=True)
     if number is None or seqno is None or any(values is None for values in head.values()):
         return SampleBatches((), 0)
-    # Numbers go round after 65536: rows of a header are those after it in the file and before the next of its number.
+    # Numbers wrap after 65536: rows of a header follow it in the file, before the next header with its number.
     places, head_places = rows.file_offset, heads.file_offset
     found: list[SampleBatch] = []
     broken = 0
@@ -77,11 +80,11 @@ def read_batches(log: Log) -> SampleBatches:
             broken += 1
             continue
         blocks = int(np.ceil(count / _PER_ROW))
-        # The rows of a batch follow their header closely, with at most another batch's between them.
+        # The rows of a batch follow their header closely, with at most another batch in between.
         window = slice(int(limits[place]), int(min(limits[place] + 4 * blocks + 8, len(places))))
         mine = np.flatnonzero(number[window] == row["N"])[:blocks] + window.start
         if len(mine) != blocks or not (seqno[mine] == np.arange(blocks)).all():
-            broken += place != len(heads) - 1  # the last one may be under way where the log ends
+            broken += place != len(heads) - 1  # the last batch may be incomplete at the end of the log
             continue
         axes = [
             np.asarray(rows.values(axis, mine, raw=True), dtype=np.float64).reshape(-1)[: int(count)] for axis in "xyz"
@@ -100,16 +103,19 @@ def read_batches(log: Log) -> SampleBatches:
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """frequency_hz (M,), density (M, 3): amplitude spectral density of each axis, unit/sqrt(Hz). averaged: spectra."""
+    """A spectrum."""
 
     frequency_hz: Floats
+    """(M,)"""
     density: Floats
+    """(M, 3) amplitude spectral density of each axis, unit/sqrt(Hz)."""
     averaged: int
+    """Number of averaged spectra."""
 
     def peak(self, from_hz: float, prominence: float = 5.0) -> tuple[float, float] | None:
         """Frequency and density of the highest line above `from_hz`, all axes together.
 
-        None unless it stands out of the median density by the factor `prominence`.
+        None unless it exceeds the median density by the factor `prominence`.
         """
         total = np.sqrt((self.density**2).sum(axis=1))
         above = self.frequency_hz >= from_hz
@@ -123,9 +129,9 @@ class Spectrum:
 
 
 def welch_spectrum(records: list[Floats], rate_hz: float, length: int) -> Spectrum | None:
-    """Welch's average of Hann-windowed periodograms (n, 3), half overlapping, each with its mean taken off.
+    """Welch's average of Hann-windowed periodograms (n, 3), half overlapping, each without its mean.
 
-    Scaled so that the square of the density integrates to the variance over 0 to rate/2.
+    It is scaled so that the integral of the squared density over 0 to rate/2 is the variance.
     """
     window = np.hanning(length + 1)[:-1]  # periodic
     scale = 2.0 / (rate_hz * float(window @ window))
@@ -149,7 +155,7 @@ def welch_spectrum(records: list[Floats], rate_hz: float, length: int) -> Spectr
 
 
 NOTICE_MPS2, WARNING_MPS2 = 30.0, 60.0
-_SHARE = 0.01  # of the time over a limit; less is a knock
+_SHARE = 0.01  # of the time over a limit; a shorter time is a knock
 _TITLE = "Vibration"
 _FASTEST_NEEDED_HZ = 180.0
 _LENGTH = 1024
@@ -159,19 +165,21 @@ _SIMULATED = "The sensors are simulated: no motor shakes them, so that levels an
 
 @dataclass(frozen=True, slots=True)
 class VibrationLevels:
-    """One instance of VIBE: level (N, 3) in m/s^2, clipped: (N,) count so far, None when not logged."""
+    """One instance of VIBE."""
 
     name: str
     message: str
     stamp_ns: Stamps
     level_mps2: Floats
+    """(N, 3)"""
     level_field: str
     clipped: Floats | None
+    """(N,) cumulative count; None if not logged."""
     clip_field: str
 
 
 def analyse(log: Log) -> Section | None:
-    """None where a log has neither levels nor an inertial unit."""
+    """Section on vibration; None for a log with neither levels nor an inertial unit."""
     clock = LogClock(log)
     levels, inertial = _levels(log), inertial_units(log)
     if not levels and not inertial:
@@ -223,7 +231,7 @@ def _levels(log: Log) -> list[VibrationLevels]:
 
 
 def _clipped(table: Table) -> tuple[Floats | None, str]:
-    """Count so far; of old logs and of telemetry the sum over the accelerometers."""
+    """Cumulative count; for old logs and telemetry, the sum over the accelerometers."""
     for names in (("Clip",), ("Clip0", "Clip1", "Clip2"), ("clipping_0", "clipping_1", "clipping_2")):
         counts = [count for name in names if (count := numbers(table, name, raw=True)) is not None]
         if counts:
@@ -263,7 +271,7 @@ def _clips(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Itera
     if each.clipped is None or len(each.clipped) < 2:
         return
     step = np.diff(each.clipped)
-    grown = np.where(step > 0.0, step, 0.0)  # a counter that falls has begun anew
+    grown = np.where(step > 0.0, step, 0.0)  # a counter that falls has restarted
     if armed is not None:
         grown = np.where(armed[1:], grown, 0.0)
     if not (grown > 0.0).any():
@@ -330,7 +338,8 @@ class _Found:
 
 
 def _spectra(log: Log, inertial: list[InertialUnit]) -> list[_Found]:
-    """Of the batches by instance and kind; without batches of the fastest inertial unit, if it is fast enough."""
+    """Spectra of the batches by instance and kind; without batches, of the fastest inertial unit if it is fast
+    enough."""
     every = read_batches(log)
     groups: dict[tuple[int, str], list[SampleBatch]] = {}
     for batch in every.whole:
@@ -359,7 +368,7 @@ def _rate(unit: InertialUnit) -> float | None:
 
 
 def _of_record(unit: InertialUnit, values: Floats) -> Spectrum | None:
-    """Of the parts without a long gap; at most 400 spectra, from all over the record."""
+    """Spectrum of the parts without a long gap; at most 400 spectra, spread over the record."""
     rate_hz = _rate(unit)
     if rate_hz is None:
         return None

@@ -1,7 +1,7 @@
 """Alignment of several logs of one run on one time line.
 
-By clock records where both logs hold some, checked by a signal that both hold; by correlating such a signal where they
-do not. The reference is the host's recording, else the first log.
+If both logs have clock records, these align the logs, and a shared signal checks the result. Otherwise, correlation of
+a shared signal aligns them. The reference is the host's recording, or the first log.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ OURS = "xitl "
 
 @dataclass(frozen=True, slots=True)
 class ClockChain:
-    """breaks_ns: where the way bends or steps, on the log's own time."""
+    """Conversion from a log's own time to the reference."""
 
     to_reference: Callable[[Stamps], Stamps]
     breaks_ns: tuple[int, ...]
+    """Bends and steps of the conversion, on the log's own time."""
     error_s: float
     method: str
     sentence: str
@@ -44,7 +45,7 @@ class ClockChain:
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """From a log's own time to a named clock and back."""
+    """Conversion from a log's own time to a named clock and back."""
 
     clock: str
     out: Callable[[Stamps], Stamps]
@@ -56,7 +57,7 @@ class _Way:
 
 
 def chains(reference: Log, log: Log) -> Iterator[ClockChain]:
-    """Every way there is. Whether two autopilots that count from their boot are the same one is not known here."""
+    """Yield every possible conversion. It does not check whether two clocks since boot belong to the same autopilot."""
     theirs, ours = ways(reference), ways(log)
     if any(_lockstep(*pair) for pair in ((reference, log), (log, reference))):
         yield ClockChain(
@@ -65,7 +66,7 @@ def chains(reference: Log, log: Log) -> Iterator[ClockChain]:
     for mine in ours:
         for other in theirs:
             own_both = not mine.by and not other.by and mine.clock in (BOOT, AGENT)
-            if _same(mine.clock, other.clock) and not own_both:  # two boots of a clock are two clocks
+            if _same(mine.clock, other.clock) and not own_both:  # clocks of two boots are different clocks
                 yield _joined(mine, other)
 
 
@@ -77,7 +78,7 @@ def _same(one: str, other: str) -> bool:
         return True
     nodes = [clock for clock in (one, other) if clock.startswith("node ")]
     own = [clock for clock in (one, other) if clock in (BOOT, AGENT)]
-    if nodes and own:  # another autopilot behind an agent has a clock of its own
+    if nodes and own:  # another autopilot behind an agent has its own clock
         return (nodes[0] == BEHIND_AGENT) == (own[0] == BOOT)
     return one.startswith(boots) and other.startswith(boots) and len(nodes) < 2 and len(own) < 2
 
@@ -98,13 +99,14 @@ def _sentence(mine: _Way, other: _Way) -> str:
 
 
 def _own(mine: _Way, other: _Way, at_ns: int) -> int:
-    """A break of the other log on this log's time: midway in what this log's clock leapt over there."""
+    """A break of the other log on this log's time: the middle of the interval that this log's clock jumped over
+    there."""
     ends, begins = mine.back(other.out(np.array([at_ns - 1, at_ns], dtype=np.int64))).tolist()
     return int(begins - max(begins - ends, 0) // 2)
 
 
 def _lockstep(reference: Log, log: Log) -> bool:
-    """Whether both are stamped with the simulation time of a run without real time."""
+    """Whether both are stamped with the simulation time of a lockstep run."""
     if reference.base != "simulation" or "/misses" in reference.tables or _in_real_time(reference):
         return False
     if log.base == "simulation":
@@ -117,12 +119,12 @@ def _in_real_time(log: Log) -> bool:
 
 
 def ways(log: Log) -> list[_Way]:
-    """Clocks that the log's own time can be converted to, its own first."""
+    """Clocks to which the log's own time can be converted, its own first."""
     own = {"boot": BOOT if first_text(log, OURS) is None else AGENT, "simulation": SIMULATION, "utc": UTC}.get(log.base)
     found: list[_Way] = []
     if own is not None and log.format != "tlog":
         found.append(_Way(own, _as_is, _as_is, (), 0.0, "clock records", ""))
-    elif own is not None:  # the ground station's UTC is its machine's
+    elif own is not None:  # the ground station's UTC is the clock of its computer
         found.append(_Way(UTC, _as_is, _as_is, (), 0.5, "UTC", "the ground station's UTC"))
     fitted = clock_relations(log)
     host = next((relation for relation in fitted if relation.readings.key == "clocks.PS1"), None)
@@ -135,7 +137,7 @@ def ways(log: Log) -> list[_Way]:
 
 
 def _told(told: ClockRelation, boots: Mapping[str, ClockRelation]) -> _Way | None:
-    """UTC as an autopilot tells it, over its own clock."""
+    """UTC as the autopilot reports it, converted through its own clock."""
     boot = boots.get(told.readings.first)
     if boot is None:
         return None
@@ -201,14 +203,17 @@ def _breaks(relation: ClockRelation, own_is_first: bool) -> tuple[int, ...]:
 
 
 def _through(relation: ClockRelation, host: ClockRelation) -> tuple[int, ...]:
-    """Breaks of a node's clock, which are on the host's, in simulation time."""
+    """Breaks of a node's clock, given on the host's clock, in simulation time."""
     at_host = np.array([step.first_ns for step in relation.steps], dtype=np.int64)
     return tuple(host.to_first(at_host).tolist())
 
 
 def _error_s(relation: ClockRelation) -> float:
-    """Two standard deviations of the lines, and what the delays leave open: half of the shortest round trip of an
-    exchange, else the scatter of the delays, as their floor is not known."""
+    """Two standard deviations of the lines, plus the uncertainty from delays.
+
+    For an exchange, this is half of the shortest round trip. Otherwise it is the scatter of the delays, because their
+    minimum is unknown.
+    """
     readings = relation.readings
     line_s = 2.0 * max(piece.offset_error_s for piece in relation.pieces)
     if readings.floor_ns is not None:
@@ -222,12 +227,15 @@ def _error_s(relation: ClockRelation) -> float:
 
 
 CHECK_WITHIN_S = 5.0
-CHECK_MARGIN_S = 0.2  # the same motion comes later in one: signals are of different filters, and telemetry waits
+CHECK_MARGIN_S = 0.2  # one log may lag in the same motion: signals have different filters, and telemetry waits
 CONTRADICTED = 0.25
 
 
 def align_logs(logs: Sequence[Log]) -> list[LogPlacement]:
-    """One placement a log, in the same order. A log that cannot be placed says why; nothing is raised."""
+    """Return one placement per log, in the same order.
+
+    Never raises: the placement of a log that cannot be aligned gives the reason.
+    """
     if not logs:
         return []
     reference = reference_of(logs)
@@ -240,7 +248,7 @@ def align_logs(logs: Sequence[Log]) -> list[LogPlacement]:
 
 
 def reference_of(logs: Sequence[Log]) -> Log:
-    """The host's recording of a run, else another recording of it, else the first."""
+    """The host's recording of a run, or another recording of it, or the first log."""
     ours = [log for log in logs if log.base == "simulation" and "/clocks" in log.tables]
     runs = ours or [log for log in logs if log.base == "simulation"]
     return (runs or list(logs))[0]
@@ -248,10 +256,11 @@ def reference_of(logs: Sequence[Log]) -> Log:
 
 @dataclass(frozen=True, slots=True)
 class _Check:
-    """Check of a placement by a shared signal. away_s: the shift it would apply, None when undecided."""
+    """Check of a placement by a shared signal."""
 
     signal: str
     away_s: float | None
+    """Shift that the signal would apply; None if undecided."""
     contradicts: bool = False
 
 
@@ -297,7 +306,7 @@ def _placed(reference: Log, log: Log) -> LogPlacement:
 
 
 def _apart(reference: Log, placement: LogPlacement) -> bool:
-    """Whether one ends before the other begins."""
+    """Whether one log ends before the other begins."""
     assert reference.span_ns is not None
     assert placement.log.span_ns is not None
     begin, end = placement.on_reference(np.array(placement.log.span_ns, dtype=np.int64)).tolist()
@@ -309,7 +318,7 @@ def _best_first(found: Iterator[ClockChain]) -> list[ClockChain]:
 
 
 def _check(reference: Log, log: Log, placement: LogPlacement) -> _Check:
-    """By the first shared signal that tells anything near the placement."""
+    """Check by the first shared signal with a clear match near the placement."""
     tried = ""
     for name, one, other in shared_signals(reference, log):
         moved = moved_to_reference(other, placement)
@@ -328,12 +337,12 @@ def _check(reference: Log, log: Log, placement: LogPlacement) -> _Check:
 
 
 def placement_margin_s(placement: LogPlacement) -> float:
-    """How far a signal may disagree: the error, and what filters delay."""
+    """Allowed disagreement of a signal: the error of the placement, and the delay of filters."""
     return CHECK_MARGIN_S + 2.0 * (placement.error_s or 0.0)
 
 
 def align_by_signal(reference: Log, log: Log) -> LogPlacement | None:
-    """By the signal with the clearest peak; None when there is none to compare."""
+    """Align by the signal with the clearest peak. None if no signal can be compared."""
     found: list[tuple[float, str, SignalMatch]] = []
     doubtful: list[tuple[float, str, SignalMatch]] = []
     for name, one, other in shared_signals(reference, log):

@@ -1,9 +1,9 @@
-"""Delay of a signal behind the same signal in another log, over an unknown offset of hours.
+"""Delay between the same signal in two logs, over an unknown offset of hours.
 
-The normalised cross-correlation of two records is taken at every shift by FFT, each shift with the mean and scatter of
-what overlaps there. A peak counts when it is above what the highest of so many independent shifts reaches by chance:
-records of a limited bandwidth have fewer independent samples than samples (Bartlett, J. R. Stat. Soc. Suppl. 8, 1946),
-and the highest of n normal values is about sqrt(2 ln n).
+The normalised cross-correlation of two records is computed at every shift by FFT. Each shift uses the mean and scatter
+of the overlapping part. A peak counts if it exceeds the highest value that chance reaches over as many independent
+shifts. Records of a limited bandwidth have fewer independent samples than samples (Bartlett, J. R. Stat. Soc. Suppl. 8,
+1946). The highest of n normal values is about sqrt(2 ln n).
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ FINE_HZ = 50.0
 MOST_SAMPLES = 1 << 20
 LEAST_OVERLAP_S = 20.0
 LEAST_SHARE = 0.2  # of the shorter record
-MARGIN = 1.5  # above what chance reaches
+MARGIN = 1.5  # times the value that chance reaches
 LEAST_PEAK = 0.4
-RIVAL = 0.85  # a second peak so high makes the first one no answer
+RIVAL = 0.85  # a second peak of this relative height makes the first ambiguous
 RIVAL_AWAY_S = 3.0
 REACH_S = 2.0
 PARTS = 8
@@ -37,18 +37,20 @@ PART_S = 20.0
 
 @dataclass(frozen=True, slots=True)
 class SignalMatch:
-    """shift_ns: to add to a stamp of the second record for the instant on the first one's time.
-
-    peak: correlation there. chance: what the highest of as many shifts reaches by chance. rival: the highest peak
-    elsewhere. parts: (k, 2) centre (ns, second record's time) and shift (s, about `shift_ns`) of parts of the record.
-    """
+    """Best match of two records."""
 
     shift_ns: int
+    """Add it to a stamp of the second record to get the instant on the time of the first."""
     peak: float
+    """Correlation at the shift."""
     chance: float
+    """Highest correlation that chance reaches over as many shifts."""
     rival: float
+    """Highest peak elsewhere."""
     parts: Floats
+    """(k,) shift in parts of the record, s relative to `shift_ns`."""
     at_ns: Stamps
+    """(k,) centres of the parts, on the second record's time."""
 
     @property
     def sure(self) -> bool:
@@ -58,9 +60,9 @@ class SignalMatch:
 def match_signals(
     one: Series, other: Series, about_ns: int | None = None, within_s: float | None = None
 ) -> SignalMatch | None:
-    """Where `other` fits `one` best; None when either is constant or too short to say.
+    """Return the best match of `other` with `one`. None if either is constant or too short.
 
-    about_ns, within_s: look only at shifts so near to that one.
+    about_ns, within_s: limit the search to shifts within `within_s` of `about_ns`.
     """
     fine = _search(one, other, about_ns, within_s)
     if fine is None:
@@ -102,7 +104,8 @@ def _search(
 
 
 def _even(series: Series, rate_hz: float) -> Floats:
-    """(N,) at an even rate from its first stamp, averaged where there is more: nothing above half of the rate stays."""
+    """(N,) values at an even rate from the first stamp. Denser samples are averaged, to remove content above half the
+    rate."""
     span_s = float(series.stamp_ns[-1] - series.stamp_ns[0]) * 1e-9
     count = int(min(span_s * rate_hz, MOST_SAMPLES)) + 1
     where = (series.stamp_ns - series.stamp_ns[0]).astype(np.float64) * 1e-9 * rate_hz
@@ -114,7 +117,7 @@ def _even(series: Series, rate_hz: float) -> Floats:
 
 
 def _normalised(a: Floats, b: Floats) -> tuple[Stamps, Floats, Floats]:
-    """Correlation of a[i + lag] with b[i] at every lag, and how many samples overlap there."""
+    """Correlation of a[i + lag] with b[i] at every lag, and the number of overlapping samples."""
     a, b = a - a.mean(), b - b.mean()
     size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
     ones_a, ones_b = np.ones(len(a)), np.ones(len(b))
@@ -136,13 +139,13 @@ def _normalised(a: Floats, b: Floats) -> tuple[Stamps, Floats, Floats]:
     scale = np.sqrt(
         np.maximum(square_a - sum_a * sum_a / count, 0.0) * np.maximum(square_b - sum_b * sum_b / count, 0.0)
     )
-    floor = 1e-3 * len(b) * a.std() * b.std()  # where nothing moves there is nothing to compare
+    floor = 1e-3 * len(b) * a.std() * b.std()  # without movement there is nothing to compare
     values = np.where(scale > floor, cross / np.maximum(scale, floor), 0.0)
     return np.arange(-len(b) + 1, len(a)), values, count
 
 
 def _independent(a: Floats, b: Floats) -> float:
-    """Share of the samples that are independent, from the product of the autocorrelations."""
+    """Share of independent samples, from the product of the autocorrelations."""
     reach = min(len(a), len(b)) // 2
     product = _autocorrelation(a, reach) * _autocorrelation(b, reach)
     return float(np.clip(1.0 / max(1.0 + 2.0 * float(np.sum(product[1:])), 1.0), 1e-4, 1.0))
@@ -157,7 +160,7 @@ def _autocorrelation(x: Floats, reach: int) -> Floats:
 
 
 def _peak(lags: Stamps, values: Floats, best: int) -> float:
-    """Between the samples, by the parabola through three of them."""
+    """Position of the peak between the samples, by the parabola through three of them."""
     if 0 < best < len(values) - 1 and np.isfinite(values[best - 1 : best + 2]).all():
         low, top, high = values[best - 1 : best + 2].tolist()
         curve = low - 2.0 * top + high
@@ -169,7 +172,7 @@ def _peak(lags: Stamps, values: Floats, best: int) -> float:
 def _finer(
     one: Series, other: Series, shift_ns: int, from_ns: int | None = None, until_ns: int | None = None
 ) -> tuple[float, float]:
-    """Seconds to add to a known shift, and the correlation there; over part of `other` when asked."""
+    """Seconds to add to a known shift, and the correlation there. from_ns, until_ns: use only this part of `other`."""
     begin = max(int(one.stamp_ns[0]) - shift_ns, int(other.stamp_ns[0]), from_ns or -(1 << 62))
     end = min(int(one.stamp_ns[-1]) - shift_ns, int(other.stamp_ns[-1]), until_ns or 1 << 62)
     period_ns = round(1e9 / FINE_HZ)
@@ -188,7 +191,7 @@ def _finer(
 
 
 def _smooth(series: Series, stamp_ns: Stamps) -> Floats:
-    """On a straight line between samples, those averaged over a period of the grid where there are more."""
+    """Linear interpolation between samples. Denser samples are averaged over a period of the grid."""
     x = (series.stamp_ns - series.stamp_ns[0]).astype(np.float64)
     wanted = (stamp_ns - series.stamp_ns[0]).astype(np.float64)
     if len(x) < 2:
@@ -209,7 +212,7 @@ def _correlated(a: Floats, b: Floats) -> float:
 
 
 def _parts(one: Series, other: Series, shift_ns: int) -> tuple[Floats, Stamps]:
-    """The shift in parts of the record by themselves, where the signal says something."""
+    """Shifts of parts of the record, each by itself, and their centres. Parts without a clear peak are omitted."""
     begin = max(int(one.stamp_ns[0]) - shift_ns, int(other.stamp_ns[0]))
     end = min(int(one.stamp_ns[-1]) - shift_ns, int(other.stamp_ns[-1]))
     number = int(min(PARTS, (end - begin) * 1e-9 / PART_S))
@@ -235,7 +238,7 @@ MOVES = {"deg/s": 1.0, "m/s": 0.2, "us": 15.0, "": 0.1}
 
 
 def shared_signals(one: Log, other: Log) -> Iterator[tuple[str, Series, Series]]:
-    """The most telling first, each with its name."""
+    """Yield the shared signals with their names, the most distinctive first."""
     for name, of in (("the turn rate", _turn_rate), ("the speed over ground", ground_speed)):
         first = of(one)
         second = None if first is None else of(other)
@@ -251,7 +254,7 @@ def shared_signals(one: Log, other: Log) -> Iterator[tuple[str, Series, Series]]
 
 
 def _turn_rate(log: Log) -> Series | None:
-    """Measured, else from the heading."""
+    """Measured yaw rate, or the derivative of the heading."""
     measured = yaw_rate(log)
     if measured is not None and len(measured.values) > 2 and measured.values.std() > 0.0:
         return measured
@@ -265,7 +268,7 @@ def _turn_rate(log: Log) -> Series | None:
 
 
 def _arming_series(log: Log) -> Series | None:
-    """0 and 1, where it changes at all within the log."""
+    """Arming as 0 and 1; None if it does not change within the log."""
     span = log.span_ns
     spans = armed(log)
     if span is None or not spans:
@@ -284,7 +287,7 @@ def _arming_series(log: Log) -> Series | None:
 
 
 def moved_to_reference(series: Series, placement: LogPlacement) -> Series:
-    """On the reference's time."""
+    """The series on the reference's time."""
     stamps = placement.on_reference(series.stamp_ns)
     newest = np.maximum.accumulate(stamps)
     ahead = np.concatenate(([True], stamps[1:] > newest[:-1]))
@@ -292,16 +295,17 @@ def moved_to_reference(series: Series, placement: LogPlacement) -> Series:
 
 
 def exceeds_noise(series: Series) -> bool:
-    """Whether there is more in it than noise, so that the same signal elsewhere has to look like it."""
+    """Whether the series has more than noise. If so, the same signal in another log must resemble it."""
     values = series.values[: len(series.values) // 10 * 10].reshape(-1, 10).mean(axis=1)
     return bool(len(values) > 10 and float(np.std(values)) > MOVES.get(series.unit, np.inf))
 
 
 def offset_line(found: SignalMatch, span_ns: tuple[int, int]) -> tuple[int, int, float, float]:
-    """Of a match: the instant (log's time) its offset is of, offset (ns), drift (1), and the error of both (s).
+    """Return the line of a match: instant of its offset (log's time), offset (ns), drift (1), and the error of both
+    (s).
 
-    Drift is told only when the parts show more than their scatter; the error is two standard deviations at the end of
-    the log that is farther away.
+    The drift is 0 unless the parts show more than their scatter. The error is two standard deviations at the farther
+    end of the log.
     """
     middle_ns = (span_ns[0] + span_ns[1]) // 2
     if len(found.parts) < 3:

@@ -1,8 +1,8 @@
-"""Fit of one clock against another: straight lines between steps, and how the rate varies.
+"""Fit of one clock against another: straight lines between steps, and the variation of the rate.
 
-The offset (second less first) of each pair is cut where it steps; each piece gets a line by what kind of readings they
-are. The standard error of a rate is from the fits with a tenth of the time left out each (jackknife), so errors that
-last shorter than a tenth of the piece need not be independent.
+The series of offsets (second clock minus first clock) is cut at its steps. Each piece gets a line, by a method for its
+kind of readings. The standard error of a rate is a jackknife: one fit for each tenth of the time left out. Thus errors
+that are correlated over less than a tenth of the piece need not be independent.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.spans import runs
 
 ROUNDS = 30
-HUBER = 1.345  # of the scale: 95 % as efficient as least squares where all errors are normal
-TO_SIGMA = 1.4826  # of the median absolute deviation of a normal distribution
+HUBER = 1.345  # in units of the scale: 95 % as efficient as least squares if all errors are normal
+TO_SIGMA = 1.4826  # factor of the median absolute deviation of a normal distribution
 
 
 def robust_spread(values: Floats) -> float:
-    """Standard deviation as the median absolute deviation tells it: half of the values may be anything."""
+    """Standard deviation estimated from the median absolute deviation. Up to half of the values may be outliers."""
     return float(TO_SIGMA * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
@@ -52,7 +52,7 @@ def robust_line(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 def lower_hull(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Vertices of the convex hull from below (Andrew's monotone chain); x increasing, of equal ones the lowest."""
+    """Vertices of the lower convex hull (Andrew's monotone chain). x increases; of equal x, the lowest point counts."""
     order = np.lexsort((y, x))
     xs, ys = x[order], y[order]
     first = np.ones(len(xs), dtype=np.bool_)
@@ -72,8 +72,8 @@ def lower_hull(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 def lower_line(x: Floats, y: Floats) -> tuple[float, float]:
     """Slope, and value at x = 0, of the line below all points with the least sum of distances to them.
 
-    The linear programme of Moon, Skelly and Towsley (INFOCOM 1999): its solution is the edge of the lower hull over the
-    mean of x.
+    This is the linear programme of Moon, Skelly and Towsley (INFOCOM 1999). Its solution is the edge of the lower hull
+    above the mean of x.
     """
     hull_x, hull_y = lower_hull(x, y)
     if len(hull_x) < 2:
@@ -85,41 +85,42 @@ def lower_line(x: Floats, y: Floats) -> tuple[float, float]:
 
 SIDE = 8  # readings on each side whose levels are compared
 LEAST_STEP_S = 1e-3
-LEAST_DELAYED_S = 5e-3  # in one direction a step and a path that takes longer look the same
-STRENGTH = 12.0  # of the scatter of such differences: a normal one would do that never, a burst of delays might
+LEAST_DELAYED_S = 5e-3  # in one direction, a step and a longer path look the same
+STRENGTH = 12.0  # times the scatter of such differences: normal noise never reaches it, a burst of delays might
 MOST_STEPS = 64
 LASTING_S, LASTS = 2.0, 0.5
 SETTLED = 0.8
 ENDS_S = 1.0
-BURST_S = 60.0  # a level that came back after less was delay, not the clock
+BURST_S = 60.0  # a level that returns sooner was a delay, not the clock
 CAME_BACK = 0.3
 BENDS = 4
 BEND_POINTS = 240
 BEND_LEAST = 12
-BEST_OF = 6  # of delayed readings the best of so many, as the others tell of the delay
+BEST_OF = 6  # readings per group; of each group, the least delayed is used, because the others measure the delay
 BEND_PPM = 5.0
 BEND_GAIN = 3.0
-MOST_BEND_PPM = 1000.0  # more is a delay that grows or shrinks, not a clock
+MOST_BEND_PPM = 1000.0  # above it, the change is a growing or shrinking delay, not a clock
 
 
 @dataclass(frozen=True, slots=True)
 class ClockStep:
-    """index: of the first reading after it. at_ns: on the log's time. first_ns: on the first clock.
-
-    size_s: by how much the offset grew there; 0 where only the rate changed.
-    """
+    """A step of the offset between two clocks, or a bend."""
 
     index: int
+    """First reading after the step."""
     at_ns: int
+    """On the log's time."""
     first_ns: int
+    """On the first clock."""
     size_s: float
+    """Growth of the offset; 0 if only the rate changed."""
 
     def resized(self, size_s: float) -> ClockStep:
         return replace(self, size_s=size_s)
 
 
 def find_steps(readings: ClockReadings) -> tuple[ClockStep, ...]:
-    """Steps and bends in order. Bounded: at most 64 steps and 4 bends in each part between them."""
+    """Find steps and bends, in order: at most 64 steps, and at most 4 bends in each part between them."""
     if len(readings) < 4:
         return ()
     jumps = _jumps(readings)
@@ -155,7 +156,7 @@ def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
         peak = begin + int(np.argmax(np.abs(jump[begin:end])))
         size_s = float(jump[peak])
         first, last = int(between[begin]), int(between[end - 1])
-        # At either end of the readings the step may lie beyond the places that have a whole side.
+        # At either end of the readings, the step may lie beyond the places with a full side.
         low = 0 if begin == 0 else max(first - 1, 0)
         high = len(single) if end == len(strong) else last
         index = low + int(np.argmax(single[low:high] * np.sign(size_s))) + 1
@@ -163,7 +164,7 @@ def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
             level = np.min if readings.late else np.median
             ahead, behind = y[index : index + side], y[max(index - side, 0) : index]
             size_s = float(level(ahead) - level(behind)) - slope * float(x[index] - x[index - 1])
-        if readings.late and size_s > 0.0:  # in stages: what lies between the levels belongs to neither line
+        if readings.late and size_s > 0.0:  # the step has stages; readings between the levels belong to neither line
             settled = y[low:high] < float(before[max(begin - 1, 0)]) + SETTLED * size_s
             index = max(index, low + int(np.flatnonzero(settled)[-1]) + 1) if settled.any() else index
         if not readings.late or _lasts(readings, x, y, min(first, index), max(last, index), size_s):
@@ -174,7 +175,7 @@ def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
 
 
 def _sides(readings: ClockReadings, y: Floats, side: int) -> tuple[Floats, Floats]:
-    """Level of the `side` readings before, and after, each place between two: of the least delay, or the median."""
+    """Level of the `side` readings before and after each gap: the reading of least delay, or the median."""
     windows = sliding_window_view(y, side)
     if readings.floor_ns is not None:
         trip = sliding_window_view(readings.offset_ns - readings.floor_ns, side)
@@ -185,9 +186,11 @@ def _sides(readings: ClockReadings, y: Floats, side: int) -> tuple[Floats, Float
 
 
 def _lasts(readings: ClockReadings, x: Floats, y: Floats, first: int, last: int, size_s: float) -> bool:
-    """Whether the level of some seconds shows it too: a queue that fills at once and drains slowly is back by then.
+    """Whether the level over some seconds also shows the step.
 
-    first, last: between which readings it came; a clock that was held up several times gets there in stages.
+    A queue that fills at once and drains slowly has returned to its level by then.
+
+    first, last: readings between which the step occurred. A clock that was held up several times steps in stages.
     """
     before = slice(min(int(np.searchsorted(x, x[first] - LASTING_S)), max(first - SIDE, 0)), first)
     after = slice(last, max(int(np.searchsorted(x, x[last] + LASTING_S)), last + SIDE))
@@ -195,18 +198,18 @@ def _lasts(readings: ClockReadings, x: Floats, y: Floats, first: int, last: int,
         return False
     if readings.floor_ns is None:
         known_s = min(x[first] - x[0], x[-1] - x[min(last, len(x) - 1)])
-        if known_s < ENDS_S:  # a burst of delay that began or ended out of sight
+        if known_s < ENDS_S:  # a burst of delay that began or ended outside the readings
             return False
         shown_s = float(y[after].min() - y[before].min())
         return shown_s * size_s > 0.0 and abs(shown_s) > LASTS * abs(size_s)
-    # No offset is possible on both sides at once.
+    # No offset satisfies the bounds of both sides at once.
     ceiling_ns, floor_ns = readings.offset_ns, readings.floor_ns
     earlier, later = (before, after) if size_s > 0.0 else (after, before)
     return bool(floor_ns[later].max() > ceiling_ns[earlier].min())
 
 
 def _without_bursts(found: list[tuple[int, float]], x: Floats) -> list[tuple[int, float]]:
-    """Without pairs that undo each other soon after."""
+    """The steps without pairs that cancel each other within a short time."""
     kept: list[tuple[int, float]] = []
     for index, size_s in found:
         if kept:
@@ -220,7 +223,7 @@ def _without_bursts(found: list[tuple[int, float]], x: Floats) -> list[tuple[int
 
 
 def _bends(readings: ClockReadings, most: int) -> list[int]:
-    """Where two lines describe what one does not, by index; each half is looked at again."""
+    """Readings at which two lines fit better than one, by index. Each half is searched again."""
     if most == 0 or len(readings) < 2 * BEND_LEAST:
         return []
     points = len(readings) // BEST_OF if readings.late else len(readings)
@@ -278,48 +281,54 @@ WINDOWS = 12
 WINDOW_S = (10.0, 120.0)
 IN_WINDOW = 8
 MAX_DRIFT_PPM = 20_000.0
-FARTHEST_NS = 1 << 61  # 73 years: what is beyond is no instant, and sums of two stay within 64 bits
+FARTHEST_NS = 1 << 61  # 73 years: a larger value is no instant, and sums of two values fit in 64 bits
 
 
 @dataclass(frozen=True, slots=True)
 class FitPiece:
-    """One line. from_ns, until_ns, about_ns: of the first clock. offset_ns: second less first at `about_ns`.
-
-    slope_ppm: growth of the offset. slope_error_ppm: its standard error, None where there are too few readings.
-    offset_error_s: of the offset in the middle, one standard deviation, without what a constant delay hides.
-    residual_s: standard deviation of the readings about the line.
-    """
+    """One line of a fit."""
 
     from_ns: int
+    """On the first clock."""
     until_ns: int
+    """On the first clock."""
     about_ns: int
+    """On the first clock."""
     offset_ns: int
+    """Second clock minus first clock at `about_ns`."""
     slope_ppm: float
+    """Growth of the offset."""
     slope_error_ppm: float | None
+    """Standard error of the slope; None with too few readings."""
     offset_error_s: float
+    """Standard deviation of the offset in the middle, without the error that a constant delay hides."""
     residual_s: float
+    """Standard deviation of the readings about the line."""
     readings: int
 
     def offset_at(self, first_ns: Stamps) -> Stamps:
-        """(N,) second less first, in whole nanoseconds."""
+        """(N,) second clock minus first clock, in whole nanoseconds."""
         grown = self.slope_ppm * 1e-6 * (first_ns - self.about_ns).astype(np.float64)
         return self.offset_ns + np.round(np.clip(grown, -FARTHEST_NS, FARTHEST_NS)).astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True)
 class ClockRelation:
-    """pieces in order, with the steps between them. residual_s: (N,) of every reading about its piece.
-
-    window_ns: (W,) centres, of the first clock, of windows of `window_s`; window_ppm: (W,) the rate in each by itself.
-    """
+    """Fit of two clocks."""
 
     readings: ClockReadings
     pieces: tuple[FitPiece, ...]
+    """In order of time."""
     steps: tuple[ClockStep, ...]
+    """The steps between the pieces."""
     residual_s: Floats
+    """(N,) of every reading about its piece."""
     window_s: float
+    """Length of the windows of the rate."""
     window_ns: Stamps
+    """(W,) centres of the windows, on the first clock."""
     window_ppm: Floats
+    """(W,) rate in each window alone."""
 
     @property
     def longest(self) -> FitPiece:
@@ -327,7 +336,8 @@ class ClockRelation:
 
     @property
     def second_bounds_ns(self) -> tuple[int, ...]:
-        """Where the second clock passes from each piece to the next: midway in what it leapt over."""
+        """Readings of the second clock at the boundary between pieces: the middle of the interval that it jumped
+        over."""
         bounds = []
         for before, after in pairwise(self.pieces):
             at_ns = np.array([after.from_ns], dtype=np.int64)
@@ -336,7 +346,7 @@ class ClockRelation:
         return tuple(bounds)
 
     def to_second(self, first_ns: Stamps) -> Stamps:
-        """(N,) the second clock where the first shows these; before and after the readings by the nearest line."""
+        """(N,) second clock at these readings of the first; the nearest line applies before and after the readings."""
         bounds = np.array([piece.from_ns for piece in self.pieces[1:]], dtype=np.int64)
         which = np.searchsorted(bounds, first_ns, side="right")
         result = np.empty(len(first_ns), dtype=np.int64)
@@ -346,7 +356,8 @@ class ClockRelation:
         return result
 
     def to_first(self, second_ns: Stamps) -> Stamps:
-        """(N,) the first clock where the second shows these; what a step back shows twice, by the later piece."""
+        """(N,) first clock at these readings of the second. A reading that a step back repeats belongs to the later
+        piece."""
         which = np.zeros(len(second_ns), dtype=np.intp)
         for index, bound in enumerate(self.second_bounds_ns):
             which[second_ns >= bound] = index + 1
@@ -361,7 +372,7 @@ class ClockRelation:
 
 
 def fit_relation(readings: ClockReadings) -> ClockRelation | None:
-    """None with fewer than three readings, or when the first clock stands still."""
+    """Fit two clocks. Return None with fewer than three readings, or if the first clock does not advance."""
     readings = readings.within(FARTHEST_NS).in_order()
     if len(readings) < LEAST or readings.first_ns[-1] <= readings.first_ns[0]:
         return None
@@ -380,7 +391,8 @@ def fit_relation(readings: ClockReadings) -> ClockRelation | None:
 
 
 def _with_size(step: ClockStep, before: FitPiece, after: FitPiece) -> ClockStep:
-    """The size as the lines on both sides tell it, where they are lines: it errs less than single readings."""
+    """The step with the size from the lines on both sides, if they have enough readings: it errs less than single
+    readings."""
     if min(before.readings, after.readings) < 2 * IN_WINDOW:
         return step
     at = np.array([after.from_ns], dtype=np.int64)
@@ -427,7 +439,7 @@ def _fit(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[float, f
 
 
 def _fit_exchanges(readings: ClockReadings, floor_ns: Stamps, about_ns: int, base_ns: int) -> tuple[float, float]:
-    """By the estimator that the agent itself uses. An exchange is as if answered at once."""
+    """Fit by the estimator that the agent uses. An exchange counts as answered at once."""
     sync = ClockSync(MAX_DRIFT_PPM)
     for first_ns, ceiling_ns, least_ns in zip(
         (readings.first_ns - about_ns).tolist(),
@@ -453,12 +465,12 @@ def _jackknife(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[fl
     factor = (BLOCKS - 1) / BLOCKS
     error_ppm = float(np.sqrt(factor * np.sum((slopes - slopes.mean()) ** 2)) * 1e6)
     span_s = float(readings.first_ns[-1] - readings.first_ns[0]) * 1e-9
-    rounding_ppm = 1e6 * readings.resolution_s / np.sqrt(6.0) / max(span_s, 1e-9)  # of both ends, each evenly spread
+    rounding_ppm = 1e6 * readings.resolution_s / np.sqrt(6.0) / max(span_s, 1e-9)  # of both ends, each uniform
     return max(error_ppm, float(rounding_ppm)), float(np.sqrt(factor * np.sum((values - values.mean()) ** 2)))
 
 
 def _windows(readings: ClockReadings, cuts: list[int]) -> tuple[float, Stamps, Floats]:
-    """The rate in windows that no step falls into."""
+    """Rate in windows that contain no step."""
     span_s = float(readings.first_ns[-1] - readings.first_ns[0]) * 1e-9
     window_s = float(np.clip(span_s / WINDOWS, *WINDOW_S))
     centres: list[int] = []
@@ -482,7 +494,7 @@ _known: WeakKeyDictionary[Log, tuple[ClockRelation, ...]] = WeakKeyDictionary()
 
 
 def clock_relations(log: Log) -> tuple[ClockRelation, ...]:
-    """Of every pair of clocks that can be fitted. Kept for as long as the log is."""
+    """Fit every pair of clocks that has enough readings. The result is cached as long as the log exists."""
     if isinstance(log, AlignedLog):  # the same rows and stamps
         log = log.inner
     found = _known.get(log)

@@ -1,10 +1,10 @@
-"""Readings of two clocks at the same events, and where each kind of log holds some.
+"""Readings of two clocks at the same events, for each kind of log.
 
-DataFlash   of ours the sensors' clock (SampleUS), which is simulation time; GPS time and the autopilot's clock
-            (GPA.SMS: when the message came); UTC of PM.R
-MCAP        /clocks of ours: simulation time and the host's clock (PS1), the host's and each node's; telemetry's
-            time_boot_ms; stamps in the headers of ROS messages
-tlog        time_boot_ms of each autopilot, its SYSTEM_TIME and TIMESYNC, against when the ground station had them
+DataFlash   in logs of xitl, the sensors' clock (SampleUS), which is simulation time; GPS time and the autopilot's clock
+            (GPA.SMS: arrival of the message); UTC of PM.R
+MCAP        in recordings of xitl, /clocks: simulation time and the host's clock (PS1), the host's and each node's;
+            telemetry's time_boot_ms; stamps in the headers of ROS messages
+tlog        time_boot_ms of each autopilot, its SYSTEM_TIME and TIMESYNC, against arrival at the ground station
 """
 
 from __future__ import annotations
@@ -21,27 +21,31 @@ from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, by_instan
 
 @dataclass(frozen=True, slots=True)
 class ClockReadings:
-    """(N,) instants on two clocks.
-
-    key: stable name for machines. first, second: what the clocks are. at_ns: (N,) on the log's own time.
-    late: the second was read after what the first stands for, by a delay that has a floor and no ceiling; else the
-    errors have no preferred sign. floor_ns: of an exchange, the least offset that each one leaves possible, as second
-    less first is the greatest; None else. resolution_s: the coarser clock's step. slack_s: by how
-    much a reading may be of the event before or after. message, fields: where they are from.
-    """
+    """(N,) instants on two clocks."""
 
     key: str
+    """Stable name for machines."""
     first: str
+    """Name of the first clock."""
     second: str
+    """Name of the second clock."""
     at_ns: Stamps
+    """(N,) on the log's own time."""
     first_ns: Stamps
     second_ns: Stamps
     message: str
+    """Message with the readings."""
     fields: str
+    """Fields with the readings."""
     late: bool = False
+    """True if the second clock was read after the event by a delay with a minimum but no maximum. If False, errors have
+    no preferred sign."""
     floor_ns: Stamps | None = None
+    """Of exchanges: (N,) least possible offset; second minus first is the greatest possible. Otherwise None."""
     resolution_s: float = 0.0
+    """Step of the coarser clock."""
     slack_s: float = 0.0
+    """Largest distance of a reading from its event, to the event before or after."""
 
     def __len__(self) -> int:
         return len(self.first_ns)
@@ -57,17 +61,17 @@ class ClockReadings:
 
     @property
     def offset_ns(self) -> Stamps:
-        """(N,) second less first; of an exchange the greatest possible."""
+        """(N,) second minus first; for exchanges the greatest possible offset."""
         return self.second_ns - self.first_ns
 
     @property
     def level_ns(self) -> Stamps:
-        """(N,) the likeliest offset: of an exchange half way between the bounds."""
+        """(N,) the most likely offset; for exchanges half way between the bounds."""
         offset_ns = self.offset_ns
         return offset_ns if self.floor_ns is None else self.floor_ns + (offset_ns - self.floor_ns) // 2
 
     def within(self, farthest_ns: int) -> ClockReadings:
-        """Without what is farther from the zero of its clock, which no clock shows."""
+        """Readings without impossible values, farther than `farthest_ns` from the zero of their clock."""
         clocks = [self.first_ns, self.second_ns] if self.floor_ns is None else [
             self.first_ns, self.second_ns, self.floor_ns,
         ]  # fmt: skip
@@ -77,14 +81,15 @@ class ClockReadings:
         return self if good.all() else self[good]
 
     def in_order(self) -> ClockReadings:
-        """Without what the first clock shows twice, or out of order: what comes after it went back is left out."""
+        """Readings without values that the first clock repeats or shows out of order; values after a step back are
+        omitted."""
         newest = np.maximum.accumulate(self.first_ns)
         ahead = np.ones(len(self), dtype=np.bool_)
         ahead[1:] = self.first_ns[1:] > newest[:-1]
         return self if ahead.all() else self[ahead]
 
     def thinned(self, most: int) -> ClockReadings:
-        """The best of each of `most` groups of equal size: the least delayed, else the one in the middle."""
+        """The best reading of each of `most` groups of equal size: the least delayed, or the middle of the group."""
         if len(self) <= most:
             return self
         group = np.arange(len(self)) * most // len(self)
@@ -108,16 +113,16 @@ LOG, HOST, SIMULATION, UTC = "the recorder's clock", "the host's clock", "simula
 AUTOPILOT = "the autopilot's clock"
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
 WEEK_MS = 604_800_000
-GPS_LEAP_S = 18  # GPS less UTC since 2017
-EARLIEST_UTC_NS = 1_262_304_000_000_000_000  # 2010: before it a receiver or a clock has not been set
+GPS_LEAP_S = 18  # GPS minus UTC since 2017
+EARLIEST_UTC_NS = 1_262_304_000_000_000_000  # 2010: before it, a receiver or a clock has not been set
 LATEST_UTC_NS = 4_102_444_800_000_000_000  # 2100
 FEWEST = 3
 MOST_TOPICS = 6
 STAMP = "header.stamp"
 SAMPLED = ("IMU", "BARO", "MAG", "GPS")
-GPS_SLACK_S = 20e-3  # between two loops, behind other messages: fixes come so unevenly
+GPS_SLACK_S = 20e-3  # between two loops, behind other messages: fixes arrive this unevenly
 LONGEST_TRIP_S = 10.0
-LONGEST_TOPIC = 500_000  # rows; all of a topic is read for its stamps
+LONGEST_TOPIC = 500_000  # rows; stamps need the whole topic to be read
 BOOTED = ("ATTITUDE", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "RC_CHANNELS", "SCALED_IMU2")
 
 
@@ -127,14 +132,14 @@ def boot_clock(system: int | str) -> str:
 
 
 def clock_readings(log: Log) -> list[ClockReadings]:
-    """Every pair of clocks of this log that was read three times or more."""
+    """Every pair of clocks in this log with at least three readings."""
     by_format = {"dataflash": _from_dataflash, "tlog": _from_telemetry}
     return [found for found in by_format.get(log.format, _from_recording)(log) if len(found) >= FEWEST]
 
 
 def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
     sampled = _sampled(log)
-    if sampled is not None:  # ours: to the microsecond, where GPS time is in milliseconds
+    if sampled is not None:  # in logs of xitl: to the microsecond, whereas GPS time is in milliseconds
         yield sampled
     gps = log.tables.get("GPS")
     if gps is not None:
@@ -177,7 +182,7 @@ def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings
         came_ns = np.where(rows >= 0, whole_numbers(arrival, "SMS")[np.maximum(rows, 0)] * 1_000_000, -1)
         set_ &= (rows >= 0) & (came_ns > 0)
         message, field = "GPA", "GPS.GWk, GPS.GMS, SMS"
-    set_[1:] &= came_ns[1:] != came_ns[:-1]  # a message logged twice, or a backlog that came at once
+    set_[1:] &= came_ns[1:] != came_ns[:-1]  # a message logged twice, or a backlog that arrived at once
     clocks = "gps" if number == 0 else f"gps.{number}", f"GPS {number + 1}", AUTOPILOT
     return ClockReadings(
         *clocks, at_ns, utc_ns, came_ns, message, field, late=True, resolution_s=1e-3, slack_s=GPS_SLACK_S
@@ -185,7 +190,7 @@ def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings
 
 
 def _matching(wanted: Stamps, stamps: Stamps) -> NDArray[np.intp]:
-    """Row of `stamps` with each wanted instant, -1 without one."""
+    """Row of `stamps` with each wanted instant, -1 if there is none."""
     order = np.argsort(stamps, kind="stable")
     at = np.searchsorted(stamps[order], wanted)
     at = np.minimum(at, max(len(stamps) - 1, 0))
@@ -201,7 +206,7 @@ def _from_recording(log: Log) -> Iterator[ClockReadings]:
     if clocks is not None and {"node", "host_ns", "node_ns", "round_trip_s"} <= set(clocks.columns):
         exchanges = list(_exchanges(clocks))
     yield from exchanges
-    if all(each.key == "clocks.PS1" for each in exchanges):  # a clock that was asked is known better
+    if all(each.key == "clocks.PS1" for each in exchanges):  # exchanges measure a clock better than arrivals
         yield from _boot_clocks(log, SIMULATION if log.base == "simulation" else LOG)
     yield from _header_stamps(log)
 
@@ -222,7 +227,7 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
         trip_ns = np.round(np.where(good, trip_s, 0.0) * 1e9).astype(np.int64)
         key, clock = f"clocks.{name}", f"the clock of {name}"
         read = at_ns, host_ns, node_ns, "/clocks", f"{name}: host_ns, node_ns, round_trip_s"
-        if in_lockstep:  # time stands still on the way; the answer is of one of the ticks about
+        if in_lockstep:  # simulation time stops on the way; the answer is from one of the adjacent ticks
             longest_s = max(float(np.max(trip_s[good], initial=0.0)), 1e-3)
             yield ClockReadings(key, SIMULATION, clock, *read, resolution_s=longest_s)[good]
         else:
@@ -233,7 +238,7 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
 
 
 def _unevenness_s(exchanges: Table) -> float:
-    """How far a simulated clock fell behind and caught up: what its bound has beyond that of the path."""
+    """Largest lag of a simulated clock before it caught up: the excess of its bound over the bound of the path."""
     if not {"asymmetry_bound_s", "path_delay_s"} <= set(exchanges.columns):
         return 0.0
     beyond_s = 2.0 * (exchanges.values("asymmetry_bound_s") - exchanges.values("path_delay_s"))
@@ -241,7 +246,7 @@ def _unevenness_s(exchanges: Table) -> float:
 
 
 def _header_stamps(log: Log) -> Iterator[ClockReadings]:
-    """Header stamps of messages against the time of recording; not where they are equal by construction."""
+    """Header stamps of messages against the time of recording, unless they are equal by construction."""
     found = 0
     for name, table in log.tables.items() if log.base != "simulation" else ():
         heavy = any(column.kind == "bytes" or -1 in column.shape for column in table.columns.values())
@@ -294,7 +299,7 @@ def _by_system(table: Table | None) -> list[tuple[int, Table]]:
 
 
 def _booted(log: Log) -> Iterator[tuple[str, Table]]:
-    """Messages that carry the time since boot, with the link they came over."""
+    """Messages with the time since boot, and the link that carried them."""
     if log.format == "tlog":
         for name, table in log.tables.items():
             if "time_boot_ms" in table.columns and name != "SYSTEM_TIME":
@@ -308,7 +313,7 @@ def _booted(log: Log) -> Iterator[tuple[str, Table]]:
 
 
 def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
-    """time_boot_ms of all messages of a system, against when they came."""
+    """time_boot_ms of all messages of a system, against their arrival."""
     parts: dict[tuple[str, int], list[tuple[Stamps, Stamps, Stamps]]] = {}
     for link, table in _booted(log):
         for system, mine in _by_system(table):
@@ -332,7 +337,7 @@ def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
 
 
 def whole_numbers(table: Table, column: str) -> Stamps:
-    """Whole numbers as stored; what does not fit 63 bits is 0."""
+    """Whole numbers as stored; values that do not fit 63 bits become 0."""
     values = table.values(column, raw=True)
     if values.dtype.kind == "f":
         values = np.where(np.isfinite(values) & (np.abs(values) < 9e18), values, 0.0)

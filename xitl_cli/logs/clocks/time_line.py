@@ -1,4 +1,4 @@
-"""A log's stamps on the time line of a report or of another log."""
+"""Stamps of a log on the time line of a report or of another log."""
 
 from __future__ import annotations
 
@@ -21,29 +21,32 @@ _EDGE_NS = 1000  # a break is known to a nanosecond or two
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """From `from_ns` (the log's own time) on: the reference is stamp + offset_ns, and `drift_ppm` more since then."""
+    """A straight part of a placement: from `from_ns` (the log's own time), the reference is stamp + offset_ns plus
+    drift."""
 
     from_ns: int
     offset_ns: int
     drift_ppm: float
+    """Growth of the offset since `from_ns`."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogPlacement:
-    """offset_ns: reference less log at the log's first stamp; drift_ppm: of its longest stretch.
-
-    error_s: how far it may be off: two standard deviations, or the bound where one is known; None when not aligned or
-    for the reference itself. method: "reference", "same clock", "clock records", "telemetry", "UTC", "correlation" or
-    "not aligned". sentence: how it was placed, or why it was not, for the user.
-    """
+    """Position of a log on the time line of the reference."""
 
     log: Log
     offset_ns: int
+    """Reference minus log at the log's first stamp."""
     drift_ppm: float
+    """Of the longest stretch."""
     error_s: float | None
+    """Two standard deviations, or the bound if one is known. None if the log is not aligned or is the reference
+    itself."""
     method: str
+    """One of "reference", "same clock", "clock records", "telemetry", "UTC", "correlation" or "not aligned"."""
     reference: bool
     sentence: str
+    """For the user: the method of the alignment, or the reason why there is none."""
     stretches: tuple[Stretch, ...] = field(default=())
 
     @property
@@ -66,7 +69,7 @@ class LogPlacement:
 def placement_from(
     log: Log, span_ns: tuple[int, int], to_reference: StampMap, breaks_ns: Sequence[int], **said: object
 ) -> LogPlacement:
-    """A placement from a function that is straight between `breaks_ns` (the log's own time)."""
+    """Build a placement from a function that is linear between `breaks_ns` (the log's own time)."""
     begin, end = span_ns
     inside = sorted({one for one in breaks_ns if begin < one < end})
     bounds = [begin, *inside, max(end, begin + 1)]
@@ -89,24 +92,26 @@ def placement_from(
     )
 
 
-_FARTHEST_NS = 1 << 62  # what is beyond is no instant
+_FARTHEST_NS = 1 << 62  # a larger value is no instant
 
 
 @dataclass(frozen=True, slots=True)
 class TimeLine:
-    """How a log's stamps lie on the report's one time line, which counts seconds from `zero_ns` of the reference.
-
-    stretches: of the placement, in order; none for a log that is the reference or on its own. offset_ns, drift_ppm,
-    error_s, method and sentence: the placement's, for people.
-    """
+    """Relation of a log's stamps to the report's time line, which counts seconds from `zero_ns` of the reference."""
 
     zero_ns: int = 0
     stretches: tuple[Stretch, ...] = ()
+    """Of the placement, in order; none for the reference or a single log."""
     offset_ns: int = 0
+    """Of the placement, for people."""
     drift_ppm: float = 0.0
+    """Of the placement, for people."""
     error_s: float | None = None
+    """Of the placement, for people."""
     method: str = ""
+    """Of the placement, for people."""
     sentence: str = ""
+    """Of the placement, for people."""
     reference: bool = True
 
     def seconds(self, stamp_ns: Stamps | Floats) -> Floats:
@@ -128,7 +133,7 @@ class TimeLine:
 
 
 class AlignedLog(LogView):
-    """The log, its stamps as they are, that knows how they lie on the time line of the report."""
+    """A log with its stamps unchanged, which also knows its place on the time line of the report."""
 
     def __init__(self, log: Log, time_line: TimeLine) -> None:
         super().__init__(log)
@@ -136,7 +141,7 @@ class AlignedLog(LogView):
 
 
 class LogClock:
-    """A log's stamps on the time line of the report, else in seconds since its own zero (`Log.zero_ns`).
+    """Stamps of a log on the time line of the report, or in seconds since its own zero (`Log.zero_ns`).
 
     armed: spans (ns) in which the motors were armed.
     """
@@ -147,13 +152,13 @@ class LogClock:
         self._line = log.time_line if isinstance(log, AlignedLog) else TimeLine(log.zero_ns)
 
     def second(self, at_ns: int) -> float:
-        """For tables and facts, to a millisecond."""
+        """Return seconds for tables and facts, rounded to a millisecond."""
         return round(self._line.second(at_ns), 3)
 
     def text(self, at_ns: int) -> str:
-        """For sentences: 1:46.5."""
+        """Return the instant for sentences: 1:46.5."""
         return clock_text(self._line.second(at_ns))
 
     def was_armed(self, *at_ns: int) -> bool:
-        """At any of these instants."""
+        """Whether the motors were armed at any of these instants."""
         return bool(inside(np.array(at_ns, dtype=np.int64), self.armed).any())

@@ -1,4 +1,4 @@
-"""UTC of a log whose own time counts from the start of an autopilot or of a run."""
+"""UTC of a log with time that counts from the start of an autopilot or of a run."""
 
 from __future__ import annotations
 
@@ -26,14 +26,19 @@ _RECEIVED = "/rx"
 
 @dataclass(frozen=True, slots=True)
 class UtcOffset:
-    """UTC less the log's stamps. source: who tells it, to follow "UTC"."""
+    """Offset of UTC from the stamps of a log."""
 
     offset_ns: int
+    """UTC minus the log's stamps."""
     source: str
+    """Source of the offset, worded to follow "UTC"."""
 
 
 def utc_offset(log: Log) -> UtcOffset | None:
-    """The median of what the log's best source of UTC tells: GPS, the autopilot's clock, SYSTEM_TIME; None without."""
+    """Return the median offset by the log's best source of UTC: GPS, the autopilot's clock or SYSTEM_TIME.
+
+    None if there is no source.
+    """
     if log.base == "utc":
         return UtcOffset(0, "of the receiving machine")
     for source, stamp_ns, utc_ns in _told(log):
@@ -45,14 +50,14 @@ def utc_offset(log: Log) -> UtcOffset | None:
 
 
 def in_utc(stamp_ns: Stamps, utc: UtcOffset | None) -> Stamps:
-    """As they are where UTC is not known."""
+    """Stamps in UTC; unchanged if UTC is unknown."""
     if utc is None:
         return stamp_ns
     return np.minimum(stamp_ns, np.iinfo(np.int64).max - max(utc.offset_ns, 0)) + utc.offset_ns
 
 
 def _told(log: Log) -> Iterator[tuple[str, Stamps, Stamps]]:
-    """Source, stamps and UTC at each of them; not yet judged."""
+    """Yield source, stamps and UTC at each stamp, without a plausibility check."""
     if (told := px4.utc(log)) is not None:
         yield "by GPS", *told
     gps = log.tables.get("GPS")

@@ -1,4 +1,4 @@
-"""Two logs compared: what `xitl logs compare` shows, writes and draws."""
+"""Comparison of two logs, as `xitl logs compare` shows, writes and plots it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from xitl_cli.logs.signals import SignalSource, StateSpan
 
 
 def stray_truth_finding(name: str, log: Log) -> Finding | None:
-    """With sensors from elsewhere, ArduPilot's own simulated vehicle (SIM) is another one, and no truth."""
+    """Finding for a log with ArduPilot's own simulated vehicle (SIM) and other sensors: that vehicle is not the
+    truth."""
     apart_m = signals.stray_truth_m(log)
     if apart_m is None:
         return None
@@ -34,7 +35,8 @@ _Row = tuple[str, str, Value, Value]
 
 
 def overlay(name: str, a: Log, b: Log, pairing: Pairing) -> Section | None:
-    """None where the analysis has nothing to say about either. Facts of one alone come after those of both."""
+    """One section from an analysis of both logs; None if the analysis has no result. Facts of one log follow common
+    facts."""
     try:
         in_a, in_b = load_analysis(name)(a), load_analysis(name)(b)
     except Exception as error:  # noqa: BLE001  the rest of the comparison is worth having
@@ -58,7 +60,7 @@ def overlay(name: str, a: Log, b: Log, pairing: Pairing) -> Section | None:
 
 
 def _rows(a: tuple[Fact, ...], b: tuple[Fact, ...]) -> tuple[tuple[Fact, ...], list[_Row]]:
-    """Facts in words, of both in one, and rows of the others: label, unit, A, B."""
+    """Textual facts of both logs in one, and rows of the other facts: label, unit, A, B."""
     facts_b = {fact.key: fact for fact in b}
     words: list[Fact] = []
     rows: list[_Row] = []
@@ -82,7 +84,7 @@ def _less(a: Value, b: Value) -> float | int | None:
 
 
 def _plots(a: tuple[Plot, ...], b: tuple[Plot, ...], pairing: Pairing) -> tuple[Plot, ...]:
-    """Of both in one; then those of one alone."""
+    """Plots of both logs joined, then plots of only one log."""
     of_b = {plot.key: plot for plot in b}
     drawn = []
     for plot in a:
@@ -95,7 +97,7 @@ def _plots(a: tuple[Plot, ...], b: tuple[Plot, ...], pairing: Pairing) -> tuple[
 
 
 def _named(log: str, plot: Plot, pairing: Pairing | None = None) -> tuple[Trace, ...]:
-    """Its lines, on A's time."""
+    """Traces of a plot, on A's time."""
     moved = pairing is not None and plot.kind == "time"
     return tuple(
         replace(
@@ -144,10 +146,10 @@ def compare(
     until_s: float | None = None,
     armed: bool = False,
 ) -> Comparison:
-    """B against A. from_s, until_s: after the zero; armed: only while both were.
+    """Compare B with A.
 
-    Events, scheduler and time bases are those of the whole logs. Raises LogError when there is no way to lay one on
-    the time of the other, or nothing is left of it.
+    from_s, until_s: limits after the zero. armed: only while both logs were armed. Sections on events, the scheduler
+    and time bases cover the whole logs. Raises LogError if no method aligns the logs, or no data is left.
     """
     laid = pair_logs(a, b, start, shift_s)
     pairing = limited(a, b, laid, from_s, until_s, armed)
@@ -174,7 +176,7 @@ def compare(
 
 
 def _doubted(section: Section, sides: tuple[tuple[str, Log, SignalSource], ...]) -> Section:
-    """With the doubts about what was taken for the truth."""
+    """The section with findings that doubt the source used as truth."""
     doubts = (stray_truth_finding(name, log) for name, log, of in sides if of == "truth")
     return replace(section, findings=(*section.findings, *(doubt for doubt in doubts if doubt is not None)))
 

@@ -30,26 +30,27 @@ _USUAL_STEPS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """How stamps of B become stamps of A. sentence: for the user. error_s: how far it may be off, None if not known.
-
-    zero_ns: on A's time, what seconds count from, where an event gives it. from_ns, until_ns: on A's time, what of the
-    common time is compared; None: all of it.
-    """
+    """Conversion of stamps of B to stamps of A."""
 
     on_a: Callable[[Stamps], Stamps]
     method: str
     sentence: str
+    """For the user."""
     error_s: float | None = None
+    """Possible error; None if unknown."""
     zero_ns: int | None = None
+    """On A's time: zero of the seconds, if an event defines it."""
     from_ns: int | None = None
+    """Beginning of the compared time, on A's time; None: of the common time."""
     until_ns: int | None = None
+    """End of the compared time, on A's time; None: of the common time."""
 
     def instant(self, stamp_ns: int) -> int:
-        """One stamp of B on A's time."""
+        """Return one stamp of B on A's time."""
         return int(self.on_a(np.array([stamp_ns], dtype=np.int64))[0])
 
     def on_a_time(self, series: Series) -> Series:
-        """Of B, on A's time; samples that come out earlier than the one before are left out."""
+        """Return a series of B on A's time. Samples with a stamp before the previous sample are omitted."""
         stamps = self.on_a(series.stamp_ns)
         newest = np.maximum.accumulate(stamps)
         forward = np.concatenate(([True], stamps[1:] > newest[:-1]))
@@ -57,9 +58,9 @@ class Pairing:
 
 
 def common_samples(a: Series, b: Series, pairing: Pairing) -> tuple[Stamps, Floats, Floats] | None:
-    """Stamps (N,) of A within B's time, A's values there and B's on straight lines; at most 200 000 of them.
+    """Stamps (N,) of A within B's time, A's values there, and B's interpolated linearly; at most 200 000.
 
-    Stamps within a gap of B are left out: more than 2 s and more than 3 of its usual steps. None unless there are two.
+    Stamps within a gap of B are omitted: more than 2 s and more than 3 of its usual steps. None with fewer than two.
     """
     other = pairing.on_a_time(b)
     inside = (a.stamp_ns >= other.stamp_ns[0]) & (a.stamp_ns <= other.stamp_ns[-1])
@@ -80,7 +81,7 @@ def common_samples(a: Series, b: Series, pairing: Pairing) -> tuple[Stamps, Floa
 
 
 def time_integral(stamp_ns: Stamps, values: Floats) -> tuple[float, float]:
-    """Seconds covered and the integral over them, by trapezoids; gaps (as in `match`) left out."""
+    """Covered seconds and the integral over them, by trapezoids, without gaps (as in `common_samples`)."""
     steps_s = np.diff(stamp_ns) * 1e-9
     if not len(steps_s):
         return 0.0, 0.0
@@ -90,7 +91,7 @@ def time_integral(stamp_ns: Stamps, values: Floats) -> tuple[float, float]:
 
 
 def _gap_s(steps_s: Floats) -> float:
-    """The longest step that is not a gap."""
+    """Longest step that is not a gap."""
     return max(_LONGEST_GAP_S, _USUAL_STEPS * float(np.median(steps_s)))
 
 
@@ -104,11 +105,11 @@ _LEAST_CHANGE = 1e-9
 def best_lag(
     stamp_ns: Stamps, a: Floats, b: Floats, *, turns: bool, longest_s: float = LONGEST_S
 ) -> tuple[float | None, float | None]:
-    """The highest correlation coefficient within shifts of `longest_s`, and how much later (s) B is there.
+    """Highest correlation coefficient within shifts of `longest_s`, and the delay (s) of B at that shift.
 
-    Both are sampled at `stamp_ns`. Angles (deg) are correlated as directions, so that a turn more does not count. The
-    coefficient is None where one of them does not change; the lag also where nothing is alike (under 0.5) or the best
-    shift is the longest one.
+    Both are sampled at `stamp_ns`. Angles (deg) are correlated as directions, so that full turns do not count. The
+    coefficient is None if one of them does not change. The lag is None too if the coefficient is below 0.5 or the best
+    shift is the longest.
     """
     seconds = (stamp_ns - stamp_ns[0]) * 1e-9
     step_s = max(_STEP_S, float(seconds[-1]) / _MOST_STEPS)
@@ -140,7 +141,7 @@ def _even(grid: Floats, seconds: Floats, values: Floats, turns: bool) -> NDArray
 
 
 def _correlation(a: NDArray[Any], b: NDArray[Any], shift: int) -> float:
-    """Of a(t) with b(t + shift)."""
+    """Correlation of a(t) with b(t + shift)."""
     first, second = (a[: len(a) - shift], b[shift:]) if shift >= 0 else (a[-shift:], b[:shift])
     first, second = first - first.mean(), second - second.mean()
     scale = float(np.sqrt(np.vdot(first, first).real * np.vdot(second, second).real))
@@ -156,11 +157,11 @@ _CHECKED_SIGNALS: tuple[tuple[str, Callable[[Log], Series | None], float], ...] 
     ("speed over ground", signals.ground_speed, 0.2),
     ("yaw", signals.yaw, 2.0),
 )
-"""With the scatter from which on it is motion. Waves and gusts, which differ from run to run, come first."""
+"""With the scatter above which a signal is motion. Waves and gusts, which differ from run to run, come first."""
 
 
 def contradiction(a: Log, b: Log, pairing: Pairing) -> str | None:
-    """The end of a sentence, where a signal of both that moves is not the same one; else None."""
+    """Return the end of a sentence if a signal that moves differs between the logs; else None."""
     for name, of, moving in _CHECKED_SIGNALS:
         in_a = of(a)
         in_b = None if in_a is None else of(b)
@@ -189,14 +190,15 @@ _BEAT_NS = 2_500_000_000
 
 @dataclass(frozen=True, slots=True)
 class PairedEvent:
-    """at_s: after the zero of the comparison, on A's time."""
+    """An event on A's time."""
 
     what: str
     at_s: float
+    """After the zero of the comparison."""
 
 
 def precise_modes(log: Log) -> list[StateSpan]:
-    """As `signals.modes`; those that heartbeats tell, a second late, from when the autopilot said so."""
+    """Mode spans as `signals.modes`. Spans from heartbeats, which are a second late, begin at the autopilot's text."""
     found = signals.modes(log)
     if not any("HEARTBEAT" in mode.source for mode in found):
         return found
@@ -216,7 +218,7 @@ def precise_modes(log: Log) -> list[StateSpan]:
 
 
 def paired_events(log: Log, seconds: Callable[[int], float]) -> list[PairedEvent]:
-    """Armed, disarmed, modes entered, waypoints reached, in the order of time."""
+    """Armed, disarmed, modes entered, waypoints reached, in order of time."""
     span = log.span_ns
     found: list[PairedEvent] = []
     for armed in signals.armed(log):
@@ -233,13 +235,13 @@ def paired_events(log: Log, seconds: Callable[[int], float]) -> list[PairedEvent
 
 
 def event_section(a: Log, b: Log, pairing: Pairing, zero_ns: int) -> Section | None:
-    """None where nothing happened in either."""
+    """Events of both logs; None if neither has any."""
     found = side_by_side(a, b, pairing, zero_ns)
     return None if found is None else Section("events", "Events", grids=(found,))
 
 
 def side_by_side(a: Log, b: Log, pairing: Pairing, zero_ns: int) -> Grid | None:
-    """Each happening of either, the n-th of its kind in A beside the n-th in B, in the order of time."""
+    """Events of both logs in order of time: the n-th event of a kind in A next to the n-th in B."""
     in_a = paired_events(a, lambda at_ns: (at_ns - zero_ns) * 1e-9)
     in_b = paired_events(b, lambda at_ns: (pairing.instant(at_ns) - zero_ns) * 1e-9)
     rows = []
@@ -277,10 +279,13 @@ _MOVING_S = 1.0
 
 
 def pair_logs(a: Log, b: Log, start: StartEvent = "auto", shift_s: float | None = None) -> Pairing:
-    """shift_s: B's first row is so much later than A's; None: found by `start`.
+    """Pair two logs.
 
-    auto: by clocks when both may be of one run, else where both begin a mission, arm, or begin to move, else by
-    correlating a shared signal. Raises LogError when none of it, or not what was asked for, is in both.
+    shift_s: B's first row is this much later than A's; None: `start` determines it.
+
+    start: "auto" uses clocks if both logs may be of one run. Otherwise, it uses the first instant at which both begin a
+    mission, arm or begin to move, else the correlation of a shared signal. Raises LogError if no method, or not the
+    requested method, applies to both.
     """
     for log in (a, b):
         if log.span_ns is None:
@@ -304,9 +309,9 @@ def pair_logs(a: Log, b: Log, start: StartEvent = "auto", shift_s: float | None 
 
 
 def limited(a: Log, b: Log, pairing: Pairing, from_s: float | None, until_s: float | None, armed: bool) -> Pairing:
-    """Compares only from and until so many seconds after the zero (see `zero_ns`), and only while both were armed.
+    """Limit the comparison to seconds after the zero (see `zero_ns`), and to the time in which both were armed.
 
-    Raises LogError when nothing is left.
+    Raises LogError if nothing is left.
     """
     zero = zero_ns(a, b, pairing)
     from_ns = None if from_s is None else zero + round(from_s * 1e9)
@@ -326,7 +331,7 @@ def limited(a: Log, b: Log, pairing: Pairing, from_s: float | None, until_s: flo
 
 
 def zero_ns(a: Log, b: Log, pairing: Pairing) -> int:
-    """On A's time: the event by which the logs were paired, else the start of the common time."""
+    """On A's time: the event that paired the logs, else the start of the common time."""
     if pairing.zero_ns is not None:
         return pairing.zero_ns
     begins = [0 if log.span_ns is None else log.span_ns[0] for log in (a, b)]
@@ -359,7 +364,7 @@ def _placed(moved: LogPlacement, b: Log, words: str) -> Pairing:
         return said
 
     def on_a(stamp_ns: Stamps) -> Stamps:
-        # The inverse of A on B, by steps that shrink as drift does.
+        # Invert A on B by iteration; the error shrinks with the drift at each step.
         back = stamp_ns - moved.offset_ns
         for _ in range(3):
             back = back + (stamp_ns - moved.on_reference(back))
@@ -369,7 +374,8 @@ def _placed(moved: LogPlacement, b: Log, words: str) -> Pairing:
 
 
 def _order(a: Log, b: Log) -> tuple[str, ...]:
-    """Two logs of an autopilot, or two recordings of a host, are of two runs, though their world may be the same."""
+    """Methods to try. Two logs of an autopilot, or two recordings of a host, are of two runs, even in the same
+    world."""
     autopilots = a.format == b.format == "dataflash"
     hosts = all(log.base == "simulation" and "/truth/state" in log.tables for log in (a, b))
     return _ORDER[1:] if autopilots or hosts else _ORDER
@@ -403,7 +409,7 @@ def _armed_ns(log: Log) -> int | None:
 
 
 def _motion_ns(log: Log) -> int | None:
-    """The first time that it stays in motion for a second: an estimator that finds its place jumps."""
+    """First instant after which it moves for a second, because an estimator jumps when it finds its position."""
     speed = signals.ground_speed(log)
     if speed is None:
         return None

@@ -19,38 +19,41 @@ from xitl_cli.logs.signals.states import pulses
 
 @dataclass(frozen=True, slots=True)
 class SignalDifference:
-    """stamp_ns: (N,) A's own samples within the common time, on A's time. a, b: (N,) there, B on straight lines between
-    its samples. errors: (N,) b less a, of angles the short way round.
-
-    iae: integral of |b - a| over time (unit times s), by the trapezoidal rule, gaps left out; covered_s: over how long.
-    rms, mean, most: of the errors (most: of |errors|, at most_ns). correlation, lag_s: the highest correlation when B
-    is shifted, and how much later B is (within 10 s); None where one of them does not change or nothing is alike.
-    """
+    """Difference of one quantity between two logs."""
 
     name: str
     unit: str
     sources: tuple[str, str]
     stamp_ns: Stamps
+    """(N,) A's own samples within the common time, on A's time."""
     a: Floats
+    """(N,) A's values."""
     b: Floats
+    """(N,) B's values, interpolated linearly."""
     errors: Floats
+    """(N,) b minus a; for angles along the shorter arc."""
     iae: float
+    """Integral of |b - a| over time (unit times s), by the trapezoidal rule, without gaps."""
     rms: float
     mean: float
     most: float
+    """Largest of |errors|, at most_ns."""
     most_ns: int
     covered_s: float
+    """Time of the integral."""
     correlation: float | None
+    """Highest correlation over shifts of B; None if one signal does not change."""
     lag_s: float | None
+    """Delay of B at that shift (within 10 s); None if the correlation is too low."""
 
     @property
     def constant(self) -> bool:
-        """Whether neither ever changes."""
+        """Whether both signals are constant."""
         return not np.ptp(self.a) and not np.ptp(self.b)
 
 
 def signal_difference(name: str, a: Series, b: Series, pairing: Pairing) -> SignalDifference | None:
-    """None without a common time of at least two samples."""
+    """Difference of two series; None without a common time of at least two samples."""
     matched = common_samples(a, b, pairing)
     if matched is None:
         return None
@@ -82,7 +85,7 @@ _COLUMNS = ("quantity", "unit", "IAE", "RMS", "most", "mean", "B later (s)", "co
 
 
 def difference_or_reason(name: str, a: Series | None, b: Series | None, pairing: Pairing) -> SignalDifference | str:
-    """Or the sentence why there is none."""
+    """The difference, or the sentence with the reason why there is none."""
     if a is None or b is None:
         without = "either log" if a is None and b is None else "A" if a is None else "B"
         return f"{_capital(name)} is not in {without}."
@@ -92,7 +95,7 @@ def difference_or_reason(name: str, a: Series | None, b: Series | None, pairing:
 
 
 def difference_grid(key: str, found: Sequence[SignalDifference]) -> tuple[Grid, ...]:
-    """A row a profile; none without profiles."""
+    """One row per difference; empty without differences."""
     return (Grid(f"{key}.differences", "B less A", _COLUMNS, tuple(map(_row, found))),) if found else ()
 
 
@@ -116,7 +119,7 @@ def _row(found: SignalDifference) -> tuple[Value, ...]:
 
 
 def _unbroken(found: SignalDifference, values: Floats) -> Floats:
-    """Without the stroke across the plot where 360 becomes 0."""
+    """Values without the line across the plot at the step from 360 to 0."""
     if found.unit != "deg" or np.ptp(values) < 180.0:
         return values
     drawn = values.astype(np.float64).copy()
@@ -129,7 +132,7 @@ def _capital(text: str) -> str:
 
 
 def motion_section(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: SignalSource) -> Section | None:
-    """Speed over ground, yaw, altitude, roll, pitch, and the height of the estimators' origins where both log it."""
+    """Speed over ground, yaw, altitude, roll, pitch, and the height of the estimators' origins if both log it."""
     found, lacks = [], []
     for name, in_a, in_b in (
         ("speed over ground", signals.ground_speed(a, of_a), signals.ground_speed(b, of_b)),
@@ -171,7 +174,8 @@ _Channels = dict[int, Series]
 
 
 def channel_section(a: Log, b: Log, pairing: Pairing) -> Section | None:
-    """Channels that neither moves are a fact, not a row. None where neither logs any."""
+    """Differences of channels. Channels that are constant in both are a fact, not a row. None if neither log has
+    any."""
     found: list[SignalDifference] = []
     facts: list[Fact] = []
     lacks: list[str] = []
@@ -209,7 +213,7 @@ def channel_section(a: Log, b: Log, pairing: Pairing) -> Section | None:
 
 
 def _outputs(a: Log, b: Log) -> tuple[_Channels, _Channels]:
-    """In one unit where both have it: commands, else pulse widths."""
+    """Outputs in one unit if both have it: commands, else pulse widths."""
     in_a, in_b = signals.outputs(a), signals.outputs(b)
     units = {each.unit for found in (in_a, in_b) for each in found.values()}
     if len(units) < 2:
@@ -219,7 +223,7 @@ def _outputs(a: Log, b: Log) -> tuple[_Channels, _Channels]:
 
 
 def _listed(channels: list[int]) -> str:
-    """1 to 4, 17, 18."""
+    """Channel numbers as a list: 1 to 4, 17, 18."""
     parts: list[list[int]] = []
     for channel in channels:
         if parts and channel == parts[-1][-1] + 1:

@@ -20,18 +20,22 @@ Alignment = Literal["none", "origin", "se3", "sim3"]
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """stamp_ns: (N,) increasing. pos_m: (N, 3) in any one frame. quat_wxyz: (N, 4) body to that frame, unit length."""
+    """A path with attitudes."""
 
     stamp_ns: Stamps
+    """(N,) increasing."""
     pos_m: Floats
+    """(N, 3) in any one frame."""
     quat_wxyz: Floats
+    """(N, 4) body to that frame, unit length."""
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorStatistics:
-    """Of errors, which are never below 0. sse: sum of their squares. count: of errors."""
+    """Statistics of errors, which are never negative."""
 
     count: int
+    """Number of errors."""
     rms: float
     mean: float
     median: float
@@ -39,6 +43,7 @@ class ErrorStatistics:
     least: float
     most: float
     sse: float
+    """Sum of squares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +63,7 @@ class Similarity:
 
 
 def error_statistics(errors: Floats) -> ErrorStatistics | None:
-    """None without errors."""
+    """Statistics; None without errors."""
     if not len(errors):
         return None
     squares = float(np.sum(errors**2))
@@ -75,8 +80,9 @@ def error_statistics(errors: Floats) -> ErrorStatistics | None:
 
 
 def umeyama(source: Floats, target: Floats, *, with_scale: bool = False) -> Similarity | None:
-    """Moves `source` (N, 3) closest to `target` (N, 3) in the least squares; None where their points leave it open: all
-    in one place, or on one line.
+    """Return the least-squares transformation of `source` (N, 3) to `target` (N, 3).
+
+    None if their points do not determine it: all in one position, or on one line.
     """
     if len(source) < 3:
         return None
@@ -84,11 +90,11 @@ def umeyama(source: Floats, target: Floats, *, with_scale: bool = False) -> Simi
     spread = source - from_mean
     covariance = (target - to_mean).T @ spread / len(source)  # eq. 38
     left, stretch, right = np.linalg.svd(covariance)
-    if not stretch[1] > 1e-12 * stretch[0]:  # on one line but for rounding
+    if not stretch[1] > 1e-12 * stretch[0]:  # on one line apart from rounding
         return None
     signs = np.ones(3)
     if np.linalg.det(left) * np.linalg.det(right) < 0.0:
-        signs[2] = -1.0  # eq. 39: a rotation, no mirror
+        signs[2] = -1.0  # eq. 39: a rotation, no reflection
     rotation = (left * signs) @ right
     variance = float(np.mean(np.sum(spread**2, axis=1)))
     scale = float(np.sum(stretch * signs)) / variance if with_scale else 1.0  # eq. 42
@@ -96,9 +102,9 @@ def umeyama(source: Floats, target: Floats, *, with_scale: bool = False) -> Simi
 
 
 def align_trajectory(reference: Trajectory, other: Trajectory, how: Alignment) -> tuple[Trajectory, Similarity | None]:
-    """`other` moved onto `reference`, both with the same stamps; and by what, None where it was not moved.
+    """Return `other` aligned with `reference`, both with the same stamps, and the transformation (None if not moved).
 
-    origin: so that the first poses are the same.
+    how: "origin" makes the first poses equal.
     """
     if how == "none" or not len(other.pos_m):
         return other, None
@@ -121,13 +127,13 @@ def absolute_errors_m(reference: Trajectory, other: Trajectory) -> Floats:
 
 
 def frame_pairs(count: int, every: int) -> NDArray[np.intp]:
-    """(M, 2) indices of poses `every` apart, one pair after the other."""
+    """(M, 2) indices of poses `every` apart, in consecutive pairs."""
     at = np.arange(0, count, every)
     return np.stack([at[:-1], at[1:]], axis=1)
 
 
 def path_pairs(pos_m: Floats, length_m: float) -> NDArray[np.intp]:
-    """(M, 2) indices of poses between which a path of at least `length_m` was made, one pair after the other."""
+    """(M, 2) indices of poses between which the path is at least `length_m` long, in consecutive pairs."""
     steps = np.linalg.norm(np.diff(pos_m, axis=0), axis=1)
     chosen, since_m = [0], 0.0
     for index, step_m in enumerate(steps.tolist(), start=1):
@@ -142,14 +148,14 @@ def path_pairs(pos_m: Floats, length_m: float) -> NDArray[np.intp]:
 def relative_errors(reference: Trajectory, other: Trajectory, pairs: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """(M,) metres and (M,) degrees by which the motion from one pose of a pair to the other differs (RPE).
 
-    The translation of the relative pose of the relative poses, and the angle of its rotation.
+    These are the translation of the difference of the relative poses, and the angle of its rotation.
     """
     turn_r, move_r = _relative(reference, pairs)
     turn_o, move_o = _relative(other, pairs)
     back = np.swapaxes(turn_r, 1, 2)
     moved = np.einsum("nij,nj->ni", back, move_o - move_r)
     turned = back @ turn_o
-    # Of the sine and the cosine, since either alone is blunt where it is flat.
+    # Use sine and cosine, because each alone is inaccurate near its extremes.
     axis = np.stack(
         [turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0], turned[:, 1, 0] - turned[:, 0, 1]],
         axis=1,

@@ -48,7 +48,7 @@ def off_path_m(points: Floats, path: Floats) -> Floats:
 
 
 def thinned_path(path: Floats, least_m: float = 0.05, most: int = 2000) -> Floats:
-    """Points at least so far from the one before, and no more than `most`: a vessel at rest adds none."""
+    """Points at least `least_m` from the previous one, at most `most`: a vessel at rest adds none."""
     steps = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     every_m = max(least_m, float(steps[-1]) / most)
     chosen = np.searchsorted(steps, np.arange(0.0, steps[-1], every_m))
@@ -61,23 +61,25 @@ _MOST_POSES = 20_000
 
 @dataclass(frozen=True, slots=True)
 class PosePair:
-    """a, b: the same stamps, on A's time; east, north, up (m) about `origin`, attitude FLU in it. sources: of places.
-
-    common: whether both are about one place on the Earth; if not, each is about a zero of its own. attitudes: whether
-    both tell theirs; if not, all are level and heading east. way_a: (M, 2) east and north of A at all times.
-    """
+    """Poses of both logs at common stamps."""
 
     a: Trajectory
+    """Stamps on A's time; east, north, up (m) about `origin`, attitude FLU in it."""
     b: Trajectory
+    """At the stamps of `a`, in the same axes."""
     origin: tuple[float, float, float] | None
     common: bool
+    """Whether both are about one position on the Earth. If not, each is about its own zero."""
     attitudes: bool
+    """Whether both have attitudes. If not, all are level and heading east."""
     sources: tuple[str, str]
+    """Sources of the positions."""
     way_a: Floats
+    """(M, 2) east and north of A at all times."""
 
 
 def common_poses(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: SignalSource) -> PosePair | None:
-    """None where one does not tell its position, or they have no common time."""
+    """Poses at common stamps; None if one log has no position, or there is no common time."""
     in_a = signals.position_ned(a, of_a)
     if in_a is None:
         return None
@@ -107,7 +109,7 @@ def common_poses(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: Sig
 
 
 def _attitude(log: Log, of: SignalSource, stamp_ns: Stamps, pairing: Pairing | None) -> Floats | None:
-    """(N, 4) FLU to ENU; where a sample is missing the nearest one."""
+    """(N, 4) FLU to ENU; a missing sample is replaced by the nearest."""
     angles = []
     for found in (signals.roll(log, of), signals.pitch(log, of), signals.yaw(log, of)):
         if found is None:
@@ -126,7 +128,7 @@ _HIGH_SHARE = 3.0
 
 
 def moved_poses(poses: PosePair, how: Alignment) -> tuple[Trajectory, Similarity | None]:
-    """B as it is compared: moved onto A as asked."""
+    """B as it is compared: aligned with A as requested."""
     return align_trajectory(poses.a, poses.b, how)
 
 

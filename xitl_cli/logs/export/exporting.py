@@ -22,34 +22,37 @@ from xitl_cli.logs.model.text import plural
 FORMATS = ("csv", "parquet", "mcap")
 BagFormat = Literal["rosbag2-mcap", "rosbag2-sqlite3", "rosbag1"]
 BAG_FORMATS: tuple[BagFormat, ...] = get_args(BagFormat)
-"""Bags of ROS, which know what the messages mean and are written elsewhere."""
+"""Bags of ROS. Their export knows the meaning of messages and is elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportSelection:
-    """What to export. from_ns, until_ns: stamps, both included; None: no limit."""
+    """Data to export."""
 
     tables: tuple[Table, ...]
     from_ns: int | None = None
+    """First stamp, included; None: no limit."""
     until_ns: int | None = None
+    """Last stamp, included; None: no limit."""
     raw: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """The files written. notes: a sentence for each difference between the log and the files."""
+    """The files written."""
 
     files: tuple[str, ...]
     rows: int
     sentence: str
     notes: tuple[str, ...] = ()
+    """A sentence for each difference between the log and the files."""
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
 
 
 def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | None, overwrite: bool) -> ExportResult:
-    """Write the selected tables. Raises LogError for an unknown format, an unwritable place, an existing file."""
+    """Write the selected tables. Raises LogError for an unknown format, an unwritable path, an existing file."""
     if file_format not in FORMATS:
         raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join((*FORMATS, *BAG_FORMATS))}")
     if file_format == "mcap":
@@ -122,7 +125,7 @@ def _writer(file_format: str) -> _Writer:
 
 
 def _refuse_itself(log: Log, paths: list[Path]) -> None:
-    """The log is mapped into memory: writing over it would take it away under the reader."""
+    """Refuse to write over the log: it is mapped into memory, and writing would remove it during reading."""
     for path in paths:
         if path.exists() and log.path.exists() and path.samefile(log.path):
             raise LogError(f"{path}: is the log itself; choose another place with --out")

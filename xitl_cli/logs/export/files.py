@@ -1,4 +1,4 @@
-"""Output files: their names, and that they are there whole or not at all."""
+"""Output files: names, and atomic writing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LONGEST_FILE_NAME = 120
 
 
 def refuse_present(paths: Collection[Path], overwrite: bool) -> None:
-    """Check, before anything is written, that no file would be replaced. Raises LogError."""
+    """Check before writing that no file would be replaced. Raises LogError."""
     for path in paths:
         if path.is_dir():
             raise LogError(f"{path}: is a directory; name another place with --out")
@@ -36,11 +36,11 @@ def make_directory(path: Path) -> None:
 
 @contextmanager
 def part_of(final: Path, overwrite: bool) -> Iterator[Path]:
-    """A temporary path beside `final`; the file written there is renamed to `final`, or removed after an error.
+    """Yield a temporary path next to `final`. At the end the file is renamed to `final`, or removed after an error.
 
-    Raises LogError when the place takes no file, when the disk is full, and when `final` has turned up meanwhile.
+    Raises LogError if the directory is not writable, if the disk is full, or if `final` was created meanwhile.
     """
-    target = Path(os.path.realpath(final)) if overwrite else final  # what a link leads to, and not the link
+    target = Path(os.path.realpath(final)) if overwrite else final  # the target of a link, not the link
     part = target.with_name(f".{target.name[:200]}.{os.getpid()}.part")
     try:
         yield part
@@ -74,7 +74,7 @@ def _refusal(path: Path, error: OSError) -> LogError:
 
 
 def file_names(messages: Iterable[str], reserved: Iterable[str] = ()) -> dict[str, str]:
-    """File names without ending: "/link/agent/rx:ATTITUDE" → "link_agent_rx_ATTITUDE". Unique in any case."""
+    """File names without ending: "/link/agent/rx:ATTITUDE" → "link_agent_rx_ATTITUDE". Unique regardless of case."""
 
     def named(message: str) -> str:
         return re.sub(r"[^A-Za-z0-9_.-]+", "_", message).strip("._")[:_LONGEST_FILE_NAME]
@@ -85,7 +85,7 @@ def file_names(messages: Iterable[str], reserved: Iterable[str] = ()) -> dict[st
 def unique_names(
     names: Iterable[str], named: Callable[[str], str], joined: str = "_", reserved: Iterable[str] = ()
 ) -> dict[str, str]:
-    """`named(name)` by name, made unique, without regard to case, by a number behind it."""
+    """`named(name)` by name. A number behind the name makes it unique, regardless of case."""
     taken = set(reserved)
     result: dict[str, str] = {}
     for name in names:

@@ -1,7 +1,7 @@
-"""One MCAP of ROS 2 messages (CDR), a topic a message, in the order of the log.
+"""One MCAP of ROS 2 messages (CDR), one topic per message type, in the order of the log.
 
-Each message gets a definition of its own: names and units of the log stand in its comments. A message with much to say
-in a batch gets chunks of its own, as in a recording: a reader of one topic unpacks little.
+Each message type gets its own definition, with the names and units of the log in comments. A type with much data in a
+batch gets its own chunks, as in a recording, so that a reader of one topic decompresses little.
 """
 
 from __future__ import annotations
@@ -41,12 +41,13 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """count: of a fixed array; None for a single number; -1 for a sequence."""
+    """One field of a message definition."""
 
     name: str
     column: Column
     dtype: np.dtype[Any]
     count: int | None
+    """Length of a fixed array; None for a single number; -1 for a sequence."""
 
     @property
     def declared(self) -> str:
@@ -59,7 +60,7 @@ class _Field:
 
 
 class TableMessages:
-    """A table's rows as ROS 2 messages. definition: of the message, in ros2msg."""
+    """Rows of a table as ROS 2 messages. definition: of the message, in ros2msg."""
 
     def __init__(self, table: Table, raw: bool) -> None:
         self._table, self._raw = table, raw
@@ -70,7 +71,7 @@ class TableMessages:
         )
 
     def payloads(self, rows: NDArray[np.intp]) -> Iterator[bytes]:
-        """One a row."""
+        """One payload per row."""
         values = [self._values(field, rows) for field in self._fields]
         if all(field.column.kind == "number" and field.count != -1 for field in self._fields):
             return self._fixed(values, len(rows))
@@ -165,9 +166,9 @@ def write_mcap(
     utc: UtcOffset | None,
     raw: bool,
 ) -> tuple[int, int]:
-    """Write `path`, its times in UTC where that is known.
+    """Write `path`, with times in UTC if that is known.
 
-    Returns how many rows were written, and how many of them at 0 for a stamp before the log's zero.
+    Returns the number of rows, and the number of rows written at 0 because their stamp is before the log's zero.
     """
     from mcap.writer import CompressionType, Writer
 
@@ -201,7 +202,7 @@ def write_mcap(
                     for stamp_ns, payload in rows:
                         writer.add_message(channel, stamp_ns, payload, stamp_ns)
                     writer.flush()
-                waiting.append(rows)  # nothing is left of one that was written
+                waiting.append(rows)  # written rows must not be held in memory
             for owner in batch.order.tolist():
                 for stamp_ns, payload in islice(waiting[owner], 1):
                     writer.add_message(channels[owner], stamp_ns, payload, stamp_ns)
@@ -225,7 +226,7 @@ def field_names(columns: Iterable[str]) -> dict[str, str]:
 
 
 def type_names(messages: Iterable[str]) -> dict[str, str]:
-    """ROS 2 type names, of letters and digits with a capital first: "GPS_RAW_INT" → "GpsRawInt", "ATT" → "ATT"."""
+    """ROS 2 type names, of letters and digits with an initial capital: "GPS_RAW_INT" → "GpsRawInt", "ATT" → "ATT"."""
 
     def named(message: str) -> str:
         parts = re.findall(r"[A-Za-z0-9]+", message)

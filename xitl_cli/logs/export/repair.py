@@ -1,4 +1,4 @@
-"""A damaged recording, or one that its writer never closed, written whole."""
+"""Rewriting of a recording that is damaged or that its writer did not close."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ from xitl_cli.logs.model.text import plural
 
 @dataclass(frozen=True, slots=True)
 class RepairResult:
-    """out, written: None for a file that is whole: nothing was written. health: of the file that was read."""
+    """Result of a repair."""
 
     source: Path
     out: Path | None
+    """None if the file is whole: then nothing is written."""
     written: Rewritten | None
+    """None if nothing is written."""
     health: LogHealth
+    """Of the source file."""
 
     @property
     def sentence(self) -> str:
@@ -46,10 +49,10 @@ class RepairResult:
 
 
 def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
-    """Write all that can be read of a recording to `out`, beside it as `<name>-repaired.mcap` by default.
+    """Write all readable data of a recording to `out`, by default next to it as `<name>-repaired.mcap`.
 
-    Raises LogError for other formats, for a recording of which nothing is left, for an unwritable place and for a file
-    that is there.
+    Raises LogError for other formats, for a recording without readable data, for an unwritable path and for an existing
+    file.
     """
     if not isinstance(log, McapLog):
         kinds = {"dataflash": "a DataFlash log", "tlog": "a telemetry log"}

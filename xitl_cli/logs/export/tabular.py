@@ -1,9 +1,12 @@
-"""A table as plain columns, and these as one CSV or Parquet file a message.
+"""Tables as plain columns, written as one CSV or Parquet file per message.
 
-An array of k numbers is k columns, `name[0]` and on. CSV: the first line has the names and nothing else, as PlotJuggler
-wants it: time_s first, plain field names without units (its layouts and everybody's scripts go by the name, and a comma
-or slash in one breaks it or makes a tree of it). Units are in `columns.csv` beside them. Line breaks within texts are
-written as \\n: PlotJuggler reads line by line. Parquet: the same columns; units are their metadata ("unit").
+An array of k numbers becomes k columns, `name[0]` and so on.
+
+CSV: the first line has only the names, as PlotJuggler requires. time_s is first; field names have no units, because
+layouts and scripts refer to the name, and PlotJuggler misreads a comma or slash in it. Units are in `columns.csv` next
+to the files. Line breaks within texts are written as \\n, because PlotJuggler reads line by line.
+
+Parquet: the same columns; units are their metadata ("unit").
 """
 
 from __future__ import annotations
@@ -28,9 +31,9 @@ _BREAKS = str.maketrans({"\n": "\\n", "\r": "\\r", "\0": ""})
 def write_csv(
     path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: UtcOffset | None, raw: bool
 ) -> tuple[list[FlatColumn], list[str]]:
-    """Write a CSV file, its time in seconds since `zero_ns` and, where `utc` is known, since 1970.
+    """Write a CSV file, with time in seconds since `zero_ns` and, if `utc` is known, since 1970.
 
-    Returns the columns written and the fields left out.
+    Returns the written columns and the omitted fields.
     """
     columns, left_out = flat_columns(table, pieces, raw)
     with path.open("x", newline="", encoding="utf-8") as file:
@@ -58,7 +61,7 @@ def write_columns(path: Path, written: Sequence[tuple[str, str, Sequence[FlatCol
 
 
 def time_names(table: Table, utc: bool) -> list[str]:
-    """Names of the time columns, with an underscore where a field has the name."""
+    """Names of the time columns, with an underscore if a field has the same name."""
     names = ["time_s", "utc_s"] if utc else ["time_s"]
     return [f"{name}_" if name in table.columns else name for name in names]
 
@@ -69,7 +72,7 @@ def _cells(flat: FlatColumn, values: NDArray[Any]) -> list[str]:
 
 
 def _seconds(since_ns: NDArray[np.int64]) -> list[str]:
-    """Seconds without loss: a double has too few digits for nanoseconds since 1970."""
+    """Seconds without loss, because a double has too few digits for nanoseconds since 1970."""
     result = []
     for since in since_ns.tolist():
         whole, part = divmod(abs(since), 1_000_000_000)
@@ -79,7 +82,7 @@ def _seconds(since_ns: NDArray[np.int64]) -> list[str]:
 
 
 def require_parquet() -> None:
-    """Raises LogError when pyarrow is not installed."""
+    """Raise LogError if pyarrow is not installed."""
     try:
         import pyarrow.parquet  # type: ignore[import-untyped]  # noqa: F401
     except ImportError as error:
@@ -91,7 +94,7 @@ def require_parquet() -> None:
 def write_parquet(
     path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: UtcOffset | None, raw: bool
 ) -> tuple[list[FlatColumn], list[str]]:
-    """Write a Parquet file: time_s (double), utc_s where `utc` is known, stamp_ns (int64, as logged) and the fields."""
+    """Write a Parquet file: time_s (double), utc_s if `utc` is known, stamp_ns (int64, as logged) and the fields."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -132,5 +135,5 @@ def _type(pa: Any, kind: str, values: NDArray[Any]) -> Any:
 
 
 def _widened(values: NDArray[Any]) -> NDArray[Any]:
-    """Half precision as float32: few programs read it."""
+    """Half precision converted to float32, because few programs read half precision."""
     return values.astype(np.float32) if values.dtype == np.float16 else values

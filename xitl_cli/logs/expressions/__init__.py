@@ -1,1 +1,1 @@
-"""Expressions over signals: syntax (parsing), functions and units, evaluation over arrays. Knows no log."""
+"""Expressions over signals: syntax (parsing), functions and units, evaluation over arrays. Independent of logs."""

@@ -1,4 +1,4 @@
-"""A tree worked out over arrays: numbers, truths and texts, one a sample, with the unit of what comes out."""
+"""Evaluation of a tree over arrays: numbers, truths and texts, one per sample, with the unit of the result."""
 
 from __future__ import annotations
 
@@ -49,9 +49,10 @@ _HALF_TURN = {"deg": 180.0, "rad": np.pi}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quantity:
-    """values: (N,) or one for all samples: numbers, truths or texts; None stands for what a message lacks."""
+    """Values with their unit."""
 
     values: Any
+    """(N,), or one for all samples: numbers, truths or texts. None means that a message lacks it."""
     unit: Unit = None
 
     @property
@@ -73,18 +74,18 @@ LACKING = Quantity(None)
 
 @dataclass(slots=True)
 class Evaluation:
-    """text: of the expression. resolve: what a name stands for. seconds: (N,) of the samples, asked where time matters.
-
-    notes: sentences on what is probably not meant, such as degrees given to sin; filled meanwhile.
-    """
+    """State of evaluating an expression."""
 
     text: str
     resolve: Callable[[str], Quantity]
+    """Value of a name."""
     seconds: Callable[[], NDArray[np.float64]]
+    """Returns (N,) seconds of the samples; called only by functions along time."""
     notes: list[str] = field(default_factory=list)
+    """Sentences on probable mistakes, such as degrees as argument of sin; filled by the evaluation."""
 
     def quantity(self, node: Tree) -> Quantity:
-        """Raises ExpressionError, and what `resolve` raises."""
+        """Evaluate a node. Raises ExpressionError, and the errors of `resolve`."""
         match node:
             case Number(value=value) | Text(value=value):
                 return Quantity(value)

@@ -1,13 +1,13 @@
-"""The functions of the language: what each takes, does to arrays, and does to units.
+"""The functions of the language: their arguments, their effect on arrays and on units.
 
-Angles of sin, cos and tan are radians, as everywhere; wrap180, wrap360 and wrap_pi bring angles and differences of
-angles into ±180, 0 to 360 and ±π. Those of `TIMED` look along time and get the seconds of their samples first:
+Angles of sin, cos and tan are radians. wrap180, wrap360 and wrap_pi bring angles and differences of angles into ±180, 0
+to 360 and ±π. Functions in `TIMED` work along time and get the seconds of their samples first:
 
-    unwrap(x)            an angle without its jumps, whatever its unit says: of 360, of radians 2π
+    unwrap(x)            an angle without its jumps: of 2π for radians, else of 360
     diff(x)              from sample to sample; the first is unknown
-    derivative(x)        a second, by the second-order differences of uneven steps
-    integral(x)          over time from the first sample, by the trapezoidal rule; what is unknown adds nothing
-    smooth(x, seconds)   mean of what is known within half of that time before and after
+    derivative(x)        per second, by the second-order differences of uneven steps
+    integral(x)          over time from the first sample, by the trapezoidal rule; unknown values add nothing
+    smooth(x, seconds)   mean of known values within half of that time before and after
 """
 
 from __future__ import annotations
@@ -27,13 +27,17 @@ UnitRule = Callable[[Sequence[Unit]], Unit]
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """apply: arrays to an array. least, most: how many values it takes. angles: the unit that they should be in."""
+    """One function."""
 
     apply: Callable[..., Any]
+    """From arrays to an array."""
     unit: UnitRule
     least: int = 1
+    """Least number of arguments."""
     most: int | None = 1
+    """Largest number of arguments."""
     angles: str = ""
+    """Unit that angles should have."""
 
 
 def _wrapped(x: Any, turn: float, low: float) -> Any:
@@ -89,13 +93,13 @@ ELEMENTWISE: Mapping[str, Function] = {
 
 
 def _converted(unit: Unit, old: str, new: str) -> Unit:
-    """rad/s of deg/s too."""
+    """Unit after a conversion, also within a rate: deg/s becomes rad/s."""
     factor = product_unit(new, old, -1)
     return new if unit is None or unit == "" else product_unit(unit, factor)
 
 
 def unwrapped(x: Floats, turn: float) -> Floats:
-    """(N,) without jumps of more than half a turn; across what is unknown from the last that is known."""
+    """(N,) without jumps of more than half a turn. Unknown values are bridged from the last known value."""
     found = np.array(x, dtype=np.float64)
     known = np.isfinite(found)
     found[known] = np.unwrap(found[known], period=turn)
@@ -125,7 +129,7 @@ def _smooth(seconds: Floats, x: Floats, window_s: float) -> Floats:
     known = np.isfinite(x)
     sums = np.concatenate(([0.0], np.cumsum(np.where(known, x, 0.0))))
     counts = np.concatenate(([0], np.cumsum(known)))
-    half_s = 0.5 * window_s + _SAME_S  # rows at its very ends are in it
+    half_s = 0.5 * window_s + _SAME_S  # includes rows exactly at the ends
     first = np.searchsorted(seconds, seconds - half_s, "left")
     after = np.searchsorted(seconds, seconds + half_s, "right")
     found: Floats = (sums[after] - sums[first]) / (counts[after] - counts[first])
@@ -145,4 +149,4 @@ ARITIES: Mapping[str, tuple[int, int | None]] = {
     **{name: (each.least, each.most) for name, each in {**ELEMENTWISE, **TIMED}.items()},
     WHERE: (3, 3),
 }
-"""Values that each function takes; `where(condition, a, b)` is a where the condition holds, else b."""
+"""Number of arguments of each function. `where(condition, a, b)` is a if the condition holds, else b."""

@@ -1,13 +1,13 @@
-"""The one language of conditions, constraints, verdicts and signals: text to a tree of few kinds of nodes.
+"""The language of conditions, constraints, verdicts and signals: parsing of text to a tree with few kinds of nodes.
 
     wrap180(ATT.DesYaw - ATT.Yaw)
     hypot(XKF1[0].VN, XKF1[0].VE) > 2 and not /actuators.armed
     /truth/state.position_ned_m[0] / 2
     faults.lossy-link.link.loss <= 0.3
 
-Names are paths of words and numbers, with dots and [k]; a `/` where a value is expected begins the name of a topic,
-which goes on to its first dot. The operators are Python's and bind as there. Nothing else is understood, and nothing is
-ever run. The report's page reads the same (`report/assets/expressions.js`).
+Names are paths of words and numbers, with dots and [k]. If a value is expected, `/` begins the name of a topic, which
+ends at its first dot. The operators and their precedence are Python's. Other input is an error, and no input is
+executed. The report's page parses the same language (`report/assets/expressions.js`).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ OPERATORS = "+ - * / % **, == != < <= > >=, and, or, not"
 
 
 class ExpressionError(ValueError):
-    """What is wrong with an expression and what to write, to follow the expression itself."""
+    """Error in an expression and its fix, worded to follow the expression."""
 
 
 @dataclass(frozen=True, slots=True)
 class SyntaxNode:
-    """begin, end: where in the text it stands."""
+    """A node; begin and end are its position in the text."""
 
     begin: int
     end: int
@@ -46,21 +46,21 @@ class Text(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class Word(SyntaxNode):
-    """true, false or null."""
+    """The word true, false or null."""
 
     value: bool | None
 
 
 @dataclass(frozen=True, slots=True)
 class Name(SyntaxNode):
-    """path: as written, without spaces."""
+    """A name; path: as written, without spaces."""
 
     path: str
 
 
 @dataclass(frozen=True, slots=True)
 class Prefix(SyntaxNode):
-    """sign: - + not."""
+    """A prefix operator; sign: - + not."""
 
     sign: str
     operand: Tree
@@ -68,7 +68,7 @@ class Prefix(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class Arithmetic(SyntaxNode):
-    """sign: + - * / % **."""
+    """A binary operator; sign: + - * / % **."""
 
     sign: str
     left: Tree
@@ -77,7 +77,7 @@ class Arithmetic(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class ComparisonChain(SyntaxNode):
-    """A chain, as `0 < x <= 3`: one sign between each two."""
+    """A chain of comparisons, such as `0 < x <= 3`, with one sign between two sides."""
 
     signs: tuple[str, ...]
     sides: tuple[Tree, ...]
@@ -85,7 +85,7 @@ class ComparisonChain(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class Junction(SyntaxNode):
-    """sign: and, or."""
+    """A junction; sign: and, or."""
 
     sign: str
     parts: tuple[Tree, ...]
@@ -102,17 +102,18 @@ Tree: TypeAlias = Number | Text | Word | Name | Prefix | Arithmetic | Comparison
 
 @dataclass(frozen=True, slots=True)
 class Language:
-    """What may be written in one place. kind: what a text is called there, of which `example` is one.
-
-    functions: by name the least and most values that each takes (most None: any number). null: whether it is a value;
-    elements: whether a name may hold [k].
-    """
+    """The language allowed in one place."""
 
     kind: str
+    """Name of a text in this language."""
     example: str
+    """Example of such a text."""
     functions: Mapping[str, tuple[int, int | None]]
+    """By name, the least and largest number of arguments (None: any number)."""
     null: bool = False
+    """Whether null is a value."""
     elements: bool = True
+    """Whether a name may have [k]."""
 
     @property
     def allowed(self) -> str:
@@ -142,9 +143,10 @@ _COMPARISONS = ("==", "!=", "<", "<=", ">", ">=")
 
 
 def parse(text: str, language: Language, known: Iterable[str] = ()) -> Tree:
-    """The tree of `text`. known: names that hold more than words, such as `faults.lossy-link`, or topics with hyphens.
+    """Return the tree of `text`.
 
-    Raises ExpressionError.
+    known: names with other characters than words have, such as `faults.lossy-link`, or topics with hyphens. Raises
+    ExpressionError.
     """
     if len(text) > LONGEST:
         raise ExpressionError(f"is {len(text)} characters long; {LONGEST} are allowed, make several of it")
@@ -157,7 +159,7 @@ def parse(text: str, language: Language, known: Iterable[str] = ()) -> Tree:
 
 
 def names_in(tree: Tree) -> Iterator[str]:
-    """Paths of the names, in their order, as often as they stand there."""
+    """Paths of all names in order, with repetitions."""
     for node in nodes(tree):
         if isinstance(node, Name):
             yield node.path
@@ -186,7 +188,7 @@ def nodes(tree: Tree) -> Iterator[Tree]:
 
 
 class _Parser:
-    """Recursive descent, one method a level of binding, the loosest first."""
+    """Recursive descent, one method per level of precedence, the lowest first."""
 
     def __init__(self, text: str, language: Language, odd: list[str]) -> None:
         self._text, self._language, self._odd = text, language, odd
@@ -337,7 +339,7 @@ class _Parser:
         return self._token.kind in ("sign", "word") and self._token.text == text
 
     def _next(self, *, operand: bool) -> None:
-        """The next token; where an operand is expected a / begins a topic."""
+        """Move to the next token. If an operand is expected, a / begins a topic."""
         self._ended = self._token.end
         begin = _space_after(self._text, self._token.end)
         if begin == len(self._text):

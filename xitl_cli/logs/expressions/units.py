@@ -1,4 +1,4 @@
-"""Units of what is worked out: m/s times s is m. "" where it cannot be told, None of a plain number, which fits any."""
+"""Units of results: m/s times s is m. "" means unknown; None is the unit of a plain number, which fits any unit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SHOWN = {1: "", 2: "²", 3: "³"}
 
 
 def same_unit(units: Sequence[Unit]) -> Unit:
-    """Of a sum, a choice, a distance: that which all have."""
+    """Unit of a sum, a choice or a distance: the common unit of all."""
     known = [unit for unit in units if unit is not None]
     if not known:
         return None
@@ -22,7 +22,7 @@ def same_unit(units: Sequence[Unit]) -> Unit:
 
 
 def product_unit(left: Unit, right: Unit, power: int = 1) -> Unit:
-    """Of left times right to the power of 1 or -1."""
+    """Unit of left times right to the power of 1 or -1."""
     if right is None:
         return left
     divisor = _powers(right)
@@ -33,7 +33,7 @@ def product_unit(left: Unit, right: Unit, power: int = 1) -> Unit:
 
 
 def power_unit(unit: Unit, exponent: float) -> Unit:
-    """Of a quantity to a power; "" where no whole powers come out."""
+    """Unit of a quantity to a power; "" if the powers are not whole."""
     if unit is None:
         return None
     factors = _powers(unit)
@@ -48,7 +48,7 @@ def _whole(powers: object) -> bool:
 
 
 def _powers(unit: str) -> dict[str, int] | None:
-    """{"m": 1, "s": -2} of "m/s/s"; None of what is no product of such, and of no unit at all."""
+    """Powers of base units: {"m": 1, "s": -2} for "m/s/s". None if the unit is no such product, or is empty."""
     if not unit:
         return None
     powers: dict[str, int] = {}
@@ -65,7 +65,7 @@ def _powers(unit: str) -> dict[str, int] | None:
 
 
 def _text(powers: dict[str, int]) -> str:
-    """As logs write it: m/s/s."""
+    """Unit in the notation of logs: m/s/s."""
     above = [f"{name}{_SHOWN.get(power, f'^{power}')}" for name, power in powers.items() if power > 0]
     below = [f"/{name}" * -power for name, power in powers.items() if power < 0]
     return ".".join(above) + "".join(below) if above else "1" + "".join(below) if below else ""

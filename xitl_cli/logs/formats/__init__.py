@@ -1,4 +1,4 @@
-"""The log formats: `open_log` tells them apart by what is in a file, not by its name."""
+"""The log formats. `open_log` recognises them by the content of a file, not by its name."""
 
 from __future__ import annotations
 
@@ -35,22 +35,21 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
         for magic in (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\x0a\x0d\x0d\x0a")
     ),
 )
-"""How a file begins that is something else, and what to do with it."""
+"""First bytes of files of other kinds, and the advice for each."""
 
 _ENDINGS = (".mcap", ".bin", ".tlog", ".ulg", ".bag", ".db3")
 _WANTED = "give a DataFlash .bin, an .ulg of PX4, a .tlog, an .mcap or a bag of ROS"
 
 
 def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
-    """Open the log at `path`, also a damaged one: `health` says what of it is lost.
+    """Open the log at `path`. A damaged log opens too: `health` reports its losses.
 
-    The directory of a run stands for its recording.
+    path: for the directory of a run, its recording is opened.
 
-    vessel: of a recording or bag of several the one whose topics are to be as of a vessel alone; without it all topics
-    are there with the names that they have in the file, and "" is the first vessel. Other formats are of one
-    vessel anyhow.
+    vessel: for a recording or bag of several vessels, the vessel to show, with topics named as for a single vessel.
+    None: all topics have the names in the file. "": the first vessel. Logs of other formats always have one vessel.
 
-    Raises LogError when the file is missing, unreadable or no log, or has no such vessel.
+    Raises LogError if the file is missing, unreadable or no log, or has no such vessel.
     """
     path = Path(path)
     if _is_bag_folder(path):
@@ -83,7 +82,7 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
             from xitl_cli.logs.formats.tlog.file import TelemetryLog
 
             return TelemetryLog(path)
-        if _DATAFLASH_OWN_FORMAT in head:  # only now: an archive or a telemetry log may hold one of these
+        if _DATAFLASH_OWN_FORMAT in head:  # only now: an archive or a telemetry log may contain such a record
             return _dataflash(path)
     except OSError as error:
         raise _unreadable(path, error) from error
@@ -119,7 +118,7 @@ def _bag(path: Path, head: bytes) -> Log:
 
 
 def _of_vessel(bag: Log, vessel: str | None) -> Log:
-    """The bag, or one vessel of it."""
+    """Return the bag, or one vessel of it."""
     if vessel is None or not (vessel or bag.vessels):
         return bag
     from xitl_cli.logs.model.vessel_bag import VesselBag
@@ -142,7 +141,7 @@ def _head(path: Path) -> tuple[bytes, int]:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
             raise LogError(f"{path}: is a directory; {_inside(path)}")
-        if not stat.S_ISREG(mode):  # a pipe would wait for its writer
+        if not stat.S_ISREG(mode):  # a pipe would block until it has a writer
             raise LogError(f"{path}: is no regular file; save what comes from it to a file and give that")
         with path.open("rb") as file:
             head = file.read(_LOOKED_AT_BYTES)
@@ -172,7 +171,7 @@ def _inside(directory: Path) -> str:
 
 
 def _is_telemetry(head: bytes, size: int) -> bool:
-    """Whether two records have a right checksum, or the only one."""
+    """Whether two records have a correct checksum, or the only record has."""
     import numpy as np
 
     from xitl_cli.logs.formats.tlog.file import index_frames

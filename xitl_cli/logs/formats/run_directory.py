@@ -7,19 +7,19 @@ from pathlib import Path
 
 RECORDING = "run.mcap"
 OWN_LOGS = ("autopilot.bin", "autopilot.ulg")
-"""Of ArduPilot and of PX4. Of a fleet it is in the folder of its vessel."""
+"""Logs of ArduPilot and of PX4. In a fleet, each is in the folder of its vessel."""
 
 
 def recording_in(path: Path) -> Path:
-    """The recording in the directory of a run; another path as it is."""
+    """Recording in the directory of a run; another path is returned unchanged."""
     recording = path / RECORDING
     return recording if _is_file(recording) else path
 
 
 def own_log_in(path: Path, vessel: str) -> Path | None:
-    """The autopilot's own log in the directory of a run; None without one, and for another path.
+    """The autopilot's own log in the directory of a run; None if there is none, and for another path.
 
-    vessel: of a fleet, empty for a vessel alone.
+    vessel: name in a fleet; empty for a single vessel.
     """
     if not _is_file(path / RECORDING):
         return None
@@ -27,9 +27,9 @@ def own_log_in(path: Path, vessel: str) -> Path | None:
 
 
 def logs_in(path: Path, vessel: str = "") -> Iterator[Path]:
-    """The recording and the autopilots' logs in the directory of a run; another path as it is.
+    """The recording and the autopilots' logs in the directory of a run; another path is returned unchanged.
 
-    vessel: only the log of this one; of all by default.
+    vessel: only the log of this vessel; by default of all.
     """
     yield recording_in(path)
     if _is_file(path / RECORDING):

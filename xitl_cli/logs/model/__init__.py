@@ -1,1 +1,1 @@
-"""What every part of the log reader stands on: logs, tables, queries, texts, sections of a report, errors."""
+"""Common base of the log reader: logs, tables, queries, texts, sections of a report, errors."""

@@ -1,4 +1,6 @@
-"""What a user of logs can put right. `xitl_cli.main` prints it as it prints UserError, and exits with 2.
+"""Errors that a user of logs can correct.
+
+`xitl_cli.main` prints them as it prints UserError, and exits with 2.
 
 LogError
 └── UnknownNameError    (a KeyError too)
@@ -10,7 +12,7 @@ class LogError(Exception):
 
 
 class UnknownNameError(LogError, KeyError):
-    """A log has no such message, or a message no such field; the sentence has the nearest name."""
+    """A log has no message, or a message has no field, of this name. The sentence gives the nearest name."""
 
     def __str__(self) -> str:
         return str(self.args[0])

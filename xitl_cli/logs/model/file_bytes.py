@@ -1,4 +1,4 @@
-"""The bytes of a file: all of them, in memory or mapped where it is large; or in pieces, where it may be larger."""
+"""Bytes of a file: as a whole, in memory or mapped if it is large, or in pieces if it may exceed the memory."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import numpy as np
 from xitl_cli.logs.model.errors import LogError
 
 LARGE = 64 << 20
-"""Bytes from which on a file is mapped: until there, reading it is no slower."""
+"""Size in bytes from which a file is mapped. Below it, reading is as fast."""
 
 
 class FileBytes:
-    """data: (N,) uint8, read-only, as the file was when it was opened.
+    """Contents of a whole file. `data`: (N,) uint8, read-only, as the file was when it was opened.
 
-    What is read may be cut short or written anew meanwhile, as by a run that begins again. A mapped file must stay as
-    long as it is: the system ends a process that reads what is gone. Raises LogError.
+    A read file may be truncated or rewritten later, for example by a run that begins again. A mapped file must keep its
+    size: the system ends a process that reads a truncated part. Raises LogError.
     """
 
     def __init__(self, path: Path) -> None:
@@ -36,14 +36,14 @@ class FileBytes:
         self.data = np.frombuffer(content, np.uint8)
 
     def forget(self, start: int, stop: int) -> None:
-        """Release the memory of these bytes where the file is mapped."""
+        """Release the memory of these bytes if the file is mapped."""
         if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED, start, min(stop, len(self.data)) - start)
 
     def close(self) -> None:
         self.data = np.empty(0, np.uint8)
         if self._map is not None:
-            with contextlib.suppress(BufferError):  # a table is still held; the mapping goes with it
+            with contextlib.suppress(BufferError):  # a table still uses it; the mapping is released with the table
                 self._map.close()
 
 
@@ -51,7 +51,7 @@ _WINDOW = 1 << 16
 
 
 class FileReader:
-    """Reads pieces of a file. size: when it was opened; what a recorder adds later is not seen."""
+    """Reads pieces of a file. `size`: its size when it was opened; later additions are not visible."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -85,7 +85,7 @@ class FileReader:
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def peek(self, place: int, size: int) -> bytes:
-        """As `read`, buffered, for a few bytes of many records in turn."""
+        """Like `read`, but buffered, for a few bytes of many consecutive records."""
         begin = place - self._window_at
         if begin < 0 or begin + size > len(self._window):
             if size > _WINDOW:

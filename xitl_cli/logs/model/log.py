@@ -1,4 +1,4 @@
-"""A log: its tables, what its stamps count from, and how whole it is."""
+"""A log: its tables, the origin of its stamps, and its completeness."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Format = Literal["dataflash", "mcap", "tlog", "ulog", "rosbag1", "rosbag2"]
 
-# boot: since the autopilot started; simulation: since the run began; utc: since 1970; unknown: as the writer pleased
+# boot: since the autopilot started; simulation: since the run began; utc: since 1970; unknown: defined by the writer
 Base = Literal["boot", "simulation", "utc", "unknown"]
 
 
@@ -26,40 +26,44 @@ _LONGEST_UPTIME_NS = 40 * 86_400 * 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """`lost` bytes at byte `place` that could not be read. why: a clause, such as "no record begins here"."""
+    """A place in a file that could not be read."""
 
     place: int
+    """Byte offset."""
     lost: int
+    """Bytes."""
     why: str
+    """A clause, such as "no record begins here"."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogHealth:
-    """How whole a log is. Every count that is not 0 is told to the user.
-
-    suspect: records that were kept although what follows them is damaged. truncated_bytes: of a last record that was
-    cut off. unclosed: the writer never finished the file (an MCAP without its index). back_in_time: rows stamped
-    earlier than the one before of their type. replaced_stamps: rows with a time that cannot be, which are stamped as
-    the row before them. redefined: types described twice, differently. undecoded: rows by type or topic that are there
-    and cannot be read, with the reason. damage lists at most 1000 places; damaged counts all.
-    """
+    """Completeness of a log. Reports show every count that is not 0."""
 
     size_bytes: int
     records: int
     damaged: int = 0
     damage: tuple[Damage, ...] = ()
+    """At most 1000 places; `damaged` counts all."""
     lost_bytes: int = 0
     suspect: int = 0
+    """Records that were kept although the data after them is damaged."""
     truncated_bytes: int = 0
+    """Bytes of a last record that was cut off."""
     unclosed: bool = False
+    """The writer did not finish the file (an MCAP without its index)."""
     back_in_time: int = 0
+    """Rows with an earlier stamp than the previous row of their type."""
     replaced_stamps: int = 0
+    """Rows with an impossible time, which get the stamp of the previous row."""
     redefined: int = 0
+    """Types with two different descriptions."""
     undecoded: Mapping[str, tuple[int, str]] = field(default_factory=dict)
+    """Rows that cannot be decoded, by type or topic, with the reason."""
 
     @property
     def degraded(self) -> bool:
-        """Whether something that was written is missing or in doubt."""
+        """Whether written data is missing or in doubt."""
         doubts = self.damaged, self.lost_bytes, self.suspect, self.truncated_bytes, self.unclosed, self.replaced_stamps
         return any(doubts)
 
@@ -72,7 +76,7 @@ class LogHealth:
 
 @dataclass(slots=True)
 class Losses:
-    """What of a file could not be read, noted while it is read; the counts are those of `LogHealth`."""
+    """Losses noted while a file is read; the counts are those of `LogHealth`."""
 
     damaged: int = 0
     damage: list[Damage] = field(default_factory=list)
@@ -87,7 +91,7 @@ class Losses:
             self.damage.append(Damage(place, lost, why))
 
     def health(self, size_bytes: int, records: int, **counts: Any) -> LogHealth:
-        """These losses as LogHealth. counts: further fields of it, which the reader knows."""
+        """These losses as LogHealth. counts: further fields of LogHealth that the reader knows."""
         lost = {each.name: getattr(self, each.name) for each in fields(Losses)}
         return LogHealth(size_bytes, records, **{**lost, "damage": tuple(self.damage), **counts})
 
@@ -168,7 +172,7 @@ class Log(ABC):
     def __getitem__(self, name: str) -> Table:
         """The table of a message or topic; case does not matter. Raises UnknownNameError."""
         topic, _, message = name.rpartition(":")
-        if topic in self.tables and f"{topic}:{message.upper()}" in self.tables:  # in frames that a recording keeps
+        if topic in self.tables and f"{topic}:{message.upper()}" in self.tables:  # in frames of a recording
             return self.tables[f"{topic}:{message.upper()}"]
         return self.tables[
             resolve_name(name, self.tables, f"{self.path}: has no message", "`xitl logs info` lists them")
@@ -222,7 +226,7 @@ class Log(ABC):
 
 
 class LogView(Log):
-    """A log seen otherwise: what is not overridden is as in `inner`."""
+    """A modified view of a log: everything that is not overridden is as in `inner`."""
 
     def __init__(self, inner: Log) -> None:
         self.inner = inner

@@ -1,8 +1,8 @@
 """Signals of a log by the names and expressions that a user types: ATT.Roll, IMU[1].AccX, hypot(XKF1.VN, XKF1.VE).
 
-Signals of different messages are brought onto the times of the one with the most rows in the span that all of them
-cover: numbers between their rows on a straight line, angles the short way round, whole numbers without a unit (modes,
-counts, flags) as they were last. In a pause of ten intervals and a second nothing is known.
+Signals of different messages are resampled at the stamps of the message with the most rows, within their common span.
+Numbers are interpolated linearly, angles along the shorter arc. Whole numbers without a unit (modes, counts, flags)
+hold their last value. In a pause of ten intervals and more than a second, the value is unknown.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SIGNALS = Language("expression", "hypot(XKF1.VN, XKF1.VE)", ARITIES)
 TIME_FIELDS = frozenset(
     ("TimeUS", "TimeMS", "time_boot_ms", "time_usec", "time_unix_usec", "stamp", "header.stamp", "timestamp")
 )
-"""When a row is of, in DataFlash logs, MAVLink, ROS 2 and Foxglove: a line that rises, and no signal."""
+"""Time fields of DataFlash, MAVLink, ROS 2 and Foxglove. They rise steadily and are not signals."""
 
 _MOST_COMPONENTS = 32
 _LEAST_PAUSE_NS, _PAUSE_IN_INTERVALS = 1_000_000_000, 10
@@ -39,22 +39,25 @@ _INDEXED = re.compile(r"(?P<column>.+)\[(?P<index>\d+)\]")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogSignal:
-    """stamp_ns and values: (N,), a field as logged, an expression on the times of `base`, its stamps rising.
-
-    name: as it would be typed. unit: "" where it cannot be told. zero_ns: the stamp that seconds count from. held:
-    a state, which lasts until the next row. interpolated: messages that were brought onto the times of `base`. notes:
-    sentences on what may not be meant.
-    """
+    """One signal of a log. A field has its logged stamps; an expression has the stamps of `base`, rising."""
 
     name: str
+    """As a user would type it."""
     unit: str
+    """Empty if unknown."""
     stamp_ns: Stamps
+    """(N,)"""
     values: Floats
+    """(N,)"""
     base: str
     zero_ns: int = 0
+    """The stamp from which seconds count."""
     held: bool = False
+    """A state, which lasts until the next row."""
     interpolated: tuple[str, ...] = ()
+    """Messages that were resampled at the stamps of `base`."""
     notes: tuple[str, ...] = ()
+    """Sentences on possible misunderstandings."""
 
     @property
     def time_s(self) -> Floats:
@@ -63,14 +66,14 @@ class LogSignal:
 
     @property
     def time_base(self) -> str:
-        """Sentence on whose times it is; "" of what is of one message."""
+        """Sentence on the stamps of the signal; "" if it uses only one message."""
         if not self.interpolated:
             return ""
         return f"{self.name}: at the times of {self.base}, with {', '.join(self.interpolated)} brought onto them"
 
 
 class NamedTables(Protocol):
-    """A log, as names of signals are looked up in it."""
+    """Part of a log that the search for signals needs."""
 
     path: Path
 
@@ -88,7 +91,7 @@ class NamedTables(Protocol):
 
 
 def find_signal(log: NamedTables, text: str, *, raw: bool = False) -> LogSignal:
-    """The one signal of a name or an expression; of a message with instances the lowest. Raises LogError."""
+    """Return the signal of a name or an expression. Of a message with instances, take the lowest. Raises LogError."""
     tree = parsed_signal(text, [log])
     if isinstance(tree, Name) or tree is None:
         return _single(log, text.strip(), raw)
@@ -96,9 +99,9 @@ def find_signal(log: NamedTables, text: str, *, raw: bool = False) -> LogSignal:
 
 
 def signals_named(logs: Sequence[NamedTables], wanted: str, *, raw: bool = False) -> list[list[LogSignal]]:
-    """For each log what it has of a name, or of an expression. Raises LogError when none has any.
+    """For each log, the signals that match a name or an expression. Raises LogError if no log has any.
 
-    A message stands for all its fields, one with instances for each of them; in an expression for the lowest.
+    The name of a message selects all its fields, for each instance. An expression uses the lowest instance.
     """
     tree = parsed_signal(wanted, logs)
     found: list[list[LogSignal]] = []
@@ -118,7 +121,7 @@ def signals_named(logs: Sequence[NamedTables], wanted: str, *, raw: bool = False
 
 
 def parsed_signal(text: str, logs: Sequence[NamedTables]) -> Tree | None:
-    """None where it is no expression, and the name of a signal all the same. Raises LogError."""
+    """Expression tree of the text; None if the text is the plain name of a signal. Raises LogError."""
     try:
         return parse(text, SIGNALS, [name for log in logs for name in log.tables])
     except ExpressionError as error:
@@ -129,7 +132,7 @@ def parsed_signal(text: str, logs: Sequence[NamedTables]) -> Tree | None:
 
 
 def expression_signal(log: NamedTables, text: str, tree: Tree, *, raw: bool = False) -> LogSignal:
-    """Raises LogError."""
+    """Evaluate an expression. Raises LogError."""
     paths = [path for path in dict.fromkeys(names_in(tree)) if path.casefold() != TIME]
     signals = {path: _single(log, path, raw) for path in paths}
     if not signals:
@@ -154,7 +157,7 @@ def expression_signal(log: NamedTables, text: str, tree: Tree, *, raw: bool = Fa
 
 
 def _time_base(text: str, signals: Sequence[LogSignal]) -> tuple[Stamps, str]:
-    """The rising stamps of the signal with the most rows where all are known, and its message."""
+    """Rising stamps of the signal with the most rows, within the common span of all, and its message."""
     cleaned = {signal.base: rising(signal.stamp_ns) for signal in signals}
     stamps = {signal.base: signal.stamp_ns[cleaned[signal.base]] for signal in signals}
     begin = max(int(each[0]) for each in stamps.values())
@@ -176,7 +179,7 @@ def _on_base(signal: LogSignal, base: str, stamp_ns: Stamps) -> Floats:
 
 
 def rising(stamp_ns: Stamps) -> Flags:
-    """(N,) rows later than all before them."""
+    """(N,) True in rows that are later than all previous rows."""
     if not len(stamp_ns):
         return np.ones(0, dtype=np.bool_)
     newest = np.maximum.accumulate(stamp_ns)
@@ -184,7 +187,10 @@ def rising(stamp_ns: Stamps) -> Flags:
 
 
 def interpolation(signal: LogSignal) -> Callable[[Stamps], Floats]:
-    """What the signal is at other stamps: see the head of this file; NaN before its first row, and after its last."""
+    """Return a function of the signal at other stamps, by the rules in the module docstring.
+
+    It gives NaN before the first row. After the last row, it gives NaN or, for a held signal, the last value.
+    """
     kept = rising(signal.stamp_ns) & (np.isfinite(signal.values) | signal.held)
     stamp_ns, values = signal.stamp_ns[kept], signal.values[kept]
     if not len(values):
@@ -217,7 +223,7 @@ def _held(stamp_ns: Stamps, values: Floats, at_ns: Stamps) -> Floats:
 
 
 def table_of(log: NamedTables, path: str) -> Table | None:
-    """The table that the path begins with the name of; the longest where several do."""
+    """Table named at the beginning of the path; the longest name if several match."""
     folded = path.casefold()
     names = [
         name
@@ -226,7 +232,7 @@ def table_of(log: NamedTables, path: str) -> Table | None:
     ]
     if names:
         return log.tables[max(names, key=len)]
-    framed = re.match(r"(?P<topic>/[^.:]+):(?P<message>\w+)", path)  # of the MAVLink frames of a recording
+    framed = re.match(r"(?P<topic>/[^.:]+):(?P<message>\w+)", path)  # from MAVLink frames of a recording
     name = f"{framed['topic']}:{framed['message'].upper()}" if framed else ""
     return log.tables[name] if name and name in log.tables else None
 
@@ -240,7 +246,10 @@ def _single(log: NamedTables, path: str, raw: bool) -> LogSignal:
 
 
 def named_signals(log: NamedTables, path: str, raw: bool = False, *, lowest: bool = False) -> list[LogSignal]:
-    """Fields of the message, of each of its instances where none is written, or only of the lowest. Raises LogError."""
+    """Fields of a message. Raises LogError.
+
+    Without an instance in the path, these are the fields of every instance, or of the lowest if `lowest` is True.
+    """
     table = table_of(log, path)
     if table is None:
         raise no_message(log, path)
@@ -256,7 +265,7 @@ def named_signals(log: NamedTables, path: str, raw: bool = False, *, lowest: boo
 
 
 def no_message(log: NamedTables, path: str) -> LogError:
-    """Error of a name that begins with no message of the log."""
+    """Error for a name that begins with no message of the log."""
     typed = re.split(r"[.\[]", path, maxsplit=1)[0]
     if typed.casefold() in map(str.casefold, log.rowless):
         return LogError(f"{log.path}: has no row of {typed}; `xitl logs info` lists what it has")
@@ -281,7 +290,7 @@ def _instances(table: Table, wanted: str | None) -> list[tuple[str, Table]]:
 
 
 def _columns(table: Table, label: str, wanted: str | None, raw: bool, zero_ns: int) -> list[LogSignal]:
-    """wanted: a field, a field with an index; None: every field that is a number, but time and the instance."""
+    """Signals of the wanted field, with or without index; None: of every numeric field except time and instance."""
     if wanted is None:
         columns = signal_columns(table)
         if not columns:
@@ -293,7 +302,7 @@ def _columns(table: Table, label: str, wanted: str | None, raw: bool, zero_ns: i
 
 
 def signal_columns(table: Table) -> list[str]:
-    """Every field that is a number, but time and the instance."""
+    """Every numeric field except time and instance."""
     numbers = [name for name, column in table.columns.items() if column.kind == "number" and name != table.instance]
     return [name for name in numbers if name not in TIME_FIELDS] or numbers
 

@@ -1,4 +1,4 @@
-"""What a user picks out of a log by words: messages, a span of time, a condition; and the rows that remain.
+"""Queries on a log: messages, a time span and a condition select rows.
 
 A condition is an expression on the rows of a message: `Roll > 5 and I == 0`, `abs(GyrX) >= 0.1`, `Name == 'ATC_RATE'`,
 `hypot(XKF1.VN, XKF1.VE) > 2`. It is evaluated on whole columns.
@@ -32,10 +32,12 @@ CONDITIONS = Language("condition", "'Roll > 5 and I == 0'", ARITIES)
 
 @dataclass(frozen=True, slots=True)
 class NamedTables:
-    """tables: in the order of the names, each once. rowless: those that the log knows and has no row of."""
+    """Tables selected by name."""
 
     tables: tuple[Table, ...]
+    """In the order of the names, without duplicates."""
     rowless: tuple[str, ...]
+    """Names that the log describes but has no rows of."""
 
 
 def tables_named(log: Log, wanted: Iterable[str]) -> NamedTables:
@@ -63,9 +65,12 @@ def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tup
 
 
 class Condition:
-    """A parsed condition. Raises LogError when `text` is none. names: of the fields in it, without [k].
+    """A parsed condition. `names`: fields in it, without [k].
 
-    log: where signals of other messages are found; they are taken at the time of the row. Without one there are none.
+    Raises LogError if `text` is not a condition.
+
+    log: log that provides the signals of other messages, evaluated at the time of the row. None: other messages are
+    unavailable.
     """
 
     def __init__(self, text: str, log: Log | None = None) -> None:
@@ -82,11 +87,14 @@ class Condition:
         self._units: dict[str, str] = {}
 
     def within(self, log: Log) -> Condition:
-        """The same, on rows of this log."""
+        """The same condition on rows of this log."""
         return Condition(self.text, log)
 
     def lacked(self, tables: Sequence[Table]) -> dict[str, list[str]]:
-        """By table, the fields that the condition names and it lacks. Raises LogError for one that none of them has."""
+        """Fields that the condition names and a table lacks, by name of the table.
+
+        Raises LogError for a field that no table has.
+        """
         lacked: dict[str, list[str]] = {}
         for name in self.names:
             without = [table for table in tables if _own_field(table, name) is None and not self._elsewhere(name)]
@@ -101,11 +109,13 @@ class Condition:
     def holds(
         self, table: Table, rows: Rows, zero_ns: int, *, raw: bool = False, lacks: Collection[str] = ()
     ) -> NDArray[np.bool_]:
-        """(n,) whether the condition holds in each of these rows; a comparison with NaN does not, nor one with a field
-        among those that the table `lacks`. Raises LogError."""
+        """(n,) True in each row in which the condition holds.
+
+        A comparison with NaN is False, and so is a comparison with a field in `lacks`. Raises LogError.
+        """
         if not self._timed:
             return self._truth(table, rows, zero_ns, raw, lacks)
-        if table.name not in self._whole:  # what looks along time needs all rows, those of each instance for themselves
+        if table.name not in self._whole:  # functions along time need all rows of each instance
             whole = np.zeros(len(table), dtype=np.bool_)
             for own in _rows_by_instance(table):
                 whole[own] = self._truth(table, own, zero_ns, raw, lacks)
@@ -150,7 +160,7 @@ class Condition:
         return self._field(table, column_named(table, base if field is None else field), element, rows, raw)
 
     def _elsewhere(self, name: str) -> bool:
-        """Whether the name is of a message of the log, where its field is looked for then."""
+        """Whether the name begins with a message of the log. If so, the field is read from that message."""
         from xitl_cli.logs.model.named_signals import table_of
 
         return self._log is not None and table_of(self._log, name) is not None
@@ -173,7 +183,7 @@ class Condition:
         if column.kind == "bytes":
             raise LogError(f"{self.text!r}: {name} of {table.name} is bytes, which are not compared")
         values = table.values(name, rows, raw=raw)
-        if values.dtype.kind in "iu":  # small ones would wrap round
+        if values.dtype.kind in "iu":  # small integers would overflow
             values = values.astype(np.float64 if values.dtype == np.uint64 else np.int64)
         if element is not None:
             if element >= values.shape[1]:
@@ -183,13 +193,13 @@ class Condition:
 
 
 def _element_of(path: str) -> tuple[str, int | None]:
-    """("V", 1) of V[1]."""
+    """Split a path into field and element: "V[1]" gives ("V", 1)."""
     found = _INDEXED.search(path)
     return (path, None) if found is None else (path[: found.start()], int(found[1]))
 
 
 def _own_field(table: Table, name: str) -> str | None:
-    """The field of the row that a name means, with its message before it or not; None where it has none such."""
+    """Field of the row with this name, with or without the message in front; None if the table has no such field."""
     columns = {column.casefold(): column for column in reversed(list(table.columns))}
     folded = name.casefold()
     if name in table.columns or folded == TIME:
@@ -206,10 +216,12 @@ def _rows_by_instance(table: Table) -> list[NDArray[np.intp]]:
 
 @dataclass(frozen=True, slots=True)
 class RowBatch:
-    """Rows of one part of the file. rows: of each table, ascending; order: (n,) which table's next row comes when."""
+    """Rows of several tables from one part of the file."""
 
     rows: tuple[NDArray[np.intp], ...]
+    """Rows of each table, ascending."""
     order: NDArray[np.intp]
+    """(n,) index of the table that provides each row."""
 
     def first(self, count: int | None) -> RowBatch:
         """The first `count` rows; all for None."""
@@ -229,10 +241,10 @@ def merge_rows(
     *,
     raw: bool = False,
 ) -> Iterator[RowBatch]:
-    """Rows of several tables in the order of the file, in batches that begin small: only what is used is read."""
+    """Yield rows of several tables in file order. The first batches are small, so that only the used rows are read."""
     lacked = condition.lacked(tables) if condition is not None else {}
     if condition is not None:
-        for table in tables:  # what is wrong with it is said now, not after a thousand rows
+        for table in tables:  # raise errors in the condition now, not after a thousand rows
             condition.holds(table, slice(0, 1), zero_ns, raw=raw, lacks=lacked.get(table.name, ()))
     chosen = [rows_between(table, from_ns, until_ns) for table in tables]
     owner = np.concatenate([np.full(len(rows), number, np.intp) for number, rows in enumerate(chosen)])

@@ -1,4 +1,4 @@
-"""What an analysis says: answers first. One form for the terminal, for --json and for the report."""
+"""Results of an analysis, answers first, in one form for the terminal, for --json and for the report."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 MOST_GRID_ROWS = 500
 
 Value = str | int | float | bool | None
-"""None: not known. Never NaN."""
+"""None means unknown. A value is never NaN."""
 
 
 class Severity(IntEnum):
-    """ok: looked at, and fine. notice: worth knowing. warning: look into it. critical: the run is not what it seems."""
+    """ok: checked, no problem. notice: useful to know. warning: needs a look. critical: the run is not valid as it
+    seems.
+    """
 
     OK = 0
     NOTICE = 1
@@ -27,27 +29,31 @@ class Severity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Where a finding can be seen: `message` and `field` as the log calls them, and when, on the log's own time."""
+    """Place in a log that shows a finding."""
 
     message: str
+    """Message name as in the log."""
     field: str | None = None
+    """Field name as in the log."""
     at_ns: int | None = None
+    """On the log's own time."""
     until_ns: int | None = None
+    """On the log's own time."""
     value: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """key: stable name for machines ("scheduler.long_loops"). sentence: what was found, with its figure and unit.
-
-    next_step: what the reader should do; "" only when the severity is OK.
-    """
+    """One result of an analysis."""
 
     key: str
+    """Stable name for machines ("scheduler.long_loops")."""
     severity: Severity
     sentence: str
+    """Statement for people, with its figure and unit."""
     evidence: tuple[Evidence, ...] = ()
     next_step: str = ""
+    """Recommended action; "" only if the severity is OK."""
 
     @classmethod
     def ok(cls, key: str, sentence: str, evidence: tuple[Evidence, ...] = ()) -> Finding:
@@ -68,17 +74,20 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """key: stable name for machines, with its unit ("longest_loop_us"). label, unit: for people."""
+    """One figure of a section."""
 
     key: str
+    """Stable name for machines, with the unit ("longest_loop_us")."""
     label: str
+    """For people."""
     value: Value
     unit: str = ""
+    """For people."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A table of the report: a row of values for each of its columns."""
+    """A table of the report. Each row has one value for each column."""
 
     key: str
     title: str
@@ -87,7 +96,7 @@ class Grid:
 
     @classmethod
     def limited(cls, key: str, title: str, columns: tuple[str, ...], rows: Sequence[tuple[Value, ...]]) -> Grid:
-        """With at most 500 rows; the title says so when there were more."""
+        """Return a grid with at most 500 rows. The title reports omitted rows."""
         if len(rows) > MOST_GRID_ROWS:
             title = f"{title} (the first {MOST_GRID_ROWS} of {len(rows)})"
         return cls(key, title, columns, tuple(rows[:MOST_GRID_ROWS]))
@@ -95,20 +104,19 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One line of a plot. x: int64 ns on the log's own time in a plot over time, else numbers. Who draws it thins it.
-
-    style: line, steps (holds until the next), or points.
-    """
+    """One line of a plot. The code that draws it thins it."""
 
     name: str
     x: NDArray[np.int64] | NDArray[np.float64]
+    """int64 ns on the log's own time in a time plot, else numbers."""
     y: NDArray[np.float64]
     style: Literal["line", "steps", "points"] = "line"
+    """"steps" holds a value until the next."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """An instant, or a span of time, worth a line or a band across a plot."""
+    """An instant or a time span that a plot marks with a line or a band."""
 
     at_ns: int
     text: str
@@ -118,25 +126,25 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """kind time: x is the log's time, linked with all others of the report. loglog, xy: axes of their own.
-
-    map: x is east, y is north (m), axes of equal scale. figure: what `figure` says, and no traces.
-    """
+    """One plot of a section."""
 
     key: str
     title: str
     y_label: str
     traces: tuple[Trace, ...]
     kind: Literal["time", "xy", "loglog", "map", "figure"] = "time"
+    """"time": x is the log's time, linked with all other time plots of the report. "map": x is east, y is north (m),
+    with axes of equal scale. "figure": the plot is `figure`, without traces.
+    """
     x_label: str = ""
     marks: tuple[Mark, ...] = ()
     figure: Mapping[str, Any] | None = None
-    """`data` and `layout` as plotly has them, as JSON knows them; a colour such as "--trace1" is one of the page's."""
+    """`data` and `layout` of plotly, as JSON types; a colour such as "--trace1" is a colour of the page."""
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """lacks: what could not be judged since the log does not hold it, each a sentence with what to set to log it."""
+    """Result of one analysis."""
 
     key: str
     title: str
@@ -145,6 +153,7 @@ class Section:
     grids: tuple[Grid, ...] = ()
     plots: tuple[Plot, ...] = ()
     lacks: tuple[str, ...] = ()
+    """Checks that the log has no data for, each a sentence with the setting that logs the data."""
 
     @classmethod
     def joined(cls, key: str, title: str, parts: Iterable[Section | None]) -> Section:
@@ -166,5 +175,5 @@ class Section:
 
 
 def by_severity(sections: Sequence[Section]) -> list[Finding]:
-    """All findings, the worst first, otherwise in the order of the sections."""
+    """All findings, most severe first; findings of equal severity keep the order of the sections."""
     return sorted((finding for section in sections for finding in section.findings), key=lambda f: -f.severity)

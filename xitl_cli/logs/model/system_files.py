@@ -1,10 +1,10 @@
-"""Files that ArduPilot wrote into its log (@SYS/…, hardware definitions, scripts), and what @SYS/tasks.txt says.
+"""Files that ArduPilot wrote into its log (@SYS/…, hardware definitions, scripts), and the contents of @SYS/tasks.txt.
 
-@SYS/tasks.txt: what each task of the scheduler took. A header line ("TasksV2"), then a task a line: name, MIN, MAX and
-AVG in microseconds, OVR (overruns), SLP, TOT (share of the time of all tasks). An asterisk after the name marks a task
-of the fast loop. Counted since the last PM record (10 s, Plane 5 s); MIN, MAX and AVG end at 9999, OVR at 999; SLP is
-never counted. The autopilot starts counting when it is first asked, with its next PM record: until then the header is
-all there is.
+@SYS/tasks.txt has the run time of each task of the scheduler. A header line ("TasksV2") is followed by one line per
+task: name, MIN, MAX and AVG in microseconds, OVR (overruns), SLP, TOT (share of the time of all tasks). An asterisk
+after the name marks a task of the fast loop. The window begins at the last PM record (10 s, Plane 5 s). MIN, MAX and
+AVG saturate at 9999, OVR at 999; SLP is never counted. After the first request, the autopilot starts counting with its
+next PM record. Until then, the file has only the header.
 """
 
 from __future__ import annotations
@@ -16,27 +16,30 @@ from dataclasses import dataclass
 from xitl_cli.logs.model.log import Log
 
 _LARGEST_FILE = 64 << 20
-"""Bytes of a file; an offset beyond is damage."""
+"""bytes of a file; a larger offset is damage"""
 _COLUMNS = ("FileName", "Offset", "Length", "Data")
 
 
 @dataclass(frozen=True, slots=True)
 class EmbeddedFile:
-    """gaps: places where pieces are missing, lost_bytes in all; they read as zeros. refused: pieces that cannot be."""
+    """A file that is stored in pieces inside a log."""
 
     content: bytes
     gaps: int = 0
+    """Places with missing pieces; they read as zeros."""
     lost_bytes: int = 0
+    """Bytes of all gaps."""
     refused: int = 0
+    """Pieces with an impossible offset or length."""
 
 
 def embedded_contents(log: Log) -> dict[str, bytes]:
-    """Content of the embedded files by name, as last written."""
+    """Content of the embedded files by name, in the last written version."""
     return {name: file.content for name, file in embedded_files(log).items()}
 
 
 def embedded_files(log: Log) -> Mapping[str, EmbeddedFile]:
-    """Embedded files by name. A piece at offset 0 begins a file anew; what was there before is dropped."""
+    """Embedded files by name. A piece at offset 0 begins a file anew and discards its earlier content."""
     table = log.tables.get("FILE")
     if table is None or any(name not in table.columns for name in _COLUMNS):
         return {}
@@ -46,7 +49,7 @@ def embedded_files(log: Log) -> Mapping[str, EmbeddedFile]:
     refused: dict[str, int] = {}
     rows = zip(*(table.values(name, raw=True).tolist() for name in _COLUMNS), strict=True)
     for name, offset, length, data in rows:
-        if not (0 <= offset <= _LARGEST_FILE and 0 <= length <= len(data)):  # NaN too
+        if not (0 <= offset <= _LARGEST_FILE and 0 <= length <= len(data)):  # also refuses NaN
             refused[name] = refused.get(name, 0) + 1
         elif offset == 0:
             pieces[name] = {0: data[: int(length)]}
@@ -81,22 +84,22 @@ _LINE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class TaskTime:
-    """One task over one window. overruns: runs that took longer than the scheduler's table allows them.
-
-    share_percent: of the time that all tasks took. fast: it runs in every loop, whatever time is left.
-    """
+    """Run time of one task over one window."""
 
     name: str
     fast: bool
+    """It runs in every loop, whatever time is left."""
     least_us: int
     most_us: int
     mean_us: int
     overruns: int
+    """Runs that took longer than the scheduler's table allows."""
     share_percent: float
+    """Share of the time of all tasks."""
 
 
 def parse_tasks(text: str) -> list[TaskTime]:
-    """Tasks in the order of the file, which is that of priority. Lines without a task are ignored."""
+    """Tasks in the order of the file, which is the order of priority. Lines without a task are ignored."""
     found: list[TaskTime] = []
     for line in text[:TASKS_MOST_BYTES].splitlines():
         match = _LINE.fullmatch(line[:200].strip())
@@ -118,5 +121,5 @@ def parse_tasks(text: str) -> list[TaskTime]:
 
 
 def tasks_counted(tasks: Sequence[TaskTime]) -> bool:
-    """Whether any time was measured: in SITL the clock stands still while a task runs, and all is 0."""
+    """Whether any time was measured. In SITL the clock stops while a task runs, so all times are 0."""
     return any(task.most_us or task.share_percent for task in tasks)

@@ -1,9 +1,9 @@
-"""The one model behind every format: a log holds tables, a table has columns, a column is an array.
+"""The common model of all formats: a log holds tables, a table has columns, a column is an array.
 
     log["ATT"]["Roll"]                (N,) degrees
     log["/truth/state"].stamp_ns      (N,) nanoseconds since the log's own zero
 
-Nothing is read before it is asked for.
+Data is read on first use.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Flags = NDArray[np.bool_]
 Rows = slice | NDArray[np.intp] | NDArray[np.bool_]
 ALL = slice(None)
 MOST_ELEMENTS = 1024
-"""Of an array column, at most: longer ones get no flat columns."""
+"""Largest number of elements of an array column that gets flat columns."""
 _FARTHEST_NS = 2.0**62
 
 Kind = Literal["number", "text", "bytes"]
@@ -35,17 +35,18 @@ Kind = Literal["number", "text", "bytes"]
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """unit: of what `values` returns, "" when the log names none. raw_unit: of `values(…, raw=True)`.
-
-    shape: of one row's value, () for a number. It may be (-1,) where it differs from row to row; `values` then pads
-    with NaN.
-    """
+    """One column of a table."""
 
     name: str
     unit: str = ""
+    """Unit of `Table.values`; "" if the log names none."""
     raw_unit: str = ""
+    """Unit of `Table.values` with `raw=True`."""
     kind: Kind = "number"
     shape: tuple[int, ...] = ()
+    """Shape of the value of one row; () for a number. It is (-1,) if it differs from row to row; `values` then pads
+    with NaN.
+    """
 
 
 class Table(ABC):
@@ -74,7 +75,7 @@ class Table(ABC):
 
     @property
     def indexed_rows(self) -> int:
-        """Number of rows by the file's own index, without reading them; `len` without an index."""
+        """Number of rows from the file's index, without reading the rows; `len` if there is no index."""
         return len(self)
 
     @property
@@ -104,7 +105,7 @@ class Table(ABC):
         return (int(stamps[0]), int(stamps[-1])) if len(stamps) else None
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """As `values`, for all rows. Raises UnknownNameError, which names the nearest column."""
+        """Like `values`, for all rows. Raises UnknownNameError, which names the nearest column."""
         return self.values(column_named(self, column))
 
     def __iter__(self) -> Iterator[str]:
@@ -123,7 +124,7 @@ class Table(ABC):
 
 
 class Selection(Table):
-    """Some rows of a table, itself a table."""
+    """Some rows of a table, as a table."""
 
     def __init__(self, table: Table, rows: Rows) -> None:
         self._table = table
@@ -150,7 +151,7 @@ class Selection(Table):
 
 
 def by_instance(table: Table) -> dict[int, Table]:
-    """One table for each instance, by its number; without instances the table itself, as 0."""
+    """One table per instance, by its number; the table itself as 0 if it has no instances."""
     if table.instance is None:
         return {0: table}
     numbers = table.values(table.instance, raw=True)
@@ -158,7 +159,7 @@ def by_instance(table: Table) -> dict[int, Table]:
 
 
 def whole_ns(ns: Floats) -> Stamps:
-    """Nanoseconds as whole numbers; those that no stamp can hold, which damage makes, as the farthest that one can."""
+    """Nanoseconds as whole numbers. Values outside the range of a stamp, which damage causes, are clipped to it."""
     return np.clip(np.rint(np.nan_to_num(ns)), -_FARTHEST_NS, _FARTHEST_NS).astype(np.int64)
 
 
@@ -168,23 +169,25 @@ def seconds_since(zero_ns: int, stamp_ns: Stamps) -> Floats:
 
 
 def steps_back(stamp_ns: NDArray[np.int64]) -> int:
-    """Number of stamps earlier than the one before."""
+    """Number of stamps earlier than the previous stamp."""
     return int(np.count_nonzero(stamp_ns[1:] < stamp_ns[:-1]))
 
 
 def first_of(table: Table, names: Sequence[str]) -> str | None:
-    """The first of these columns that the table has, for a field that was renamed; None without any."""
+    """First of these columns that the table has, for a field that was renamed; None if it has none."""
     return next((name for name in names if name in table.columns), None)
 
 
 def column_named(table: Table, wanted: str) -> str:
-    """The name of the column; upper and lower case are the same. Raises UnknownNameError."""
+    """Name of the column, ignoring case. Raises UnknownNameError."""
     return resolve_name(wanted, table.columns, f"{table.name} has no field", f"it has {listed(table.columns)}")
 
 
 def text_cells(values: NDArray[Any]) -> list[str]:
-    """Values of a column as text, one for each row: the shortest digits that give the same number, arrays in brackets,
-    bytes as hexadecimal digits."""
+    """Values of a column as text, one text per row.
+
+    A number has the shortest digits that give the same number. Arrays are in brackets; bytes are hexadecimal digits.
+    """
     if values.ndim > 1:
         flat = text_cells(values.ravel())
         count = values.size // len(values) if len(values) else 0
@@ -197,11 +200,11 @@ def text_cells(values: NDArray[Any]) -> list[str]:
 
 
 def json_cells(values: NDArray[Any]) -> list[Any]:
-    """Values of a column for JSON, one a row: numbers, texts, lists; None where not finite; bytes as hex digits."""
+    """Values of a column for JSON, one per row: numbers and texts. None if not finite; bytes as hexadecimal digits."""
     if values.ndim > 1:
         return [json_cells(row) for row in values]
     if values.dtype.kind == "f":
-        # As many digits as the stored precision has, not those of a double made of it.
+        # Print as many digits as the stored precision has, not those of the double converted from it.
         return [float(_shortest(value)) if math.isfinite(value) else None for value in values]
     if values.dtype.kind == "O":
         return [value.hex() if isinstance(value, bytes) else str(value) for value in values]
@@ -212,7 +215,7 @@ def _shortest(value: np.floating[Any]) -> str:
     return str(value).removesuffix(".0")
 
 
-# Flat columns: an array of k numbers is k columns, `name[0]` and so on. For CSV, Parquet and pandas.
+# Flat columns for CSV, Parquet and pandas: an array of k numbers becomes k columns, `name[0]` and so on.
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,12 +228,12 @@ class FlatColumn:
 
 
 def stretches(rows: NDArray[np.intp], at_once: int) -> list[NDArray[np.intp]]:
-    """`rows` in pieces of `at_once`; one empty piece without rows."""
+    """`rows` in pieces of `at_once`; one empty piece if there are no rows."""
     return [rows[begin : begin + at_once] for begin in range(0, max(len(rows), 1), at_once)]
 
 
 def flat_columns(table: Table, pieces: Sequence[NDArray[np.intp]], raw: bool) -> tuple[list[FlatColumn], list[str]]:
-    """Columns, and the names of those with more than MOST_ELEMENTS numbers a row, which are left out."""
+    """Columns, and the names of omitted columns: those with more than MOST_ELEMENTS numbers per row."""
     found: list[FlatColumn] = []
     left_out: list[str] = []
     for column in table.columns.values():
@@ -247,7 +250,7 @@ def flat_columns(table: Table, pieces: Sequence[NDArray[np.intp]], raw: bool) ->
 
 
 def flat_values(table: Table, columns: Sequence[FlatColumn], rows: NDArray[np.intp], raw: bool) -> list[NDArray[Any]]:
-    """Values (n,) of each column; NaN where an array is shorter than the longest of its column."""
+    """Values (n,) of each column. NaN fills an array that is shorter than the longest of its column."""
     read: dict[str, NDArray[Any]] = {}
     result = []
     for flat in columns:

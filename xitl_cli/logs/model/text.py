@@ -1,4 +1,4 @@
-"""Instants, durations and names as people write them, and back; text from outside, made fit for a terminal."""
+"""Conversion of instants, durations and names to and from text; external text is made safe for a terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _LISTED = 12
 
 
 def clock_text(at_s: float, decimals: int = 1) -> str:
-    """Instant as a clock shows it: 0:43.2, 12:03.4, 1:02:03.4, -0:01.0."""
+    """Instant in clock notation: 0:43.2, 12:03.4, 1:02:03.4, -0:01.0."""
     sign = "-" if at_s < 0 else ""
     units = 10**decimals
     ticks = round(abs(at_s) * units)
@@ -34,7 +34,7 @@ def length_text(length_s: float) -> str:
 
 
 def parse_seconds(text: str) -> float:
-    """Seconds from 90, 90.5, 1:30.5 or 1:02:03. Raises LogError."""
+    """Return seconds from 90, 90.5, 1:30.5 or 1:02:03. Raises LogError."""
     parts = text.strip().lstrip("-").split(":")
     try:
         numbers = [float(part) for part in parts]
@@ -49,19 +49,19 @@ def parse_seconds(text: str) -> float:
 
 
 def parse_optional_seconds(text: str | None) -> float | None:
-    """As `parse_seconds`; None from None."""
+    """Like `parse_seconds`, but None gives None."""
     return None if text is None else parse_seconds(text)
 
 
 def printable(text: str) -> str:
-    """Without control characters: the text of a log or the name of a file may hold commands to a terminal."""
+    """Return the text without control characters, because a log or a file name may contain terminal commands."""
     return text if text.isprintable() else "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def resolve_name(wanted: str, known: Collection[str], lacks: str, advice: str) -> str:
-    """The name in `known` that equals `wanted`, upper and lower case being the same.
+    """Return the name in `known` that equals `wanted`, ignoring case.
 
-    Raises UnknownNameError: `lacks`, the wanted and the nearest name, `advice`.
+    Raises UnknownNameError with `lacks`, the wanted name, the nearest name and `advice`.
     """
     from difflib import get_close_matches
 
@@ -76,12 +76,12 @@ def resolve_name(wanted: str, known: Collection[str], lacks: str, advice: str) -
 
 
 def plural(many: int, one: str, more: str = "") -> str:
-    """1 row, 2 rows; `more`: a plural that is not made with an s."""
+    """Number with its noun: 1 row, 2 rows. more: a plural that is not formed with an s."""
     return f"{many} {one if many == 1 else more or one + 's'}"
 
 
 def listed(names: Collection[str]) -> str:
-    """Names as a list, such as "Roll, Pitch, Yaw"; the first twelve and the number of the others."""
+    """Names as a list, such as "Roll, Pitch, Yaw". Only the first twelve are listed; the others are counted."""
     shown = [name for name in names if not name.startswith("_")][:_LISTED]
     more = len(names) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

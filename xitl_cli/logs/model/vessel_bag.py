@@ -1,4 +1,4 @@
-"""A bag of several vessels: whose topics are whose, and those of one as if it were alone."""
+"""A bag of several vessels: assigns topics to vessels and shows one vessel as if it were alone."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from xitl_cli.logs.model.log import Log, LogView
 from xitl_cli.logs.model.table import Selection, Table
 
 MARKS = ("ground_truth/odom", "robot_description")
-"""Topics of which each vessel has one of its own."""
+"""Topics that exist once for each vessel."""
 
 
 def namespaces_of_vessels(topics: Iterable[str]) -> dict[str, str]:
-    """The namespace of each vessel, `/harbour/alpha`, by its name; empty unless there are two at least."""
+    """Namespace of each vessel (`/harbour/alpha`) by its name; empty if the bag has fewer than two vessels."""
     marked = {topic.removesuffix(f"/{mark}") for topic in topics for mark in MARKS if topic.endswith(f"/{mark}")} - {""}
-    found = sorted(one for one in marked if not any(one.startswith(f"{other}/") for other in marked))  # no part of one
+    found = sorted(one for one in marked if not any(one.startswith(f"{other}/") for other in marked))  # not nested
     if len(found) < 2:
         return {}
     shared = commonpath(found).rstrip("/")
@@ -28,9 +28,9 @@ def namespaces_of_vessels(topics: Iterable[str]) -> dict[str, str]:
 
 
 class VesselBag(LogView):
-    """Of the bag the topics of one vessel, named as of a vessel alone, and those that are nobody's.
+    """Topics of one vessel, named as for a single vessel, and the topics that belong to no vessel.
 
-    vessel: "" is the first. Raises LogError where there is none of this name.
+    vessel: name; "" selects the first. Raises LogError if no vessel has this name.
     """
 
     def __init__(self, bag: Log, vessel: str) -> None:
@@ -67,7 +67,7 @@ class VesselBag(LogView):
         return iter(()) if table is None else self.inner.payloads(table.full_name)
 
     def _shown(self, topic: str) -> str | None:
-        """The name of a topic here, None where it is another vessel's."""
+        """Name of a topic in this view; None if it belongs to another vessel."""
         own = self._namespaces[self._vessel]
         if topic.startswith(f"{own}/"):
             return topic.removeprefix(own)
@@ -76,7 +76,7 @@ class VesselBag(LogView):
 
 
 class NamedTable(Selection):
-    """A whole table by another name; it is read when it is asked for."""
+    """A whole table under another name. It is read on first use."""
 
     def __init__(self, name: str, table: Table) -> None:
         self._table = table

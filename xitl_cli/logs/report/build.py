@@ -41,7 +41,7 @@ Style = Literal["line", "steps"]
 
 @dataclass(frozen=True, slots=True)
 class ReportLog:
-    """A log of a report. label: "" for the only one."""
+    """A log of a report. label: "" for a single log."""
 
     log: Log
     time_line: TimeLine
@@ -106,7 +106,7 @@ def _over_time(
 
 
 def _outputs(sources: Sequence[ReportLog]) -> list[Plot]:
-    """One plot a unit: pulse widths, and commands from -1 to 1."""
+    """One plot per unit: pulse widths, and commands from -1 to 1."""
     by_unit: dict[str, list[Trace]] = {}
     for source in sources:
         names = signals.output_names(source.log)
@@ -133,13 +133,13 @@ def _trace(source: ReportLog, name: str, found: Series, style: Style = "line") -
 
 
 def _broken_turns(at_ns: Stamps, degrees: Floats) -> tuple[Stamps, Floats]:
-    """Without the stroke across the plot where 360 becomes 0."""
+    """Values without the line across the plot at the step from 360 to 0."""
     turns = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
     return np.insert(at_ns, turns, at_ns[turns]), np.insert(degrees, turns, np.nan)
 
 
 def state_marks(sources: Sequence[ReportLog], read: Callable[[Log], list[StateSpan]]) -> tuple[Mark, ...]:
-    """Of the first file that tells, on the report's time line."""
+    """Marks of the first file that has them, on the report's time line."""
     for source in sources:
         if found := read(source.log):
             line = source.time_line
@@ -151,7 +151,7 @@ def state_marks(sources: Sequence[ReportLog], read: Callable[[Log], list[StateSp
 
 
 def _ways(sources: Sequence[ReportLog]) -> tuple[list[MapTrack], list[MapWaypoint], tuple[float, float, float] | None]:
-    """All about the origin of the first file that has one; files without a place on the Earth as they are."""
+    """Tracks about the origin of the first file that has one; files without a position on the Earth are unchanged."""
     tracks: list[MapTrack] = []
     origin: tuple[float, float, float] | None = None
     for source in sources:
@@ -188,7 +188,7 @@ def _track(source: ReportLog, name: str, path: Series, speed: Series | None) -> 
 
 
 def _waypoints(log: Log, frame: LocalFrame) -> list[MapWaypoint]:
-    """Places of the mission, by number; the last version of each where it was sent or logged again."""
+    """Waypoints of the mission by number, in the last version that was sent or logged."""
     last = {item.seq: item for _, _, item in mission_rows(log) if item.seq and item.place}
     places = [last[seq] for seq in sorted(last)[:_MOST_WAYPOINTS]]
     latitudes, longitudes = (
@@ -203,7 +203,7 @@ def _waypoints(log: Log, frame: LocalFrame) -> list[MapWaypoint]:
 
 
 OVERVIEW = "overview"
-VEHICLE = "vehicle"  # always asked: it heads every report
+VEHICLE = "vehicle"  # always analysed, because every report begins with it
 SECTIONS = (OVERVIEW, *catalogue.NAMES)
 
 Progress = Callable[[str], None]
@@ -217,11 +217,11 @@ def build_report(
     *,
     signals_held: bool = False,
 ) -> Report:
-    """Of every file that can be opened; the others become refusals.
+    """Build a report of every file that can be opened; the others become refusals.
 
-    vessel: of recordings of several, as of `open_all`. only: names of SECTIONS; none means all. told: hears what is
-    being done. signals_held: whether the report holds signals for the picker of a page. Raises LogError for a section
-    that does not exist.
+    only: names of SECTIONS; empty means all. told: callback that gets the current step. vessel: as in `open_all`, for
+    recordings of several vessels. signals_held: whether the report keeps signals for the picker of a page. Raises
+    LogError for a section that does not exist.
     """
     wanted = sections_named(only)
     with ExitStack() as opened:
@@ -237,18 +237,18 @@ def build_report(
         if signals_held and files:
             told("signals")
             files, held = _with_signals(files, laid)
-        # Damage inside of a recording is found when its topics are read.
+        # Damage inside a recording is found when its topics are read.
         files = [replace(file, health=log.health) for file, log in zip(files, laid, strict=True)]
         return Report(without_contradictions(files), tuple(refusals), overview, held)
 
 
 def open_all(paths: Sequence[Path], opened: ExitStack, vessel: str | None = "") -> tuple[list[Log], list[RefusedFile]]:
-    """In their order; a file that was given twice is opened once.
+    """Open files in order. A file that is given twice is opened once.
 
-    The directory of a run stands for its recording and the log of its autopilot.
+    For the directory of a run, its recording and the log of its autopilot are opened.
 
-    vessel: the one that is shown of a recording of several. "": that whose folder another of the files is in, as the
-    run made them, else the first; None: all, as they are.
+    vessel: the vessel to show of a recording of several. "": the vessel with a folder that contains another of the
+    files, as in a run's directory, else the first. None: all vessels, unchanged.
     """
     from xitl_cli.logs.formats import open_log
     from xitl_cli.logs.formats.run_directory import own_log_in, recording_in
@@ -278,12 +278,12 @@ def open_all(paths: Sequence[Path], opened: ExitStack, vessel: str | None = "") 
 
 
 def of_vessel(log: Log) -> str:
-    """Which vessel of how many is shown, to follow the name of the file; empty where there is one alone."""
+    """The vessel shown, and the number of vessels, to follow the name of the file; empty for a single vessel."""
     return f" ({log.vessel}, one of {len(log.vessels)} vessels)" if log.vessel else ""
 
 
 def time_lines(logs: Sequence[Log]) -> list[TimeLine]:
-    """The time line of each log. One that could not be aligned counts from its own beginning, and says so."""
+    """The time line of each log. A log that could not be aligned counts from its own beginning and reports this."""
     if len(logs) < 2:
         return [TimeLine(zero_ns=log.zero_ns) for log in logs]
     from xitl_cli.logs.clocks.alignment import align_logs as align
@@ -306,7 +306,7 @@ def time_lines(logs: Sequence[Log]) -> list[TimeLine]:
 
 
 def short_names(paths: Sequence[Path]) -> list[str]:
-    """The file's name, with as many of its folders as tell it from the others."""
+    """Name of each file, with as many folders as needed to distinguish it from the others."""
     named = []
     for path in paths:
         parts = path.absolute().parts
@@ -319,7 +319,7 @@ def short_names(paths: Sequence[Path]) -> list[str]:
 
 
 def sections_named(only: Collection[str]) -> list[str]:
-    """Of SECTIONS; none means all. Raises LogError for one that does not exist."""
+    """Names of SECTIONS; empty means all. Raises LogError for a name that does not exist."""
     named = {resolve_name(name, SECTIONS, "there is no section", f"choose from {', '.join(SECTIONS)}") for name in only}
     return [name for name in SECTIONS if not named or name in named]
 
@@ -369,7 +369,7 @@ def _with_overview(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[F
 
 
 def _with_signals(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[FileReport], tuple[HeldLog, ...]]:
-    """Within one limit for all of them."""
+    """File reports with signals, within one limit for all of them."""
     several = len(files) > 1
     try:
         return files, tuple(
@@ -382,7 +382,7 @@ def _with_signals(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[Fi
 
 
 def _thinned(section: Section) -> Section:
-    """Arrays of its own and no more points than are drawn: the log they came from is closed later."""
+    """A copy of the section with thinned arrays, because its log is closed later."""
     plots = (
         replace(plot, traces=tuple(thin(trace, over_time=plot.kind == "time") for trace in plot.traces))
         for plot in section.plots

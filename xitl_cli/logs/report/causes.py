@@ -1,11 +1,11 @@
-"""One cause, one finding: what follows from another finding is folded under it, the earliest first.
+"""Grouping of findings by cause: consequences of a finding are listed under it, the earliest first.
 
-A cut link makes a gap of the sensors, a failsafe, a lost position and an unfinished mission. Which kinds of findings
-can follow from which, and how long after, is `CAUSES`; whether they do is a matter of time, on the report's one time
-line, so that a cause in one file explains what another file shows. Nothing is left out.
+A cut link causes a gap of the sensors, a failsafe, a lost position and an unfinished mission. `CAUSES` lists the kinds
+of findings that can follow from others, and the time in which they can. Whether they do depends on their instants on
+the report's one time line. Thus a cause in one file explains findings in another. No finding is omitted.
 
 A cause begins before its consequence, and one of its spells overlaps or closely precedes it. A spell of over a minute
-is a state: it explains what begins soon after its own beginning, and no more than that.
+is a state: it only explains findings that begin soon after its own beginning.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from xitl_cli.logs.report.file_report import FileFinding, ReportedFiles
 
 @dataclass(frozen=True, slots=True)
 class CauseRule:
-    """What can follow from these kinds of findings, beginning up to `after_s` after they ended.
+    """Possible consequences of some kinds of findings, which begin up to `after_s` after the end of the cause.
 
-    Kinds are keys of findings or the beginnings of keys: "gnss" is all of gnss.…. `WHOLE_LOG`: of the log it is of,
-    whenever.
+    Kinds are keys of findings or the beginnings of keys: "gnss" includes all of gnss.…. `WHOLE_LOG`: at any time in the
+    same log.
     """
 
     causes: tuple[str, ...]
@@ -42,7 +42,7 @@ _ANSWERS = {
         "faults", "power", "actuation.battery_sag", "events.said.battery", "events.error.6", "modes",
     ),
 }  # fmt: skip
-"""Failsafes that name their trouble, and the causes that they can have: nothing else can have set them off."""
+"""Failsafes that name their trouble, and their possible causes; no other finding can have caused them."""
 
 _ERRORS = ("events.error", "events.said")
 _DEPARTED = ("sensors.field_step", "sensors.pressure_step", "sensors.gyro_bias", "actuation.gnss_drift")
@@ -146,7 +146,7 @@ CAUSES = (
 """The causal table."""
 
 _TOGETHER_S = 1.0
-"""What is logged within a second of each other began together: then the earlier kind in `_FIRST` is the cause."""
+"""Events logged within a second of each other began together. Then the earlier kind in `_FIRST` is the cause."""
 _FIRST = (
     "faults", "power", "vehicle", "time_bases", "links", "attitude.contact", "attitude.impact", "vibration",
     "sensors", "actuation", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "events.error", "events",
@@ -160,7 +160,7 @@ _AT_START_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class FindingGroup:
-    """A finding and what follows from it, in the order of time."""
+    """A finding and its consequences, in order of time."""
 
     cause: FileFinding
     consequences: tuple[FileFinding, ...] = ()
@@ -172,15 +172,18 @@ class FindingGroup:
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """A finding with its spans (s) on the report's time line; none for one without an instant. file, place: numbers
-    of its file, and of it among all. start_s: when its file begins."""
+    """A finding with its spans (s) on the report's time line."""
 
     found: FileFinding
     spans: tuple[tuple[float, float], ...]
+    """Empty for a finding without an instant."""
     rank: int
     file: int
+    """Number of its file."""
     place: int
+    """Number of the finding among all."""
     start_s: float
+    """Beginning of its file."""
 
     @property
     def begin_s(self) -> float:
@@ -192,15 +195,15 @@ class _Placed:
 
     @property
     def lasts(self) -> bool:
-        """Whether it is a state of the whole log rather than an event, and nobody's intention."""
+        """Whether it is an unintended state of the whole log rather than an event."""
         longest_s = max((end - begin for begin, end in self.spans), default=math.inf)
         return longest_s > _EVENT_S and not self.intended
 
     def explains_until_s(self, span: tuple[float, float], reach_s: float) -> float:
-        """Until when what begins can follow from this spell.
+        """Latest beginning (s) of a consequence of this spell.
 
-        A state explains what comes soon after its beginning. Where it holds from the start of the log, its beginning
-        was not seen, and there is only the reach of the rule.
+        A state explains findings that begin soon after its own beginning. If it holds from the start of the log, its
+        beginning is unknown, and only the reach of the rule counts.
         """
         begin_s, end_s = span
         if end_s - begin_s <= _EVENT_S or self.intended:
@@ -210,7 +213,8 @@ class _Placed:
 
 
 def group_findings(report: ReportedFiles) -> list[FindingGroup]:
-    """Each finding once: the worst groups first, otherwise the earliest; what is fine stands by itself, last."""
+    """All findings in groups: the most severe groups first, then the earliest. OK findings have their own groups,
+    last."""
     order = {id(file): place for place, file in enumerate(report.files)}
     placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]
     causes = [_cause(each, placed) for each in placed]
@@ -245,7 +249,7 @@ def is_kind(key: str, kinds: Sequence[str]) -> bool:
 
 
 def _cause(each: _Placed, every: Sequence[_Placed]) -> int | None:
-    """Place of the earliest finding that this one follows from."""
+    """Index of the earliest finding that causes this one."""
     if each.found.finding.severity == Severity.OK:
         return None
     candidates = []
@@ -254,7 +258,7 @@ def _cause(each: _Placed, every: Sequence[_Placed]) -> int | None:
             continue
         span = _explaining(each, other)
         if span is not None:
-            # What lasts is a state, such as a field that changes all the time: an event explains more.
+            # A lasting finding is a state, such as a field that always changes: an event explains more.
             candidates.append((other.lasts, span[0], other.rank, place))
         elif _same(each, other):
             candidates.append((False, other.begin_s, other.rank, place))
@@ -262,9 +266,9 @@ def _cause(each: _Placed, every: Sequence[_Placed]) -> int | None:
 
 
 def _explaining(each: _Placed, cause: _Placed) -> tuple[float, float] | None:
-    """The span of a cause that this follows from, None where no rule allows it or the cause came later.
+    """Span of a cause for this finding; None if no rule allows it or the cause is later.
 
-    A cause covers at least half of what a finding is about.
+    A cause covers at least half of its consequence.
     """
     key, cause_key = each.found.finding.key, cause.found.finding.key
     if key in _ANSWERS and not is_kind(cause_key, _ANSWERS[key]):
@@ -298,7 +302,7 @@ def _precedes(cause: _Placed, begin_s: float, each: _Placed) -> bool:
 
 
 def _same(each: _Placed, other: _Placed) -> bool:
-    """The same finding of another file: what two recordings of one run both tell is told once."""
+    """Whether both are the same finding in different files, so that two recordings of one run report it once."""
     if each.found.finding.key != other.found.finding.key or each.file == other.file:
         return False
     if not each.spans or not other.spans:
@@ -309,9 +313,9 @@ def _same(each: _Placed, other: _Placed) -> bool:
 
 
 def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -> int:
-    """Of a chain of causes the first; where a chain comes back to itself, the one that comes first in it.
+    """First cause of a chain; in a circular chain, its first finding.
 
-    A chain of causes that each came "together" with the next must not lead to one that came later.
+    A chain of causes that each began "together" with the next must not lead to a later cause.
     """
     seen = [place]
     while (cause := causes[seen[-1]]) is not None:

@@ -1,4 +1,4 @@
-"""No finding that all is well next to a finding that it is not."""
+"""Removal of OK findings that another finding of the run contradicts."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ CONTRADICTED = {
     "scheduler.on_time": ("scheduler.long_loops", "scheduler.deadlines_missed", "scheduler.late_tasks"),
     "tasks.in_time": ("tasks.overruns",),
 }  # fmt: skip
-"""Findings that something is fine, and the kinds of findings that say the opposite.
+"""OK findings, and the kinds of findings that contradict them.
 
-What was followed by an estimate that a sensor led astray was not followed on the water.
+If a faulty sensor misled the estimate, good tracking by the estimate is not good tracking on the water.
 """
 
 
 def without_contradictions(files: Iterable[FileReport]) -> tuple[FileReport, ...]:
-    """The files without what another finding of this run contradicts."""
+    """The files without OK findings that another finding of this run contradicts."""
     files = tuple(files)
     bad = {
         finding.key
@@ -44,6 +44,6 @@ def _sound(section: Section, bad: set[str]) -> Section:
 
 
 def is_contradicted(finding: Finding, bad: Iterable[str]) -> bool:
-    """Whether it says that something is fine of which a finding with one of these keys says the opposite."""
+    """Whether an OK finding is contradicted by a finding with one of these keys."""
     kinds = CONTRADICTED.get(finding.key, ()) if finding.severity == Severity.OK else ()
     return any(is_kind(key, kinds) for key in bad)

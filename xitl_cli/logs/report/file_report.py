@@ -1,4 +1,4 @@
-"""The analyses of one log: its sections, findings and failures. Nothing in it reads a file any more."""
+"""Results of one log: its sections, findings and failures. They need no file any more."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from xitl_cli.logs.report.wording import damage_sentences
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """name: short, and its own among the files of a report. span_ns: None without a stamped row.
-
-    vehicle: it and its firmware in words, "" where the log does not tell. vessel: the one that was looked at of
-    `vessels`, where the log is of several.
-    """
+    """Results of one log."""
 
     name: str
+    """Short, and unique among the files of a report."""
     path: Path
     format: Format
     base: Base
     span_ns: tuple[int, int] | None
+    """None without a stamped row."""
     health: LogHealth
     facts: Mapping[str, str]
     sections: tuple[Section, ...]
     time_line: TimeLine
     vehicle: str = ""
+    """Vehicle and firmware in words; "" if unknown."""
     failures: tuple[AnalysisFailure, ...] = ()
     vessel: str = ""
+    """The analysed vessel of `vessels`, if the log has several."""
     vessels: tuple[str, ...] = ()
 
     @property
@@ -48,7 +48,7 @@ class FileReport:
 
 @dataclass(frozen=True, slots=True)
 class RefusedFile:
-    """A file that could not be opened, and the sentence why."""
+    """A file that could not be opened, and the reason as a sentence."""
 
     path: Path
     sentence: str
@@ -56,7 +56,7 @@ class RefusedFile:
 
 @dataclass(frozen=True, slots=True)
 class FileSection:
-    """A section and the file it is about."""
+    """A section and its file."""
 
     section: Section
     file: FileReport
@@ -64,7 +64,7 @@ class FileSection:
 
 @dataclass(frozen=True, slots=True)
 class FileFinding:
-    """A finding, the section and the file it is from."""
+    """A finding with its section and file."""
 
     finding: Finding
     section: Section
@@ -72,7 +72,7 @@ class FileFinding:
 
 
 class ReportedFiles(Protocol):
-    """The logs of a report, as grouping and the JSON document read them."""
+    """Part of a report that the grouping of findings and the JSON document need."""
 
     @property
     def files(self) -> tuple[FileReport, ...]:

@@ -1,4 +1,4 @@
-"""A page as one HTML file that needs no network. Whatever comes from a log goes through `escape`."""
+"""A page as one HTML file that needs no network. All text from a log is escaped by `escape`."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plo
 _MOST_ROWS = 2000
 _MOST_EVIDENCE = 12
 _SENTENCE = 60
-"""Characters in a cell, from which on it is text to read in several lines."""
+"""Length of a cell, in characters, from which its text is wrapped."""
 _WIDE = 100
-"""Characters of all columns, with at most _SENTENCE of each, that do not fit on a small screen."""
+"""Length of all columns, with at most _SENTENCE characters each, that does not fit on a small screen."""
 
 
 def badge(severity: Severity) -> str:
@@ -39,7 +39,7 @@ def badge(severity: Severity) -> str:
 
 
 def card_markup(shown: Sequence[FileCard]) -> str:
-    """One that is alone needs no name: it is that of the page."""
+    """Cards of files. A single file needs no name, because the page has it."""
     alone = len(shown) == 1
     return "".join(
         f'<article class="card">{"" if alone else f"<h2>{escape(card.name)}</h2>"}<dl>'
@@ -61,7 +61,7 @@ def _state(card: FileCard) -> str:
 
 
 def finding_items(groups: Sequence[PageGroup], parts: Sequence[PagePart]) -> str:
-    """The list at the head of a page: causes, and below each what follows from it."""
+    """List in the header of a page: causes, and below each its consequences."""
     return "".join(
         f'<li class="finding {wording.SEVERITY_NAMES[group.worst]}" data-find>'
         + finding_item(group.cause, parts, group.worst, _consequences(group, parts))
@@ -71,7 +71,8 @@ def finding_items(groups: Sequence[PageGroup], parts: Sequence[PagePart]) -> str
 
 
 def finding_item(found: PageFinding, parts: Sequence[PagePart], worst: Severity, below: str = "") -> str:
-    """worst: shown as its badge. A cause has that of its group, as the head of the page counts it."""
+    """One finding. worst: severity shown as its badge. A cause has that of its group, as counted in the page's
+    header."""
     finding, part, section_id = found.finding, parts[found.part], section_name(found.part)
     return (
         f'{badge(worst)}<div><p class="sentence">{escape(wording.sentence_text(finding.sentence))}</p>'
@@ -84,7 +85,7 @@ def finding_item(found: PageFinding, parts: Sequence[PagePart], worst: Severity,
 
 
 def _consequences(group: PageGroup, parts: Sequence[PagePart]) -> str:
-    """Open where one of them is worse than the cause: it would not be seen otherwise."""
+    """Consequences of a cause; unfolded if one of them is more severe than the cause."""
     if not group.consequences:
         return ""
     counted = wording.severity_counts([each.finding.severity for each in group.consequences])
@@ -101,12 +102,12 @@ def _consequences(group: PageGroup, parts: Sequence[PagePart]) -> str:
 
 
 def section_name(number: int) -> str:
-    """Its id on the page."""
+    """Id of a section on the page."""
     return f"s{number + 1}"
 
 
 def evidence_line(evidence: Sequence[Evidence], time_line: TimeLine, section_id: str) -> str:
-    """Each with an instant is a button that leads there."""
+    """Evidence. An entry with an instant is a button that shows that instant in the section."""
     if not evidence:
         return ""
     shown = [_evidence_markup(each, time_line, section_id) for each in evidence[:_MOST_EVIDENCE]]
@@ -199,7 +200,7 @@ def lacks_markup(sentences: Sequence[str]) -> str:
 
 
 def plot_markup(plot_id: str, title: str, kind: str, note: str, payload: str, controls: str = "") -> str:
-    """The script draws into it when it comes into view."""
+    """Markup of a plot. The script draws it when it becomes visible."""
     over_time = ' tabindex="0"' if kind in ("time", "bands") else ""
     return (
         f'<figure class="plot {kind}" id="{plot_id}" data-find{over_time} aria-label="{escape(title)}">'
@@ -223,22 +224,22 @@ _SCRIPTS = ("data.js", "plots.js", "time.js", "expressions.js", "picker.js", "re
 
 
 def write(report: Report, path: Path, replay: Replay | None = None) -> None:
-    """Replaces what is at `path`. Raises LogError when it cannot be written."""
+    """Write a report; replaces the file at `path`. Raises LogError if it cannot be written."""
     write_page(replace(report_page(report), replay=replay), path)
 
 
 def write_page(page: Page, path: Path) -> None:
-    """As `write`: the file is there as a whole or not at all."""
+    """Write a page atomically; errors as in `write`."""
     write_text(path, html(page))
 
 
 def write_sections(path: Path, title: str, subtitle: str, sections: Sequence[Section]) -> None:
-    """A page of sections that are of no log. Raises LogError where plotly is not installed, and as `write`."""
+    """Write a page of sections without a log. Raises LogError if plotly is not installed, and as in `write`."""
     write_page(Page(title, subtitle, tuple(PagePart(section, TimeLine()) for section in sections)), path)
 
 
 def refuse_other(path: Path) -> None:
-    """Raises LogError for what is there and is no page: a log that was named by mistake would be lost."""
+    """Raise LogError if another kind of file exists at the path: a log named by mistake would be lost."""
     try:
         if path.is_dir():
             raise LogError(f"{path}: is a directory; name a file in it, such as {path / 'report.html'}")
@@ -249,7 +250,7 @@ def refuse_other(path: Path) -> None:
 
 
 def _is_page(path: Path) -> bool:
-    """Or empty, as a file that was made for it."""
+    """Whether the file is a page, or empty."""
     with path.open("rb") as file:
         return file.read(len(_DOCTYPE)) in (b"", _DOCTYPE.encode())
 
@@ -264,7 +265,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """The file is there as a whole or not at all. Raises LogError when it cannot be written."""
+    """Replace a file atomically. Raises LogError if it cannot be written."""
     final = Path(os.path.realpath(path))  # what a link leads to is replaced, and not the link
     mask = os.umask(0)
     os.umask(mask)
@@ -371,7 +372,7 @@ def _head(page: Page, groups: Sequence[PageGroup]) -> str:
 
 
 def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], beside: str) -> str:
-    """With map and replay beside them."""
+    """Findings with map and replay next to them."""
     side = f'<div class="side">{beside}</div>' if beside else ""
     if not groups:
         return f'<section id="findings">{side}</section>' if side else ""
@@ -397,7 +398,7 @@ def _track(page: Page, next_plot: Callable[[], str]) -> str:
 
 
 def _replay(replay: Replay | None, nonce: str) -> str:
-    """A frame of its own, made when it is asked for: it takes a graphics context and the time to unpack it."""
+    """Frame of the replay. It is created on demand, because it takes a graphics context and time to unpack."""
     if replay is None:
         return ""
     if not replay.html:
@@ -412,8 +413,10 @@ def _replay(replay: Replay | None, nonce: str) -> str:
 
 
 def _with_nonce(html: str, nonce: str) -> str:
-    """Fit for a frame of the page, whose policy it inherits: each of its scripts, and those that they make, has the
-    nonce, which no text of a log can know."""
+    """Prepare HTML for a frame of the page, which inherits the page's policy.
+
+    Each script, and each script that these create, gets the nonce. No text of a log can know it.
+    """
     lets_make = (
         f'<script nonce="{nonce}">(() => {{ const make = document.createElement; '
         "document.createElement = function (name, ...rest) { const made = make.call(this, name, ...rest); "
@@ -424,7 +427,8 @@ def _with_nonce(html: str, nonce: str) -> str:
 
 
 def _replay_sources(nonce: str) -> str:
-    """The player has a module of WebAssembly, whose glue makes functions of strings."""
+    """Sources for the replay: its player has a WebAssembly module with glue code that creates functions from
+    strings."""
     return (
         f" 'nonce-{nonce}' 'unsafe-eval'; worker-src blob:; connect-src data: blob:; font-src data:; "
         "frame-src 'self' about: blob:"
@@ -445,7 +449,7 @@ def _overview(page: Page, next_plot: Callable[[], str]) -> str:
 
 
 def _picker(page: Page) -> str:
-    """Where the reader names signals and expressions to be drawn; their data stand in the page."""
+    """Picker of signals and expressions to plot; the page contains their data."""
     if not any(held.tables for held in page.signals):
         return ""
     held = "".join(
@@ -497,7 +501,7 @@ def _plot(plot: Plot, time_line: TimeLine, next_plot: Callable[[], str]) -> str:
 
 
 def _plotly() -> str:
-    """plotly.js as the installed plotly package brings it; the package itself is not loaded."""
+    """plotly.js from the installed plotly package; the package itself is not imported."""
     found = importlib.util.find_spec("plotly")
     if found is None or found.origin is None:
         raise LogError("a page needs plotly.js, which is not installed; install it with `pip install 'xitl[report]'`")
@@ -511,7 +515,7 @@ def _plotly() -> str:
 
 
 def _script() -> str:
-    """The page's own, in a scope of its own."""
+    """The page's own script, in its own scope."""
     return '(() => {"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"
 
 

@@ -1,4 +1,4 @@
-"""Plots over time as one PNG, SVG or PDF file, drawn by matplotlib."""
+"""Time plots as one PNG, SVG or PDF file, drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 IMAGE_KINDS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
-"""Suffixes of images, each with the bytes that such a file begins with."""
+"""Suffixes of images, and the first bytes of each kind of file."""
 PAGE_SUFFIXES = (".html", ".htm")
 
 _WIDTH_IN, _PLOT_HEIGHT_IN, _MARGIN_IN = 10.0, 2.6, 0.9
@@ -28,9 +28,9 @@ _DATES: dict[str, dict[str, Any]] = {".png": {}, ".svg": {"Date": None}, ".pdf":
 
 
 def is_image(path: Path) -> bool:
-    """Whether the suffix asks for an image.
+    """Whether the suffix is that of an image.
 
-    Raises LogError for a suffix that is neither of an image nor of a page, and where matplotlib is missing.
+    Raises LogError for a suffix of neither an image nor a page, and if matplotlib is missing.
     """
     suffix = path.suffix.lower()
     if suffix not in IMAGE_KINDS:
@@ -46,7 +46,7 @@ def is_image(path: Path) -> bool:
 
 
 def refuse_other_image(path: Path) -> None:
-    """Raises LogError for a file that is there and is no image of this kind: a log would be lost."""
+    """Raise LogError if a file of another kind exists at the path, because a log would be lost."""
     try:
         if path.is_dir():
             raise LogError(f"{path}: is a directory; name a file in it, such as {path / 'plot.png'}")
@@ -63,9 +63,9 @@ def _begins_as_its_kind(path: Path) -> bool:
 
 
 def write_image(page: Page, path: Path) -> None:
-    """All plots over time below each other, on one time axis; the same bytes for the same content.
+    """Write all time plots below each other, on one time axis. Equal content gives equal bytes.
 
-    Replaces an earlier image of this kind. Raises LogError when it cannot be written.
+    Replaces an earlier image of this kind. Raises LogError if it cannot be written.
     """
     refuse_other_image(path)
     replace_file(path, _drawn(page, path.suffix.lower()))
@@ -103,6 +103,6 @@ def _draw(axes: Axes, part: PagePart, plot: Plot) -> None:
 
 
 def _plain(text: str) -> str:
-    """Without the sign that begins a formula, and without the underscore that hides a label."""
+    """Text without the sign that begins a formula, and without the underscore that hides a label."""
     escaped = text.replace("$", r"\$")
     return f" {escaped}" if escaped.startswith("_") else escaped

@@ -1,4 +1,4 @@
-"""A report as one JSON object: stable keys, no NaN, plots left out."""
+"""A report as one JSON object: stable keys, no NaN, without plots."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ FORMAT = 1
 
 
 def document(report: ReportedFiles) -> dict[str, Any]:
-    """format: version of this layout. Instants: `at_ns` on the log's own time, `at_s` on the report's time line.
+    """Return the report as a document. format: version of this layout.
 
-    findings: the worst causes first, each followed by what follows from it (`follows_from`, null for a cause). counts:
-    of all of them; causes: of the causes, each as severe as the worst that follows from it.
+    Instants: `at_ns` on the log's own time, `at_s` on the report's time line. findings: the most severe causes first,
+    each followed by its consequences (`follows_from`, null for a cause). counts: of all findings. causes: counts of the
+    causes, each with the highest severity of its group.
     """
     groups = group_findings(report)
     return {
@@ -128,7 +129,7 @@ def _whole(value: int | None) -> int | None:
 
 
 def plain(value: object) -> str | int | float | bool | None:
-    """As JSON knows it: numbers of numpy become Python's, what is no number becomes null."""
+    """Value for JSON: numpy numbers become Python's; numbers that are not finite become null."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float):

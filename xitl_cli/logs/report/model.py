@@ -1,4 +1,4 @@
-"""The report model: what is known of some logs after they were analysed. Nothing in it reads a file any more."""
+"""The report model: results of the analyses of some logs. It needs no file any more."""
 
 from __future__ import annotations
 
@@ -15,13 +15,17 @@ from xitl_cli.logs.report.signal_data import HeldLog
 
 @dataclass(frozen=True, slots=True)
 class MapTrack:
-    """A way over ground: at_s (N,) on the report's time line, east_m and north_m (N,), speed_mps (N,) or None."""
+    """A path over ground."""
 
     name: str
     at_s: Floats
+    """(N,) on the report's time line."""
     east_m: Floats
+    """(N,)"""
     north_m: Floats
+    """(N,)"""
     speed_mps: Floats | None = None
+    """(N,)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,18 +37,18 @@ class MapWaypoint:
 
 @dataclass(frozen=True, slots=True)
 class Overview:
-    """First part of every report: track, speed, yaw, outputs and states of all files on one time line.
-
-    plots: x in nanoseconds on the report's time line. modes and armed: spans on the same line, of the first file that
-    tells. origin: latitude (deg), longitude (deg) and altitude (m) of the map's zero, where it is known.
-    """
+    """First part of every report: track, speed, yaw, outputs and states of all files on one time line."""
 
     plots: tuple[Plot, ...] = ()
+    """x in nanoseconds on the report's time line."""
     tracks: tuple[MapTrack, ...] = ()
     waypoints: tuple[MapWaypoint, ...] = ()
     modes: tuple[Mark, ...] = ()
+    """Spans on the report's time line, of the first file that has them."""
     armed: tuple[Mark, ...] = ()
+    """Spans on the report's time line, of the first file that has them."""
     origin: tuple[float, float, float] | None = None
+    """Latitude (deg), longitude (deg) and altitude (m) of the map's zero; None if unknown."""
     lacks: tuple[str, ...] = ()
 
 

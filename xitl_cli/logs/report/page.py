@@ -1,4 +1,4 @@
-"""Content of a page before it is HTML: of a report, of a plot of some signals, of a comparison."""
+"""Content of a page before conversion to HTML: of a report, of a plot of some signals, of a comparison."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ from xitl_cli.logs.report.wording import FORMAT_NAMES
 
 @dataclass(frozen=True, slots=True)
 class FileCard:
-    """A file at the head of a page. notes: what is missing or in doubt. degraded: None where nothing is said of it."""
+    """A file in the header of a page."""
 
     name: str
     facts: tuple[tuple[str, str], ...]
     notes: tuple[str, ...] = ()
+    """Missing or doubtful data."""
     degraded: bool | None = None
+    """None if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class PagePart:
-    """A section, the time line its stamps lie on, and the file it is about where there are several."""
+    """A section, the time line of its stamps, and the label of its file if there are several."""
 
     section: Section
     time_line: TimeLine
@@ -44,7 +46,7 @@ class PageFinding:
 
 @dataclass(frozen=True, slots=True)
 class PageGroup:
-    """A finding of the page's head and what follows from it. worst: of them all."""
+    """A finding in the header of a page, and its consequences. worst: severity of all of them."""
 
     cause: PageFinding
     consequences: tuple[PageFinding, ...] = ()
@@ -56,7 +58,7 @@ class PageGroup:
 
 @dataclass(frozen=True, slots=True)
 class PageMark:
-    """Drawn across all plots over time, from `from_s` to `until_s` (equal: an instant) on the page's time line."""
+    """A mark across all time plots, from `from_s` to `until_s` (equal: an instant) on the page's time line."""
 
     kind: Literal["mode", "armed", "finding"]
     from_s: float
@@ -67,38 +69,36 @@ class PageMark:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A page that plays the logs in 3D, to stand beside the map; made elsewhere, as the logs know nothing of drawing.
-
-    html: "" where there is none, and `note` says why. late_s: what its seconds are ahead of those of the report's page.
-    """
+    """A page that replays the logs in 3D, for display next to the map. Another package creates it."""
 
     html: str = ""
+    """Empty if there is none; `note` then gives the reason."""
     note: str = ""
     late_s: float = 0.0
+    """Offset of its seconds ahead of those of the report's page."""
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """notices: sentences about the page as a whole, such as a file that could not be opened.
-
-    groups: the findings of its head by cause; None where each stands for itself, the worst first. signals: what the
-    picker draws from.
-    """
+    """Content of a page."""
 
     title: str
     subtitle: str
     parts: tuple[PagePart, ...]
     cards: tuple[FileCard, ...] = ()
     notices: tuple[str, ...] = ()
+    """Sentences about the whole page, such as a file that could not be opened."""
     marks: tuple[PageMark, ...] = ()
     overview: Overview | None = None
     groups: tuple[PageGroup, ...] | None = None
+    """Findings of its header by cause. None: findings are not grouped, the most severe first."""
     signals: tuple[HeldLog, ...] = ()
+    """Data of the signal picker."""
     replay: Replay | None = None
 
     @property
     def grouped(self) -> tuple[PageGroup, ...]:
-        """Findings of all parts, by cause where that is known."""
+        """Findings of all parts, grouped by cause if causes are known."""
         if self.groups is not None:
             return self.groups
         every = [
@@ -164,7 +164,7 @@ def _card(file: FileReport, several: bool) -> FileCard:
 
 
 def page_marks(overview: Overview) -> tuple[PageMark, ...]:
-    """Modes and arming, to be drawn across all plots over time."""
+    """Modes and arming as marks across all time plots."""
     modes = (PageMark("mode", *_bounds(mark.at_ns, mark.until_ns), mark.text) for mark in overview.modes)
     armed = (PageMark("armed", *_bounds(mark.at_ns, mark.until_ns), mark.text) for mark in overview.armed)
     return (*modes, *armed)

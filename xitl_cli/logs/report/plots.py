@@ -1,4 +1,4 @@
-"""Plots for a screen: thinned without losing extremes, and packed as JSON with typed arrays in base64."""
+"""Plots for a screen: thinned without loss of extremes, and packed as JSON with typed arrays in base64."""
 
 from __future__ import annotations
 
@@ -26,15 +26,17 @@ _GAP_IN_INTERVALS = 10
 
 @dataclass(frozen=True, slots=True)
 class ThinTrace(Trace):
-    """of: how many points there were. In the order of x where it is time; a NaN stands where a line has to break."""
+    """A thinned trace, in the order of x if x is time. A NaN marks a break of the line."""
 
     of: int = 0
+    """Number of points before thinning."""
 
 
 def thin(trace: Trace, *, over_time: bool, most: int = MOST_POINTS) -> ThinTrace:
-    """At most about `most` points. Over time: the first, least, greatest and last of each interval, in their order.
+    """Keep about `most` points. Over time, these are the first, least, greatest and last of each interval, in their
+    order.
 
-    Other traces keep every n-th point and the last one, as their order is their shape.
+    Other traces keep every n-th point and the last, because their order is their shape.
     """
     if isinstance(trace, ThinTrace):
         return trace
@@ -62,11 +64,12 @@ def _every_nth(many: int, most: int) -> NDArray[np.intp]:
 
 
 def _envelope(x: Numbers, y: Floats, most: int) -> NDArray[np.intp]:
-    """Of equal intervals of x; the first NaN of one is kept, so that a break is seen."""
+    """Rows of the envelope over equal intervals of x. The first NaN of an interval is kept, so that a break is
+    visible."""
     many = len(x)
     if many <= most:
         return np.arange(many, dtype=np.intp)
-    # Intervals of x and not of the count: a burst must not take the points of the rest.
+    # Use intervals of x instead of the count: a burst must not use up the points of the rest.
     where = x.astype(np.float64) - float(x[0])
     intervals = max(most // 4, 1)
     scale = intervals / where[-1] if where[-1] > 0.0 else 0.0
@@ -83,12 +86,12 @@ def _envelope(x: Numbers, y: Floats, most: int) -> NDArray[np.intp]:
 
 
 def _one_each(rows: NDArray[np.intp], of: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The first of these rows in each interval."""
+    """First of these rows in each interval."""
     return rows[np.unique(of[rows], return_index=True)[1]]
 
 
 def _broken_at_gaps(x: Numbers, y: Floats) -> tuple[Numbers, Floats]:
-    """With a NaN inside every interval without data: a straight line across would claim some."""
+    """Insert a NaN in every interval without data, because a straight line across would suggest data."""
     if len(x) < 3:
         return x, y
     steps = np.diff(x)
@@ -136,7 +139,7 @@ def plot_payload(plot: Plot, time_line: TimeLine) -> dict[str, Any]:
 
 
 def thinned_note(plot: Plot) -> str:
-    """Note at a plot that does not draw every point; "" where it does."""
+    """Note for a plot that does not draw every point; "" if it does."""
     drawn = [thin(trace, over_time=plot.kind == "time") for trace in plot.traces]
     of, shown = sum(trace.of for trace in drawn), sum(len(trace.x) for trace in drawn)
     if of <= shown:
@@ -158,7 +161,7 @@ def page_payload(page: Page) -> dict[str, Any]:
 
 
 def signals_payload(held: HeldLog) -> dict[str, Any]:
-    """Of the picker: what report/assets/expressions.js calls a source, its arrays packed."""
+    """Data of the picker: a source of report/assets/expressions.js, with packed arrays."""
     return {
         "label": held.label,
         "tables": [
@@ -174,7 +177,7 @@ def signals_payload(held: HeldLog) -> dict[str, Any]:
 
 
 def json_text(content: Any) -> str:
-    """Safe inside a script element: no markup can begin in it."""
+    """JSON that is safe inside a script element: no markup can begin in it."""
     text = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=True)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -200,7 +203,7 @@ def _track(track: MapTrack) -> dict[str, Any]:
 
 
 def _range(page: Page) -> list[float]:
-    """First and last second of what is drawn over time; of the marks where nothing is."""
+    """First and last second of all time plots; of the marks if there are none."""
     bounds: list[float] = []
     for part in page.parts:
         for plot in part.section.plots:
@@ -220,7 +223,7 @@ def _ends(traces: tuple[Trace, ...], time_line: TimeLine) -> list[float]:
 
 
 def _instants(at_s: Floats) -> dict[str, Any]:
-    """As counts of a 2³²th of their span: 1 µs in an hour and better, in half the bytes of a float64."""
+    """Instants as counts of a 2³²th of their span: 1 µs or better in an hour, in half the bytes of a float64."""
     if not len(at_s):
         return _numbers(at_s)
     first = float(at_s.min())
@@ -230,7 +233,7 @@ def _instants(at_s: Floats) -> dict[str, Any]:
 
 
 def _numbers(values: Floats) -> dict[str, Any]:
-    """float32 where the eye cannot tell; what is infinite becomes NaN, which is not drawn."""
+    """Values as float32 if the difference is invisible. Infinite values become NaN, which is not drawn."""
     finite = np.isfinite(values)
     known = values[finite]
     kept = np.where(finite, values, np.nan)

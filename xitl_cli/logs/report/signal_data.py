@@ -1,4 +1,4 @@
-"""The signals that a page of a report holds, for its picker: of every message some rows, all within a limit."""
+"""Signals in a report page, for its picker: some rows of every message, within a total size."""
 
 from __future__ import annotations
 
@@ -14,47 +14,54 @@ from xitl_cli.logs.model.named_signals import signal_columns
 from xitl_cli.logs.model.table import Floats, Table, by_instance
 
 MOST_BYTES = 3_000_000
-"""Of the numbers as they stand in the page, before base64 adds a third."""
+"""Bytes of the numbers in the page, before base64 adds a third."""
 
 _ROWS = (8000, 4000, 2000, 1000, 500, 250)
 _MOST_COLUMNS = 48  # of one message
-_MOST_ELEMENTS = 16  # of one field: a covariance is no signal
+_MOST_ELEMENTS = 16  # of one field: a covariance is not a signal
 _ABOUT_THE_LOG = frozenset(("FMT", "FMTU", "UNIT", "MULT", "PARM", "FILE", "ISBH", "ISBD"))
 
 
 @dataclass(frozen=True, slots=True)
 class HeldColumn:
-    """values: (n,) float64. held: a state, which lasts until the next row."""
+    """A field of a message."""
 
     name: str
     unit: str
     held: bool
+    """A state, which lasts until the next row."""
     values: Floats
+    """(n,) float64."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeldTable:
-    """A message, or one instance of it. at_s: (n,) on the page's time line; `of` rows there were."""
+    """A message, or one instance of it."""
 
     name: str
     instance: int | None
     at_s: Floats
+    """(n,) on the page's time line."""
     of: int
+    """Number of rows in the log."""
     columns: tuple[HeldColumn, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class HeldLog:
-    """label: of the file where there are several. rows: the most of a message. left_out: fields that it has not."""
+    """Signals of one log."""
 
     label: str
+    """Name of the file if there are several."""
     tables: tuple[HeldTable, ...]
     rows: int
+    """Largest number of rows of a message."""
     left_out: int = 0
+    """Number of omitted fields."""
 
     @property
     def sentence(self) -> str:
-        """How much of the log it is."""
+        """Sentence on the share of the log in the page."""
         thinned = [table for table in self.tables if table.of > len(table.at_s)]
         said = "every row of every message"
         if thinned:
@@ -65,7 +72,7 @@ class HeldLog:
 
 
 def held_log(log: Log, time_line: TimeLine, label: str, most_bytes: int = MOST_BYTES) -> HeldLog:
-    """Of all its messages; as many rows of each as fit."""
+    """Signals of all messages of a log, with as many rows of each as fit."""
     parts = [
         (table.name, number if table.instance is not None else None, part)
         for table in _tables(log)
@@ -105,7 +112,7 @@ def _size(parts: Sequence[tuple[str, int | None, Table]], widths: Sequence[int],
 
 
 def _numbers(part: Table) -> Iterator[tuple[str, int | None]]:
-    """Fields of one number a row, and the elements of short arrays."""
+    """Fields with one number per row, and the elements of short arrays."""
     for name in signal_columns(part):
         shape = part.columns[name].shape
         if name.startswith("_"):
@@ -119,7 +126,7 @@ def _numbers(part: Table) -> Iterator[tuple[str, int | None]]:
 def _held(
     name: str, instance: int | None, part: Table, time_line: TimeLine, most: int
 ) -> tuple[HeldTable, int]:  # fmt: skip
-    """And how many fields are left out."""
+    """A table of the picker, and the number of omitted fields."""
     many = len(part)
     kept = np.unique(np.linspace(0, many - 1, min(many, most)).astype(np.intp))
     fields = list(_numbers(part))
@@ -128,7 +135,7 @@ def _held(
         column = part.columns[field]
         try:
             stored = np.asarray(part.values(field, kept))
-        except LogError:  # damaged beyond reading, which the report tells elsewhere
+        except LogError:  # damaged beyond reading; the report shows it elsewhere
             continue
         values = stored if element is None else stored[:, element]
         held = stored.dtype.kind in "iub" and not column.unit

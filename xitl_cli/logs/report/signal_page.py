@@ -1,4 +1,4 @@
-"""A page of the signals that a user asked for: one plot a unit, all on one time line."""
+"""A page of the signals that a user selected: one plot per unit, all on one time line."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ def signal_page(
     raw: bool = False,
     vessel: str | None = None,
 ) -> tuple[Page, list[RefusedFile]]:
-    """from_s and until_s: on the page's time line. vessel: as of `open_all`.
+    """Build a page of signals.
 
-    Raises LogError when no file opens, or none has a signal.
+    from_s, until_s: on the page's time line. vessel: as in `open_all`. Raises LogError if no file opens, or none has a
+    signal.
     """
     with ExitStack() as opened:
         logs, refusals = open_all(paths, opened, vessel)

@@ -1,4 +1,4 @@
-"""A report at a terminal: findings first, at 80 columns and without colour."""
+"""A report on a terminal: findings first, at 80 columns and without colour."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _LEAST_BELOW = 20
 
 
 def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
-    """Head, rows, and how many of them were left out. No line is longer than `width` where words allow.
+    """Header, rows, and the number of omitted rows. Lines are at most `width` long if words allow it.
 
-    Where not all columns fit, wide text goes below its row, and so do columns from the right.
+    If not all columns fit, wide text goes below its row, and so do columns from the right.
     """
     shown = [
         [printable(wording.value_text(value, name)) for name, value in zip(grid.columns, row, strict=False)]
@@ -43,7 +43,7 @@ def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
     narrow: list[int] = []
     while len(beside) > 1 and _total(widths, beside) > width:
         narrow.insert(0, beside.pop())
-    for index in beside:  # a heading in one line, where there is room for it
+    for index in beside:  # a heading in one line, if it fits
         widths[index] += max(0, min(len(heads[index]) - widths[index], width - _total(widths, beside)))
     lines = _table_head(heads, widths, right, beside)
     for row in shown:
@@ -87,7 +87,8 @@ _MOST_LACKS = 4
 
 
 def show(console: Console, report: Report, *, sections: bool = True) -> None:
-    """Every file in a line, findings worst first, then, with `sections`, their facts with short tables."""
+    """Print every file on a line, findings with the most severe first, then, if `sections`, their facts and short
+    tables."""
     for file in report.files:
         _head(console, file, several=len(report.files) > 1)
     groups = group_findings(report)
@@ -134,7 +135,7 @@ def _head(console: Console, file: FileReport, several: bool) -> None:
 
 
 def _group(console: Console, group: FindingGroup, several: bool) -> None:
-    """A cause as a finding, and below it what follows from it, without their next steps."""
+    """Print a cause as a finding, and below it its consequences without their next steps."""
     _finding(console, group.cause, several)
     if not group.consequences:
         return
@@ -152,7 +153,7 @@ def _group(console: Console, group: FindingGroup, several: bool) -> None:
 
 
 def _place(found: FileFinding, several: bool) -> str:
-    """Section, file and evidence."""
+    """Section, file and evidence of a finding."""
     finding = found.finding
     place = f"{found.section.title} ({found.file.name})" if several else found.section.title
     evidence = [wording.evidence_text(each, found.file.time_line) for each in finding.evidence[:_MOST_EVIDENCE]]
@@ -208,12 +209,12 @@ def _grid(console: Console, grid: Grid) -> None:
 
 
 def _hanging(console: Console, word: str, style: str, text: Text, indent: int = _INDENT) -> None:
-    """A word, and beside it the text in as many lines as it takes."""
+    """Print a word, and next to it the text in as many lines as needed."""
     lines = text.wrap(console, max(console.width - indent, _LEAST_WIDTH))
     for number, line in enumerate(lines):
         line.rstrip()
         head = "" if number else word
-        if head and len(head) >= indent:  # a label too long to stand beside its text
+        if head and len(head) >= indent:  # the label is too long for the column next to the text
             _line(console, head, style)
             head = ""
         console.print(Text(f"{head:<{indent}}", style=style) + line, highlight=False, soft_wrap=True)

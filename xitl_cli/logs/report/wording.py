@@ -28,7 +28,8 @@ UNKNOWN = "–"
 
 
 def value_text(value: Value, name: str = "") -> str:
-    """– for what is not known; whole numbers whole, others to six digits, places on the Earth to a centimetre."""
+    """Value as text: – if unknown, whole numbers in full, others to six digits, positions on the Earth to a
+    centimetre."""
     if value is None:
         return UNKNOWN
     if isinstance(value, bool):
@@ -40,25 +41,25 @@ def value_text(value: Value, name: str = "") -> str:
             return UNKNOWN
         if any(angle in name.casefold() for angle in ("latitude", "longitude")):
             return f"{value:.7f}"
-        value += 0.0  # no minus before a nought
+        value += 0.0  # removes the sign of -0
         return f"{value:.6g}" if abs(value) < 1e6 or abs(value) >= 1e15 else f"{value:.0f}"
     return " ".join(str(value).split())
 
 
 def is_numeric(grid: Grid, index: int) -> bool:
-    """Whether all that is known of a column is numbers."""
+    """Whether all known values of a column are numbers."""
     values = [row[index] for row in grid.rows if index < len(row) and row[index] is not None]
     return bool(values) and all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
 def sentence_text(text: str) -> str:
-    """With a capital, unless it begins with a name."""
+    """The text with an initial capital, unless it begins with a name."""
     first = text.split(" ", 1)[0]
     return text[:1].upper() + text[1:] if first.isalpha() and first.islower() else text
 
 
 def vehicle_line(sections: Sequence[Section]) -> str:
-    """Vehicle and firmware as far as they are known; "" otherwise."""
+    """Known vehicle and firmware; "" otherwise."""
     known = {fact.key: value_text(fact.value) for section in sections for fact in section.facts if fact.value}
     vehicle = known.get("vehicle_type") or known.get("vehicle")
     version = known.get("firmware_version")
@@ -67,7 +68,7 @@ def vehicle_line(sections: Sequence[Section]) -> str:
 
 
 def damage_sentences(health: LogHealth) -> tuple[str, ...]:
-    """Every count that is not 0."""
+    """Sentences for every count that is not 0."""
     unclosed = (UNCLOSED,) if health.unclosed else ()
     return (*unclosed, *loss_sentences(health))
 
@@ -76,7 +77,7 @@ UNCLOSED = "never closed by its writer: the end may be missing; `xitl logs repai
 
 
 def loss_sentences(health: LogHealth) -> tuple[str, ...]:
-    """Of what cannot be read."""
+    """Sentences on unreadable data."""
     told = []
     if health.damaged:
         where = f", the first at byte {health.damage[0].place} ({health.damage[0].why})" if health.damage else ""
@@ -100,7 +101,7 @@ def loss_sentences(health: LogHealth) -> tuple[str, ...]:
 
 
 def severity_counts(severities: list[Severity]) -> str:
-    """2 warnings, 1 notice; "nothing to look into" without any."""
+    """Counts as text: "2 warnings, 1 notice"; "nothing to look into" without findings."""
     parts = [
         plural(many, SEVERITY_NAMES[severity])
         for severity in (Severity.CRITICAL, Severity.WARNING, Severity.NOTICE)
@@ -110,21 +111,22 @@ def severity_counts(severities: list[Severity]) -> str:
 
 
 def verdict(worst: list[Severity], findings: int) -> str:
-    """Of the causes, each by the worst that follows from it: "1 critical, 2 notices (7 findings follow from these)"."""
+    """Counts of causes, each with the highest severity in its group: "1 critical, 2 notices (7 findings follow from
+    these)"."""
     follow = findings - len(worst)
     more = "" if not follow else f" ({plural(follow, 'finding')} {'follows' if follow == 1 else 'follow'} from these)"
     return severity_counts(worst) + more
 
 
 def evidence_text(evidence: Evidence, time_line: TimeLine) -> str:
-    """PM.MaxT at 0:43.2–0:53.2: 23 ms."""
+    """Evidence as text: PM.MaxT at 0:43.2–0:53.2: 23 ms."""
     where = evidence.message if evidence.field is None else f"{evidence.message}.{evidence.field}"
     text = where + (f" {when}" if (when := when_text(evidence, time_line)) else "")
     return text if evidence.value is None else f"{text}: {evidence.value}"
 
 
 def when_text(evidence: Evidence, time_line: TimeLine) -> str:
-    """At 0:43.2, or from 0:43.2 to 0:53.2; "" for evidence without an instant."""
+    """Time of evidence: at 0:43.2, or from 0:43.2 to 0:53.2; "" for evidence without an instant."""
     if evidence.at_ns is None:
         return ""
     at = clock_text(time_line.second(evidence.at_ns))

@@ -1,7 +1,7 @@
 """Quantities of a log in any format, each from its best source: motion, outputs, states, sensors, timing.
 
-`of="truth"` asks for what a simulator knows (SIM of ArduPilot's own, /truth of ours), else it is what the autopilot
-believes. None where a log does not have it, or where the truth that it has is of another vehicle (stray_truth_m).
+`of="truth"` selects the truth of a simulator: SIM of ArduPilot's SITL, /truth of xitl. Otherwise, the estimate of the
+autopilot is used. The result is None if a log lacks it, or if its truth is of another vehicle (stray_truth_m).
 """
 
 from xitl_cli.logs.signals.motion import (

@@ -1,7 +1,7 @@
-"""Allan deviation of a sensor at rest, and what is read off it.
+"""Allan deviation of a sensor at rest, and the noise parameters that follow from it.
 
 Sources: IEEE Std 952-1997, annex C; N. El-Sheimy, H. Hou, X. Niu, "Analysis and Modeling of Inertial Sensors Using
-Allan Variance", IEEE Trans. Instrum. Meas. 57(1), 2008. Of a signal with unit u, each process alone has the deviation
+Allan Variance", IEEE Trans. Instrum. Meas. 57(1), 2008. For a signal with unit u, each process alone has the deviation
 
     quantisation     sqrt(3) Q / tau               slope -1
     white noise      N / sqrt(tau)                 slope -1/2    N in u/sqrt(Hz), read at 1 s
@@ -21,46 +21,50 @@ FLAT = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Allan deviation of flicker noise of bias instability 1: 0.664."""
 
 FEWEST_CLUSTERS = 9
-"""Averages a record must hold at the longest time: 9 leave the deviation uncertain by 25 %."""
+"""Least number of averages at the longest time: 9 leave the deviation uncertain by 25 %."""
 
 _STARTS_PER_CLUSTER = 64
 _SLOPE_TOLERANCE = 0.15
-_DECADE_SPAN = 0.5  # a slope is one when it holds over half a decade
-_DEVIATIONS = 2.0  # by how many of its own a slope may miss and still be one
+_DECADE_SPAN = 0.5  # a slope counts if it holds over half a decade
+_DEVIATIONS = 2.0  # allowed error of a slope, in its own standard deviations
 
 
 @dataclass(frozen=True, slots=True)
 class AllanCurve:
-    """tau_s (M,) rising, deviation (M,) in the signal's unit, relative_error (M,): one standard deviation of it.
+    """Allan deviation over averaging time.
 
-    The error is 1 / sqrt(2 (T / tau - 1)) as of clusters that do not overlap, which is on the safe side here.
+    The error is 1 / sqrt(2 (T / tau - 1)), the value for clusters without overlap, which is conservative here.
     """
 
     tau_s: NDArray[np.float64]
+    """(M,) rising."""
     deviation: NDArray[np.float64]
+    """(M,) in the signal's unit."""
     relative_error: NDArray[np.float64]
+    """(M,) one standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadOff:
-    """value: N, B or K in the unit of the module's table. relative_error: one standard deviation.
-
-    from_tau_s, until_tau_s: the part of the curve it is read from. bound: the record is too short to show where the
-    process ends, so that it may be smaller still.
-    """
+    """A parameter that is read off an Allan curve."""
 
     value: float
+    """N, B or K in the unit of the module's table."""
     relative_error: float
+    """One standard deviation."""
     from_tau_s: float
+    """Beginning of the part of the curve that is used."""
     until_tau_s: float
+    """End of that part."""
     bound: bool = False
+    """The record is too short to show the end of the process, so that the true value may be smaller."""
 
 
 def overlapping(values: NDArray[np.float64], period_s: float, points_per_decade: int = 10) -> AllanCurve:
-    """Overlapping Allan deviation of evenly spaced samples (N,); an empty curve when there are fewer than 18.
+    """Overlapping Allan deviation of evenly spaced samples (N,); an empty curve with fewer than 18 samples.
 
-    Clusters of up to 64 samples begin at every sample, longer ones 64 times a length, which costs no accuracy that can
-    be seen and keeps the work at some 64 N. Raises ValueError when a sample is not finite or the period not positive.
+    Clusters of up to 64 samples begin at every sample, longer ones 64 times per length. This costs no visible accuracy
+    and limits the work to about 64 N. Raises ValueError if a sample is not finite or the period is not positive.
     """
     values = np.asarray(values, dtype=np.float64)
     if not (math.isfinite(period_s) and period_s > 0.0):
@@ -69,7 +73,7 @@ def overlapping(values: NDArray[np.float64], period_s: float, points_per_decade:
         raise ValueError("values must be finite; leave out what is not")
     samples = len(values)
     sizes = _cluster_sizes(samples, points_per_decade)
-    # The mean goes first: what is left of the running sum is small, and so is its rounding.
+    # Subtract the mean first: the running sum stays small, and so does its rounding.
     angle = np.concatenate(([0.0], np.cumsum(values - values.mean()))) if samples else np.zeros(1)
     variance = np.empty(len(sizes))
     for place, size in enumerate(sizes):
@@ -82,19 +86,19 @@ def overlapping(values: NDArray[np.float64], period_s: float, points_per_decade:
 
 
 def white_noise_density(curve: AllanCurve) -> ReadOff | None:
-    """N from where the slope is -1/2: `N = sigma sqrt(tau)`, the value of the fitted line at 1 s."""
+    """N from the part with slope -1/2: `N = sigma sqrt(tau)`, the value of the fitted line at 1 s."""
     return _by_slope(curve, -0.5, 1.0)
 
 
 def random_walk(curve: AllanCurve) -> ReadOff | None:
-    """K from where the slope is +1/2: `K = sigma sqrt(3 / tau)`, the value of the fitted line at 3 s."""
+    """K from the part with slope +1/2: `K = sigma sqrt(3 / tau)`, the value of the fitted line at 3 s."""
     return _by_slope(curve, 0.5, math.sqrt(3.0))
 
 
 def bias_instability(curve: AllanCurve) -> ReadOff | None:
-    """B from the lowest point, `sigma / 0.664`; None when the curve only rises, a bound when it falls to its end.
+    """B from the lowest point, `sigma / 0.664`; None if the curve only rises, a bound if it falls to its end.
 
-    Two points of the curve beyond the lowest must rise clear of their own error for it to be more than a bound.
+    It is only a bound unless two points beyond the lowest rise by more than their own error.
     """
     known = curve.deviation > 0.0
     if np.count_nonzero(known) < 3:
@@ -119,12 +123,13 @@ def _cluster_sizes(samples: int, points_per_decade: int) -> NDArray[np.int64]:
 
 
 def _by_slope(curve: AllanCurve, slope: float, factor: float) -> ReadOff | None:
-    """The mean of `sigma tau^-slope` over the widest part of the curve that has this slope, times `factor`."""
+    """Mean of `sigma tau^-slope` over the widest part of the curve that has this slope, times `factor`."""
     if len(curve.tau_s) < 4 or not (curve.deviation > 0.0).all():
         return None
     x, y = np.log10(curve.tau_s), np.log10(curve.deviation)
     local = _local_slopes(x, y)
-    # log10 of a value with a relative error e scatters by e / ln 10; neighbours of a short curve are nearly one value.
+    # log10 of a value with a relative error e scatters by e / ln 10; neighbours on a short curve are strongly
+    # correlated.
     scatter = curve.relative_error / math.log(10.0) * _DEVIATIONS
     fits = np.abs(local - slope) <= np.maximum(_SLOPE_TOLERANCE, np.minimum(scatter, 2 * _SLOPE_TOLERANCE))
     first, last = _widest(x, fits)
@@ -133,12 +138,12 @@ def _by_slope(curve: AllanCurve, slope: float, factor: float) -> ReadOff | None:
     part = slice(first, last + 1)
     weights = curve.relative_error[part] ** -2
     level = float(np.average(y[part] - slope * x[part], weights=weights))
-    error = float(np.average(curve.relative_error[part], weights=weights))  # as if all its points erred alike
+    error = float(np.average(curve.relative_error[part], weights=weights))  # as if the errors of all points were equal
     return ReadOff(factor * 10.0**level, error, float(curve.tau_s[first]), float(curve.tau_s[last]))
 
 
 def _local_slopes(x: NDArray[np.float64], y: NDArray[np.float64], reach: float = 0.25) -> NDArray[np.float64]:
-    """Slope of the straight line through the points within `reach` decades to either side of each."""
+    """Slope of the regression line through the points within `reach` decades on both sides of each point."""
     slopes = np.empty(len(x))
     for place, centre in enumerate(x):
         near = np.abs(x - centre) <= reach
@@ -150,7 +155,7 @@ def _local_slopes(x: NDArray[np.float64], y: NDArray[np.float64], reach: float =
 
 
 def _widest(x: NDArray[np.float64], fits: NDArray[np.bool_]) -> tuple[int, int]:
-    """First and last index of the run of `fits` that spans most of x; (0, -1) without one."""
+    """First and last index of the run of `fits` that spans most of x; (0, -1) if there is none."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], fits, [False])).astype(np.int8)))
     runs = list(zip(edges[0::2], edges[1::2] - 1, strict=True))
     if not runs:

@@ -1,6 +1,6 @@
-"""Timing of programs: windows of ArduPilot's main loop (PM), totals and misses of periodic tasks (ours).
+"""Timing of programs: windows of ArduPilot's main loop (PM), totals and misses of periodic tasks (xitl).
 
-DataFlash of ours: TASK, TSKQ, MISS on the agent's clock. MCAP of ours: /tasks, /misses in simulation time.
+DataFlash logs of xitl: TASK, TSKQ, MISS on the agent's clock. MCAP of xitl: /tasks, /misses in simulation time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LONGEST_WINDOW_NS = 60_000_000_000
 USUAL_WINDOW_NS = 10_000_000_000
 LONG_AT = 1.2
 
-# Oldest name last. A field is named by its meaning: what counts up, and what is of the window.
+# The oldest name is last. Fields are grouped by meaning: counters since boot, and values of the window.
 _LONG, _LOOPS, _LONGEST, _LOAD = ("NLon",), ("NL", "NLoop"), ("MaxT",), ("Load",)
 _EXTRA, _RATE, _MEMORY = ("Ex", "ExUS"), ("LR",), ("Mem",)
 _COUNTERS = (
@@ -32,33 +32,37 @@ _COUNTERS = (
 
 @dataclass(frozen=True, slots=True)
 class LoopCounter:
-    """Counts up since boot. grown: (N,) by how much in each window, 0 where it went back (a restart)."""
+    """A counter since boot."""
 
     key: str
     label: str
     field: str
     total: int
     grown: Floats
+    """(N,) growth in each window, 0 after a restart."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoopWindows:
-    """(N,) a window each. from_ns, until_ns: what it covers. NaN arrays stand for fields that this version lacks.
-
-    long_loops: of 1.2 periods and more. longest_us: from one IMU sample to the next, not processor time.
-    load_percent: saturates at 100 when the loop rate falls under 95 % of what it should be. extra_us: added to the
-    loop's budget for tasks that are 8 times late. rate_hz: loop rate as filtered. memory_bytes: free.
-    """
+    """Windows of the main loop; each array is (N,). An array of NaN means that this version lacks the field."""
 
     from_ns: Stamps
+    """Beginning of each window."""
     until_ns: Stamps
+    """End of each window."""
     loops: Floats
     long_loops: Floats
+    """Loops of 1.2 periods and more."""
     longest_us: Floats
+    """From one IMU sample to the next, not processor time."""
     load_percent: Floats
+    """Saturates at 100 if the loop rate is below 95 % of its nominal value."""
     extra_us: Floats
+    """Added to the loop's budget for tasks that are 8 times late."""
     rate_hz: Floats
+    """Filtered loop rate."""
     memory_bytes: Floats
+    """Free memory."""
     counters: tuple[LoopCounter, ...]
     names: tuple[tuple[str, str], ...]
 
@@ -68,7 +72,7 @@ class LoopWindows:
 
     @property
     def period_s(self) -> float | None:
-        """Of the loop, by its own filtered rate, else by the windows."""
+        """Loop period by the autopilot's filtered rate, else by the windows."""
         rates = self.rate_hz[np.isfinite(self.rate_hz) & (self.rate_hz > 0.0)]
         if len(rates):
             return 1.0 / float(np.median(rates))
@@ -78,7 +82,7 @@ class LoopWindows:
 
 
 def loop_windows(log: Log) -> LoopWindows | None:
-    """None without a PM row."""
+    """Windows of the log; None without a PM row."""
     table = log.tables.get("PM")
     if table is None or not len(table):
         return None
@@ -108,7 +112,7 @@ def loop_windows(log: Log) -> LoopWindows | None:
 
 
 def _values(table: Table, name: str | None) -> Floats:
-    """As stored, NaN without the field."""
+    """Values as stored; NaN without the field."""
     if name is None or table.columns[name].kind != "number":
         return np.full(len(table), np.nan)
     values = np.asarray(table.values(name, raw=True), dtype=np.float64)
@@ -116,7 +120,7 @@ def _values(table: Table, name: str | None) -> Floats:
 
 
 def simulated_clock_reason(log: Log) -> str:
-    """Why loop times of this log say nothing of a processor; "" where they do."""
+    """Reason why loop times in this log do not measure a processor; "" if they do."""
     version = log.tables.get("VER")
     if version is not None and "BT" in version.columns and SITL_BOARD in version.values("BT", raw=True)[-1:].tolist():
         return "the board is ArduPilot's own simulator (VER.BT 3)"
@@ -138,23 +142,24 @@ MISS_FIELDS = {"node", "task", "due_ns", "start_ns", "end_ns", "skipped"}
 
 @dataclass(frozen=True, slots=True)
 class TaskTotal:
-    """One task up to the end of the log; times in s, None where not known; worst_*_ns on the log's own time.
-
-    missed includes skipped: cycles that never ran.
-    """
+    """Totals of one task up to the end of the log. Durations are None if unknown."""
 
     node: str
     task: str
     rate_hz: float
     cycles: int
     missed: int
+    """Includes `skipped`."""
     skipped: int
+    """Cycles that never ran."""
     start_mean_s: float | None
     start_max_s: float | None
     worst_start_ns: int | None
+    """On the log's own time."""
     run_mean_s: float | None
     run_max_s: float | None
     worst_run_ns: int | None
+    """On the log's own time."""
 
     @property
     def name(self) -> str:
@@ -162,18 +167,21 @@ class TaskTotal:
 
     @property
     def ratio(self) -> float:
-        """Missed of all that were due."""
+        """Missed share of all due cycles."""
         return self.missed / max(self.cycles + self.skipped, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class MissedDeadlines:
-    """(N,) deadlines. due_ns, end_ns: on the log's own time. late_s: from there to the start. run_s: from the start."""
+    """Missed deadlines; each array is (N,)."""
 
     task: tuple[str, ...]
     due_ns: Stamps
+    """On the log's own time."""
     late_s: Floats
+    """From the deadline to the start."""
     run_s: Floats
+    """From the start to the end."""
     skipped: Stamps
     message: str
 
@@ -187,7 +195,7 @@ class MissedDeadlines:
 
 
 def task_totals(log: Log) -> list[TaskTotal]:
-    """The last count of every task."""
+    """Last totals of every task."""
     table = log.tables.get("/tasks")
     if table is not None and set(table.columns) >= TASK_FIELDS:
         return _recorded(table)
@@ -198,7 +206,7 @@ def task_totals(log: Log) -> list[TaskTotal]:
 
 
 def clock_stood_still(tasks: Sequence[TaskTotal]) -> bool:
-    """Whether the clock stood still while the tasks ran, as it does in lockstep."""
+    """Whether the clock did not advance while the tasks ran, as in lockstep."""
     return not any(task.run_max_s or task.start_max_s or task.missed for task in tasks)
 
 
@@ -271,7 +279,7 @@ def _instant(table: Table, column: str, row: int, factor: int) -> int | None:
 
 
 def missed_deadlines(log: Log) -> MissedDeadlines | None:
-    """None where no deadlines are logged one by one, or none was missed."""
+    """Missed deadlines; None if the log has no single deadlines, or none was missed."""
     table = log.tables.get("/misses")
     if table is not None and set(table.columns) >= MISS_FIELDS:
         due_ns, start_ns, end_ns = (

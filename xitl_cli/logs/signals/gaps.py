@@ -1,7 +1,7 @@
-"""How regular a series of stamps is: its rate, its gaps, stamps that repeat or go back.
+"""Regularity of a series of stamps: its rate, its gaps, and stamps that repeat or go back.
 
-Rows may be taken evenly and stamped in bursts: four at once, then none for as long as those four took. Their rate is
-that of the count, and only what the count lacks is missing.
+Rows may be sampled evenly and stamped in bursts: four at once, then a pause of four periods. Their rate is the mean
+rate, and only rows that the mean rate lacks are missing.
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ from numpy.typing import NDArray
 GAP_PERIODS = 1.5
 LONG_GAP_PERIODS = 5.0
 _LISTED = 20
-_WINDOW_ROWS = 32  # over which bursts even out
-_EVEN = 0.25  # of a period: how far a step may be off and still be one
+_WINDOW_ROWS = 32  # number of rows that averages bursts
+_EVEN = 0.25  # of a period: largest deviation of a regular step
 _FEW_STEPS = 0.05
 _MOST_LATE_ROWS = 1000
-_FARTHEST_NS = 1 << 61  # seventy years; differences of what lies beyond would not fit
+_FARTHEST_NS = 1 << 61  # seventy years; differences of larger values would overflow
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Nothing between these two stamps; `missing` is how many rows the rate asks for there."""
+    """A span between two consecutive stamps."""
 
     from_ns: int
     until_ns: int
     missing: int
+    """Number of rows that the rate requires there."""
 
     @property
     def duration_s(self) -> float:
@@ -36,44 +37,54 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Gaps:
-    """All gaps of a series, each (G,). row: the one before the gap. from_ns, until_ns, missing: as of a Gap."""
+    """All gaps of a series; each array is (G,)."""
 
     row: NDArray[np.int64]
+    """The row before the gap."""
     from_ns: NDArray[np.int64]
+    """As in `Gap`."""
     until_ns: NDArray[np.int64]
+    """As in `Gap`."""
     missing: NDArray[np.int64]
+    """As in `Gap`."""
 
     def __len__(self) -> int:
         return len(self.row)
 
     def longest(self, most: int = _LISTED) -> tuple[Gap, ...]:
-        """The longest first."""
+        """The longest gaps, longest first."""
         order = np.argsort(self.from_ns - self.until_ns, kind="stable")[:most]
         return tuple(Gap(int(self.from_ns[at]), int(self.until_ns[at]), int(self.missing[at])) for at in order)
 
 
 @dataclass(frozen=True, slots=True)
 class Regularity:
-    """period_s: median step forward where most steps are that long, else time by rows without outages; rate_hz is its
-    inverse. bursts: whether rows come in bursts. mean_period_s: from the first stamp to the latest, by rows.
-    jitter_s: half of what the middle 68 % of the steps span.
-
-    gaps, long_gaps: of over 1.5 and over 5 periods. missing: rows that those leave out. longest: up to 20 gaps, the
-    longest first. repeated: stamps equal to the one before; backward: stamps earlier than it, back_s the farthest.
-    """
+    """Regularity of a series."""
 
     rows: int
     period_s: float
+    """Median forward step if most steps have that length, else time per row without outages. `rate_hz` is its
+    inverse."""
     bursts: bool
+    """Whether rows arrive in bursts."""
     mean_period_s: float
+    """From the first stamp to the latest, by rows."""
     jitter_s: float
+    """Half of the range of the middle 68 % of the steps."""
     gaps: int
+    """Number of gaps of over 1.5 periods."""
     long_gaps: int
+    """Number of gaps of over 5 periods."""
     missing: int
+    """Rows that the gaps lack."""
     longest: tuple[Gap, ...]
+    """Up to 20 gaps, the longest first."""
     repeated: int
+    """Stamps equal to the previous stamp."""
     backward: int
+    """Stamps earlier than the previous stamp."""
     back_s: float
+    """Largest step back."""
 
     @property
     def rate_hz(self) -> float:
@@ -81,15 +92,15 @@ class Regularity:
 
     @property
     def longest_gap_s(self) -> float:
-        """0 without a gap."""
+        """Length of the longest gap; 0 without a gap."""
         return self.longest[0].duration_s if self.longest else 0.0
 
 
 def regularity(stamp_ns: NDArray[np.int64], period_s: float | None = None) -> Regularity | None:
-    """Of stamps (N,) in the order of the log; None with fewer than three rows or no step forward.
+    """Regularity of stamps (N,) in the order of the log; None with fewer than three rows or no step forward.
 
-    `period_s`: what the period should be; without it the series itself tells. A stamp that goes back is counted and
-    otherwise passed over: a gap is from the latest stamp so far to one beyond it.
+    period_s: nominal period; None: the series determines it. A stamp that goes back is counted and otherwise ignored: a
+    gap is from the latest stamp so far to a later stamp.
     """
     stamps = _within(stamp_ns)
     if len(stamps) < 3:
@@ -121,9 +132,9 @@ def regularity(stamp_ns: NDArray[np.int64], period_s: float | None = None) -> Re
 
 
 def gaps(stamp_ns: NDArray[np.int64], period_s: float, *, bursts: bool = False) -> Gaps:
-    """Where stamps (N,) advance by more than 1.5 periods at once, and the rows that follow do not make up for it.
+    """Gaps at which stamps (N,) advance by more than 1.5 periods, unless the following rows compensate.
 
-    bursts: rows come in bursts (`Regularity.bursts`).
+    bursts: rows arrive in bursts (`Regularity.bursts`).
     """
     reached = np.maximum.accumulate(_within(stamp_ns))
     beyond = np.diff(reached)
@@ -138,7 +149,7 @@ def gaps(stamp_ns: NDArray[np.int64], period_s: float, *, bursts: bool = False) 
 
 
 def _period_ns(stamp_ns: NDArray[np.int64]) -> tuple[float, bool]:
-    """The period, and whether rows come in bursts."""
+    """Period (ns), and whether rows arrive in bursts."""
     reached = np.maximum.accumulate(stamp_ns)
     steps = np.diff(reached)
     if not (steps > 0).any():
@@ -152,20 +163,20 @@ def _period_ns(stamp_ns: NDArray[np.int64]) -> tuple[float, bool]:
     near = wide[wide < 2 * LONG_GAP_PERIODS]
     even = float(np.mean(np.abs(ratio - 1.0) <= _EVEN)) > 0.5
     on_grid = not len(near) or float(np.mean(np.abs(near - np.rint(near)) <= _EVEN)) > 0.5
-    windows = np.diff(reached[::_WINDOW_ROWS]) / usual - _WINDOW_ROWS  # rows that each lacks
+    windows = np.diff(reached[::_WINDOW_ROWS]) / usual - _WINDOW_ROWS  # missing rows in each window
     lacking = windows[windows < _WINDOW_ROWS]
     mean = float(lacking.mean()) if len(lacking) else 0.0
-    as_ever = len(lacking) > 1 and mean > 1.0 and float(lacking.std()) < 0.5 * mean**0.5  # no loss is so regular
+    as_ever = len(lacking) > 1 and mean > 1.0 and float(lacking.std()) < 0.5 * mean**0.5  # losses are never so regular
     if even and on_grid and not as_ever and len(wide) - len(near) <= _FEW_STEPS * len(ratio):
         return usual, False
     over = (reached[_WINDOW_ROWS:] - reached[:-_WINDOW_ROWS]).astype(np.float64)
-    whole = over < GAP_PERIODS * float(np.median(over))  # those without an outage
+    whole = over < GAP_PERIODS * float(np.median(over))  # windows without an outage
     by_count = float(over[whole].mean()) / _WINDOW_ROWS if whole.any() else usual
     return (by_count, True) if by_count > 0.0 else (usual, False)
 
 
 def _lacking(reached: NDArray[np.int64], period_ns: float, wide: NDArray[np.intp]) -> NDArray[np.int64]:
-    """Rows that are lacking for good around each wide step: neither sooner nor later do others make up for them."""
+    """Rows that are permanently missing around each wide step: no other rows, sooner or later, compensate for them."""
     late = (reached - reached[0]) / period_ns - np.arange(len(reached))
     lacking = np.empty(len(wide), dtype=np.int64)
     for place, row in enumerate(wide.tolist()):

@@ -1,4 +1,4 @@
-"""Lanes of ArduPilot's estimator: which of its cores was in use, and when."""
+"""Lanes of ArduPilot's estimator: the core in use over time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PRIMARY = "PI"
 
 
 def lanes(log: Log, family: str) -> tuple[Stamps, Stamps] | None:
-    """(N,) stamps and the core in use by PI of a family ("XKF", "NKF"), in the order of time; None where not logged."""
+    """(N,) stamps, and the core in use by PI of a family ("XKF", "NKF"), in order of time; None if not logged."""
     table = log.tables.get(f"{family}4")
     if table is None or _PRIMARY not in table.columns or not len(table):
         return None
@@ -22,8 +22,9 @@ def lanes(log: Log, family: str) -> tuple[Stamps, Stamps] | None:
 
 
 def rows_in_use(log: Log, name: str) -> Table | None:
-    """Rows of XKF1, XKF3, NKF1 … of the core that was in use when each was written; the first core where that is not
-    logged, and any other message as `first_instance`.
+    """Rows of XKF1, XKF3, NKF1 … of the core in use at each row.
+
+    Without a logged core in use, and for other messages, the result is that of `first_instance`.
     """
     table, known = log.tables.get(name), lanes(log, name[:-1])
     if table is None or CORE not in table.columns or known is None:

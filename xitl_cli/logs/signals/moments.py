@@ -12,7 +12,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.signals.states import error_rows, event_rows, parameter_rows, vehicle_kind
 from xitl_cli.logs.tables.events import ARMED, DISARMED, error_name, event_name
 
-SPELL_NS = 2_000_000_000  # rows closer together are one doing
+SPELL_NS = 2_000_000_000  # rows closer together belong to one action
 MOST = 2000
 NAMED = 6
 MANY_PARAMETERS = 3
@@ -36,17 +36,18 @@ _RANK = (
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """kind: log, clock, fault, arming, mode, mission, parameters, file, estimator, error, event, takeover or text."""
+    """An event of a log."""
 
     at_ns: int
     until_ns: int
     kind: str
+    """log, clock, fault, arming, mode, mission, parameters, file, estimator, error, event, takeover or text."""
     text: str
     source: str
 
 
 def moments(log: Log) -> list[Moment]:
-    """In the order of time; at most 2000 of a kind."""
+    """Moments in order of time; at most 2000 of a kind."""
     found: list[Moment] = []
     for of in (_log, _faults, _arming, _modes, _mission, _parameters, _files, _estimator, _errors, _events, _texts):
         for number, moment in enumerate(of(log)):
@@ -57,13 +58,14 @@ def moments(log: Log) -> list[Moment]:
 
 
 def moments_near(found: Sequence[Moment], from_ns: int, until_ns: int, margin_ns: int = 0) -> list[Moment]:
-    """Those that touch the span, the most telling kinds first."""
+    """Moments that overlap the span, the most informative kinds first."""
     inside = [one for one in found if one.until_ns >= from_ns - margin_ns and one.at_ns <= until_ns + margin_ns]
     return sorted(inside, key=lambda one: (_RANK.index(one.kind), one.at_ns))
 
 
 def moments_text(found: Sequence[Moment]) -> str:
-    """Six at most, in one line; "nothing that was logged" without any. Sentences only where there is nothing else."""
+    """At most six moments in one line; "nothing that was logged" if there is none. Texts appear only if nothing else
+    does."""
     telling = [one for one in found if one.kind != "text"] or list(found)
     texts = list(dict.fromkeys(one.text for one in telling))
     if not texts:
@@ -93,7 +95,7 @@ def _modes(log: Log) -> Iterator[Moment]:
 
 
 def _spells(stamps: Sequence[int]) -> list[tuple[int, int, int]]:
-    """Begin, end and number of rows of each doing."""
+    """Begin, end and number of rows of each action."""
     spells: list[tuple[int, int, int]] = []
     for at_ns in sorted(stamps):
         if spells and at_ns - spells[-1][1] <= SPELL_NS:
@@ -112,7 +114,7 @@ def _mission(log: Log) -> Iterator[Moment]:
 
 
 def _parameters(log: Log) -> Iterator[Moment]:
-    """Changed parameters; the initial list of all parameters is no change."""
+    """Changed parameters. The initial list of all parameters is no change."""
     known: dict[str, float] = {}
     changed: list[tuple[int, str]] = []
     source = ""
@@ -165,7 +167,7 @@ def _errors(log: Log) -> Iterator[Moment]:
 
 def _events(log: Log) -> Iterator[Moment]:
     for at_ns, number in event_rows(log):
-        if number not in (ARMED, DISARMED):  # said above
+        if number not in (ARMED, DISARMED):  # reported above
             yield Moment(at_ns, at_ns, "event", event_name(number), "EV")
 
 

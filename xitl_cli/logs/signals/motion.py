@@ -27,7 +27,7 @@ from xitl_cli.logs.signals.series import (
 )
 from xitl_cli.logs.signals.spans import runs
 
-HIGHEST_M = 10e3  # beyond it a local frame has no meaning
+HIGHEST_M = 10e3  # beyond it, a local frame has no meaning
 
 
 def geodetic_series(log: Log, table: str, names: tuple[str, str, str]) -> Series | None:
@@ -38,7 +38,7 @@ def geodetic_series(log: Log, table: str, names: tuple[str, str, str]) -> Series
 
 
 def fixed_on_earth(stamp_ns: Stamps, values: Floats, source: str) -> Series | None:
-    """Without the zeros of a receiver that has no fix yet."""
+    """A geodetic series without the zeros of a receiver that has no fix yet."""
     with np.errstate(invalid="ignore"):
         fixed = (np.abs(values[:, 0]) <= 90.0) & (np.abs(values[:, 1]) <= 180.0)
         fixed &= (values[:, 0] != 0.0) | (values[:, 1] != 0.0)
@@ -48,8 +48,8 @@ def fixed_on_earth(stamp_ns: Stamps, values: Floats, source: str) -> Series | No
 
 _STILL_M = 5.0
 _NEAR_SHARE = 0.02
-_APART_M = 20.0  # between a receiver and the place it is at
-_UNLIKE = 0.5  # of the speed
+_APART_M = 20.0  # between a receiver and its own position
+_UNLIKE = 0.5  # share of the speed
 _MOVING_MPS = 0.5
 _HALF_NS = 500_000_000
 
@@ -57,15 +57,15 @@ _stray_by_log: WeakKeyDictionary[Log, float | None] = WeakKeyDictionary()
 
 
 def unless_stray(log: Log, found: Series | None) -> Series | None:
-    """The series from SIM, None when SIM is of another vehicle."""
+    """The series from SIM; None if SIM is of another vehicle."""
     return None if found is None or stray_truth_m(log) is not None else found
 
 
 def stray_truth_m(log: Log) -> float | None:
-    """Largest distance from where SIM says the vehicle was to where its receiver was, when they moved differently.
+    """Largest distance between the positions of SIM and of the receiver, if their motions differ.
 
-    None where SIM is the truth, or is not logged. A receiver that is only off, as a fault of it would be, still moves
-    with the vehicle.
+    None if SIM is the truth, or is not logged. A receiver with an offset, for example from a fault, still moves with
+    the vehicle.
     """
     if log not in _stray_by_log:
         _stray_by_log[log] = _stray_m(log)
@@ -98,8 +98,8 @@ def _stray_m(log: Log) -> float | None:
 def follows_simulator(told: Series, simulated: Series) -> bool:
     """Whether the logged position follows that of the simulator (SIM), approximately.
 
-    Where the senses come from elsewhere the simulated vehicle stands still, or is driven by the same outputs to another
-    place.
+    If the sensors come from elsewhere, the simulated vehicle is at rest, or the same outputs drive it to another
+    position.
     """
     latitude, longitude, altitude = map(float, simulated.values[0])
     origin = (latitude, longitude, altitude)
@@ -122,24 +122,24 @@ _DEG = 180.0 / np.pi
 
 
 def roll(log: Log, of: SignalSource = "estimate") -> Series | None:
-    """Degrees, positive to starboard."""
+    """Roll (deg), positive to starboard."""
     return _angle(log, "roll", "Roll", of)
 
 
 def pitch(log: Log, of: SignalSource = "estimate") -> Series | None:
-    """Degrees, positive bow up."""
+    """Pitch (deg), positive bow up."""
     return _angle(log, "pitch", "Pitch", of)
 
 
 def yaw(log: Log, of: SignalSource = "estimate") -> Series | None:
-    """Degrees from north, clockwise, 0 to 360."""
+    """Yaw (deg) from north, clockwise, 0 to 360."""
     return _angle(log, "yaw", "Yaw", of)
 
 
 def yaw_desired(log: Log) -> Series | None:
-    """Degrees, what the control aims at; None without a demand.
+    """Yaw setpoint (deg); None without a setpoint.
 
-    Rover writes 0 into ATT.DesYaw always, and into NTUN.DesYaw while it steers by turn rate.
+    Rover always writes 0 into ATT.DesYaw, and also into NTUN.DesYaw while it steers by turn rate.
     """
     return first_series(
         log,
@@ -153,7 +153,7 @@ _FLAT_ROWS = 10
 
 
 def _demanded(found: Series | None) -> Series | None:
-    """Without the rows that are flat at 0: nothing was asked for then."""
+    """The series without runs of 0, which mean that there is no setpoint."""
     if found is None:
         return None
     flat = np.zeros(len(found.values), dtype=np.bool_)
@@ -163,7 +163,7 @@ def _demanded(found: Series | None) -> Series | None:
 
 
 def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
-    """Degrees a second, clockwise from above."""
+    """Yaw rate (deg/s), clockwise from above."""
     if of == "truth":
         return first_series(
             log, partial(px4.yaw_rate, of="truth"), _true_yaw_rate, partial(_foreign_yaw_rate, of="truth")
@@ -179,7 +179,7 @@ def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
 
 
 def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
-    """Metres a second over ground. DataFlash: of the estimator's core in use, else the receiver's (GPS.Spd)."""
+    """Speed over ground (m/s). DataFlash: from the estimator's core in use, else from the receiver (GPS.Spd)."""
     if of == "truth":
         return first_series(
             log,
@@ -237,7 +237,7 @@ def _own_angle(log: Log, topic: str, name: str) -> Series | None:
 def _telemetry(
     log: Log, message: str, field: str, unit: str, *, factor: float = 1.0, turns: bool = False
 ) -> Series | None:
-    """From telemetry: of a .tlog, or of the autopilot's frames in a recording of ours."""
+    """A series from telemetry: of a .tlog, or of the autopilot's frames in an xitl recording."""
     return first_series(
         log,
         lambda log: column_series(log, message, field, unit, factor=factor, turns=turns),
@@ -247,11 +247,13 @@ def _telemetry(
 
 @dataclass(frozen=True, slots=True)
 class PoseTopic:
-    """Poses that a topic carries, in ENU with a FLU body (REP 103). place, turn: what its columns begin with."""
+    """Poses of a topic, in ENU with a FLU body (REP 103)."""
 
     table: Table
     place: str
+    """Beginning of the names of its position columns."""
     turn: str
+    """Beginning of the names of its attitude columns."""
 
     def places(self, stamp_ns: Stamps | None = None) -> Series | None:
         """North, east, down (m) about the origin of its frame. stamp_ns: (N,) of its rows, instead of the table's."""
@@ -267,7 +269,7 @@ class PoseTopic:
         quaternion = stacked_columns(self.table, tuple(f"{self.turn}.{axis}" for axis in "wxyz"))
         if quaternion is None:
             return None
-        # The same product of quaternions leads from ENU and FLU back to NED and FRD.
+        # The same product of quaternions converts ENU and FLU back to NED and FRD.
         with np.errstate(invalid="ignore", divide="ignore"):
             euler = quat_to_euler(quat_ned_frd_to_enu_flu(quaternion))
         angle = euler[:, _ANGLES[name]] * _DEG
@@ -286,11 +288,11 @@ _POSES = (
     ("transforms[0].transform.translation", "transforms[0].transform.rotation"),  # tf2_msgs/TFMessage
     ("transforms[0].translation", "transforms[0].rotation"),  # foxglove.FrameTransforms
 )
-"""What holds a pose, the likeliest to be the vessel's first."""
+"""Columns of poses, those most likely of the vessel first."""
 
 
 def foreign_poses(log: Log, of: SignalSource = "estimate") -> Iterator[PoseTopic]:
-    """Topics that carry poses, the likeliest to be the vessel's first; of a recording of ours none, they are known."""
+    """Topics with poses, those most likely of the vessel first. None for an xitl recording, which has known topics."""
     if not log.of_topics or log.base == "simulation":
         return
     for fields in _POSES:
@@ -300,7 +302,7 @@ def foreign_poses(log: Log, of: SignalSource = "estimate") -> Iterator[PoseTopic
 
 
 def topic_source(topic: str) -> SignalSource:
-    """Simulators call it ground_truth or truth, nobody else does."""
+    """Source of a topic. Only simulators name a topic ground_truth or truth."""
     return "truth" if "truth" in topic.lower() else "estimate"
 
 
@@ -313,7 +315,7 @@ def _pose_topic(table: Table, place: str, turn: str) -> PoseTopic | None:
 
 
 def _child_frame_columns(place: str) -> tuple[str, ...]:
-    """Of transforms: those of several frames may be in one topic."""
+    """Columns with the child frame of transforms, because one topic may have several frames."""
     if not place.endswith("translation"):
         return ()
     above = place.removesuffix("translation").removesuffix("transform.")
@@ -321,7 +323,7 @@ def _child_frame_columns(place: str) -> tuple[str, ...]:
 
 
 def _farthest_travelled(table: Table, column: str, place: str) -> Table:
-    """The rows of the frame that moves most: sensors stand still on a vessel, an odometry's frame hardly drifts."""
+    """Rows of the frame that moves most: sensors are fixed on a vessel, and the frame of an odometry hardly drifts."""
     names = np.asarray(table.values(column)).astype(str)
     ways = {}
     for name in dict.fromkeys(names.tolist()):
@@ -363,7 +365,7 @@ def _odometry_yaw_rate(log: Log, topic: str) -> Series | None:
 
 
 def _any_imu_yaw_rate(log: Log) -> Series | None:
-    """Of a sensor_msgs/Imu topic, FLU."""
+    """Yaw rate of a sensor_msgs/Imu topic, FLU."""
     if not log.of_topics:
         return None
     name = next((name for name, table in log.tables.items() if "angular_velocity.z" in table.columns), None)
@@ -371,7 +373,7 @@ def _any_imu_yaw_rate(log: Log) -> Series | None:
 
 
 def _any_imu_angle(log: Log, name: str) -> Series | None:
-    """Of a sensor_msgs/Imu topic that tells an attitude: its own covariance of -1 says that it does not."""
+    """Angle of a sensor_msgs/Imu topic with an attitude. A covariance of -1 means that it has none."""
     for table in log.tables.values() if log.of_topics and log.base != "simulation" else ():
         if {"orientation.w", "angular_velocity.z"} <= set(table.columns):
             covariance = stacked_columns(table, ("orientation_covariance",)) if len(table) else None
@@ -405,13 +407,12 @@ def _hypot(log: Log, name: str, north: str, east: str) -> Series | None:
 
 @dataclass(frozen=True, slots=True)
 class LocalPosition:
-    """north, east, down (m) about `origin` (latitude and longitude in deg, altitude in m): `path.values` is (N, 3).
-
-    origin None: local axes whose place on the Earth the log does not tell.
-    """
+    """Path in local axes."""
 
     path: Series
+    """`path.values` is (N, 3): north, east, down (m) about `origin`."""
     origin: tuple[float, float, float] | None
+    """Latitude and longitude (deg) and altitude (m). None if the position of the axes on the Earth is unknown."""
 
 
 def position_geodetic(log: Log, of: SignalSource = "estimate") -> Series | None:
@@ -440,7 +441,7 @@ def position_geodetic(log: Log, of: SignalSource = "estimate") -> Series | None:
 def position_ned(
     log: Log, of: SignalSource = "estimate", origin: tuple[float, float, float] | None = None
 ) -> LocalPosition | None:
-    """About `origin`; without one about the origin of the log's own local frame, or its first position."""
+    """Position about `origin`. Without it, about the origin of the log's own local frame, or its first position."""
     local = _local_odometry(log, "/truth/odometry" if of == "truth" else "/estimate/odometry")
     if local is None:
         local = next((found for each in foreign_poses(log, of) if (found := each.places()) is not None), None)
@@ -460,7 +461,7 @@ def position_ned(
 
 
 def _simulated(log: Log) -> Series | None:
-    """Where ArduPilot's own simulator says the vehicle is; without a height from telemetry."""
+    """Position by ArduPilot's own simulator; from telemetry, it has no height."""
     if (found := geodetic_series(log, "SIM", ("Lat", "Lng", "Alt"))) is not None:
         return found
     table = first_instance(log, "SIMSTATE")
@@ -470,13 +471,13 @@ def _simulated(log: Log) -> Series | None:
 
 
 def _first_place(geodetic: Series) -> tuple[float, float, float]:
-    """Its first row, fit to be an origin."""
+    """First row, for use as an origin."""
     latitude, longitude, altitude = map(float, geodetic.values[0])
     return latitude, longitude, altitude if abs(altitude) <= HIGHEST_M else 0.0
 
 
 def _metres(log: Log, geodetic: Series, of: SignalSource, about: tuple[float, float, float]) -> Floats:
-    """(N, 3) north, east, down about a place, by the metres of the world that the log is of."""
+    """(N, 3) north, east, down about a position, in the metres of the world that the log uses."""
     simulated = _simulated(log)
     frame = LocalFrame(*about)
     if simulated is None or not (of == "truth" or follows_simulator(geodetic, simulated)):
@@ -523,7 +524,7 @@ def _estimated_geodetic(log: Log) -> Series | None:
 
 
 def _run_origin(log: Log) -> tuple[float, float, float] | None:
-    """The local origin of a run of ours: back from a true fix by the true position of that instant."""
+    """Local origin of a run of xitl: from a true fix, minus the true position at that instant."""
     if not log.of_topics:
         return None
     if log.base == "simulation":
@@ -550,7 +551,7 @@ def _topic_ending(log: Log, ending: str) -> Table | None:
 
 
 def _made_ns(table: Table) -> Stamps:
-    """When the messages of a topic were made, where they say it, else when they were recorded."""
+    """Creation times of a topic's messages if they have them, else their recording times."""
     if "header.stamp" not in table.columns:
         return table.stamp_ns
     made: Stamps = np.asarray(table.values("header.stamp")).astype(np.int64)
@@ -558,7 +559,7 @@ def _made_ns(table: Table) -> Stamps:
 
 
 def _estimator_origin(log: Log) -> tuple[float, float, float] | None:
-    """Of the last ORGN of type 0, ArduPilot's EKF origin."""
+    """Last ORGN of type 0, ArduPilot's EKF origin."""
     table = log.tables.get("ORGN")
     if table is None or (place := stacked_columns(table, ("Type", "Lat", "Lng", "Alt"))) is None:
         return None

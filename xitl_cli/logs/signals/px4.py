@@ -1,4 +1,4 @@
-"""Quantities of a ULog, from PX4's own topics. None, or nothing, in a log of another format.
+"""Quantities of a ULog, from PX4's own topics. None, or empty, for a log of another format.
 
 States and numbers: msg/versioned/VehicleStatus.msg of PX4 1.16; older versions use the same numbers for fewer states.
 """
@@ -29,7 +29,7 @@ _HIGHEST_M = 10e3
 
 
 def topic(log: Log, name: str) -> Table | None:
-    """The first instance of a topic; None where the log is no ULog or does not have it."""
+    """First instance of a topic; None if the log is no ULog or lacks the topic."""
     return first_instance(log, name) if log.format == "ulog" else None
 
 
@@ -47,7 +47,7 @@ def angle(log: Log, name: str, of: SignalSource = "estimate") -> Series | None:
 
 
 def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
-    """Metres a second over ground by vehicle_local_position."""
+    """Speed over ground (m/s) by vehicle_local_position."""
     source = "vehicle_local_position" + (_TRUTH if of == "truth" else "")
     table = topic(log, source)
     parts = None if table is None else stacked(table, ("vx", "vy"))
@@ -59,7 +59,7 @@ def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
 
 
 def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
-    """Degrees a second, clockwise from above."""
+    """Yaw rate (deg/s), clockwise from above."""
     source = "vehicle_angular_velocity" + (_TRUTH if of == "truth" else "")
     table = topic(log, source)
     rates = None if table is None else numbers(table, "xyz")
@@ -69,7 +69,8 @@ def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
 
 
 def geodetic(log: Log, of: SignalSource = "estimate") -> tuple[Stamps, Floats, str] | None:
-    """Stamps, latitude and longitude (deg) and altitude (m), and the topic: of the estimate, else of the receiver."""
+    """Stamps, latitude and longitude (deg) and altitude (m), and the topic: from the estimate, else from the
+    receiver."""
     truth = _TRUTH if of == "truth" else ""
     ways = [(f"vehicle_global_position{truth}", ("lat", "lon", "alt"))]
     if of == "estimate":
@@ -112,7 +113,7 @@ def _by_mav(number: int) -> VehicleKind:
 
 
 def release(log: Log) -> tuple[str | None, str | None, str | None]:
-    """Version, commit and board as the log's information says."""
+    """Version, commit and board from the log's information."""
     facts = log.facts if log.format == "ulog" else {}
     packed = facts.get("ver_sw_release", "")
     number = int(packed) if packed.isdigit() else 0
@@ -121,7 +122,7 @@ def release(log: Log) -> tuple[str | None, str | None, str | None]:
 
 
 def outputs(log: Log) -> dict[int, Series]:
-    """By channel from 1: pulse widths (us) of actuator_outputs, as far as they are in use."""
+    """Outputs by channel from 1: pulse widths (us) of actuator_outputs, for outputs in use."""
     table = topic(log, "actuator_outputs")
     values = None if table is None else numbers(table, "output")
     if table is None or values is None or values.ndim != 2:
@@ -138,7 +139,7 @@ def outputs(log: Log) -> dict[int, Series]:
 
 
 def utc(log: Log) -> tuple[Stamps, Stamps] | None:
-    """Stamps, and UTC (ns) that the receiver tells at each; 0 where it does not know."""
+    """Stamps, and UTC (ns) as reported by the receiver at each; 0 if unknown."""
     for name in ("vehicle_gps_position", "sensor_gps"):
         table = topic(log, name)
         if table is not None and {"time_utc_usec", "fix_type"} <= set(table.columns):

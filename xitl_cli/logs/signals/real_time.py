@@ -1,4 +1,4 @@
-"""Whether a run in real time kept real time: what was measured, what may be missed, and what is said of the rest."""
+"""Check of a run in real time: measured figures, tolerated limits, and the description of shortfalls."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RealTimeLimits:
-    """What a run may miss and still stand for one in real time.
-
-    physics_missed_share: a step that began more than a period late is made up for, and its samples come some ms late;
-    at 400 Hz there are eight to a control cycle, so that with one in twenty most cycles have none. cycles_missed_share:
-    such a cycle of the agent gave no command at all, and the old one stayed in force; one in fifty is one a second.
-    lost_share: a sample in a hundred is what an estimator coasts over unnoticed. longest_stall_s: as long as the
-    embedded autopilot goes without sensors before it lets go of the motors (FS_IMU_TIMEOUT): from there on the run
-    itself is another one. stalled_share: of the time, in stalls of any length. clock_steps: each moves every stamp of
-    that clock.
-    """
+    """Tolerated limits of a run in real time."""
 
     physics_missed_share: float = 0.05
+    """A step that begins more than a period late is caught up, and its samples are some ms late. At 400 Hz there are
+    eight to a control cycle. With one in twenty, most cycles have none."""
     cycles_missed_share: float = 0.02
+    """In a missed cycle, the agent gives no command, and the old command stays in force. One in fifty is one per
+    second."""
     lost_share: float = 0.01
+    """An estimator bridges one lost sample in a hundred without effect."""
     longest_stall_s: float = 0.25
+    """The embedded autopilot stops the motors after this time without sensors (FS_IMU_TIMEOUT), which changes the
+    run."""
     stalled_share: float = 0.01
+    """Share of the time in stalls of any length."""
     clock_steps: int = 0
+    """Each step moves every later stamp of that clock."""
 
 
 LIMITS = RealTimeLimits()
@@ -32,7 +32,7 @@ LIMITS = RealTimeLimits()
 
 @dataclass(frozen=True, slots=True)
 class TaskMissCount:
-    """Deadlines of the task that kept the fewest of them."""
+    """Deadlines of the task that missed the largest share."""
 
     name: str
     cycles: int
@@ -45,7 +45,7 @@ class TaskMissCount:
 
 @dataclass(frozen=True, slots=True)
 class LinkLosses:
-    """Frames of one direction of a link that were lost, other than by an injected fault."""
+    """Lost frames of one direction of a link, without those of injected faults."""
 
     name: str
     sent: int
@@ -58,25 +58,25 @@ class LinkLosses:
 
 @dataclass(frozen=True, slots=True)
 class RealTimeFigures:
-    """What was measured of a run in real time of `length_s`. None: not known, or caused on purpose by a fault.
-
-    physics: of the host. control: of the agents' tasks the one with the largest share. clock_steps: (clock, how many).
-    stood_s: for which a simulated autopilot did not run.
-    """
+    """Measured figures of a run in real time of `length_s`. None: unknown, or caused on purpose by a fault."""
 
     length_s: float
     physics: TaskMissCount | None = None
+    """Of the host."""
     control: TaskMissCount | None = None
+    """The agents' task with the largest share of missed cycles."""
     link: LinkLosses | None = None
     stalls: int = 0
     stalled_s: float = 0.0
     longest_stall_s: float = 0.0
     slipped_s: float = 0.0
     stood_s: float = 0.0
+    """Time in which a simulated autopilot did not run."""
     clock_steps: tuple[tuple[str, int], ...] = ()
+    """(clock, number of steps)."""
 
     def shortfalls(self, limits: RealTimeLimits = LIMITS) -> tuple[str, ...]:
-        """In what it was no run in real time, the gravest first; empty when it was one."""
+        """Violated limits, the most severe first; empty if the run was in real time."""
         return tuple(self._shortfalls(limits))
 
     def _shortfalls(self, limits: RealTimeLimits) -> Iterator[str]:
@@ -102,17 +102,17 @@ class RealTimeFigures:
 
 
 def not_real_time(shortfalls: tuple[str, ...]) -> str:
-    """One sentence of them all."""
+    """One sentence with all shortfalls."""
     return f"not a real-time run: {'; '.join(shortfalls)}"
 
 
 def worst(all_of: list[TaskMissCount]) -> TaskMissCount | None:
-    """The one with the largest share missed."""
+    """Task with the largest share missed."""
     return max(all_of, key=lambda one: one.share, default=None)
 
 
 def worst_link(all_of: list[LinkLosses]) -> LinkLosses | None:
-    """The one with the largest share lost."""
+    """Link with the largest share lost."""
     return max(all_of, key=lambda one: one.share, default=None)
 
 

@@ -28,7 +28,7 @@ FIX_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class ReceiverAccuracy:
-    """Accuracy stated by the receiver, in GPA or in the fix. stamp_ns (N,); each (N,) or None."""
+    """Accuracy reported by the receiver, in GPA or in the fix. stamp_ns (N,); each other array (N,) or None."""
 
     message: str
     stamp_ns: Stamps
@@ -41,25 +41,28 @@ class ReceiverAccuracy:
 
 @dataclass(frozen=True, slots=True)
 class GnssReceiver:
-    """One receiver. fix: (N,) as MAVLink's GPS_FIX_TYPE. lat_deg, lon_deg: (N,) NaN where there is no fix.
-
-    vel_ned_mps: (N, 3) with NaN for what is not logged. week: GPS time. sample_ns: on the receiver's clock
-    where that is logged. `fields` gives the log's own names.
-    """
+    """One receiver."""
 
     name: str
     message: str
     fields: dict[str, str]
+    """The log's own names."""
     stamp_ns: Stamps
     sample_ns: Stamps
+    """On the receiver's clock if that is logged."""
     fix: Stamps
+    """(N,) as MAVLink's GPS_FIX_TYPE."""
     satellites: Floats | None
     hdop: Floats | None
     lat_deg: Floats
+    """(N,) NaN without a fix."""
     lon_deg: Floats
+    """(N,) NaN without a fix."""
     vel_ned_mps: Floats
+    """(N, 3) NaN if not logged."""
     speed_mps: Floats | None
     week: Floats | None
+    """GPS time."""
     accuracy: ReceiverAccuracy | None
 
 
@@ -75,11 +78,11 @@ _KINDS = ("GPS", "GPS2", "GPS_RAW_INT", "GPS2_RAW", "XITL_GNSS", "sensor_gps")
 
 
 _OLD_PX4 = "vehicle_gps_position"
-"""The receivers of PX4 until 1.11, since then what it makes of all of them."""
+"""The receivers of PX4 until 1.11; since then, PX4's combination of all receivers."""
 
 
 def gnss_receivers(log: Log) -> list[GnssReceiver]:
-    """Every instance with at least three rows that ever had a fix or a satellite."""
+    """Every instance with at least three rows and at any time a fix or a satellite."""
     found: list[GnssReceiver] = []
     for table in [*(tables_of(log, _KINDS) or tables_of(log, (_OLD_PX4,))), *_ros(log)]:
         for number, each in by_instance(table).items():
@@ -89,14 +92,14 @@ def gnss_receivers(log: Log) -> list[GnssReceiver]:
 
 
 def injected_receivers(log: Log) -> list[GnssReceiver]:
-    """Of a recording of ours: the fixes that the autopilot was sent, in the frames of its link."""
+    """Fixes that the autopilot received, from the frames of its link in an xitl recording."""
     names = [f"{name}:XITL_GNSS" for name in log.tables if name.endswith("/link/agent/tx")]
     found = [_receiver(log, "XITL_GNSS", log.tables[name], 0) for name in names if name in log.tables]
     return [receiver for receiver in found if receiver is not None and len(receiver.stamp_ns) >= 3]
 
 
 def _ros(log: Log) -> list[Table]:
-    """sensor_msgs/NavSatFix topics of receivers, and not of a simulator's truth."""
+    """sensor_msgs/NavSatFix topics of receivers, without a simulator's truth."""
     return [
         table
         for name, table in log.tables.items()
@@ -146,7 +149,7 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | 
 
 
 def _plausible(table: Table, name: str | None, values: Floats | None) -> Floats | None:
-    """MAVLink's 65535 stands for unknown."""
+    """Values without MAVLink's 65535, which means unknown."""
     if name is None or values is None or values.ndim != 1:
         return None
     if table.name == "GPS" or not message_of(table.name).endswith(("_RAW", "_INT")):
@@ -155,7 +158,7 @@ def _plausible(table: Table, name: str | None, values: Floats | None) -> Floats 
 
 
 def _hdop(table: Table, values: Floats | None) -> Floats | None:
-    """MAVLink's eph is a dilution times 100, 65535 unknown."""
+    """Dilution of precision. MAVLink's eph is a dilution times 100, or 65535 for unknown."""
     if values is None or "eph" not in table.columns or "hdop" in table.columns:
         return values
     raw = np.asarray(table.values("eph", raw=True), dtype=np.float64)
@@ -188,7 +191,7 @@ def _accuracy(log: Log, table: Table, number: int) -> ReceiverAccuracy | None:
         return ReceiverAccuracy(
             table.name, bounded_stamps(table), _known(parts[0]), _known(parts[1]), _known(parts[2]), None, None
         )
-    if "satellites_used" in table.columns and "eph" in table.columns:  # of PX4: metres
+    if "satellites_used" in table.columns and "eph" in table.columns:  # from PX4: metres
         told = [_known(numbers(table, name)) for name in ("eph", "epv", "s_variance_m_s")]
         return ReceiverAccuracy(table.name, bounded_stamps(table), told[0], told[1], told[2], None, None)
     covariance = numbers(table, "position_covariance")
@@ -214,5 +217,5 @@ def _accuracy(log: Log, table: Table, number: int) -> ReceiverAccuracy | None:
 
 
 def _known(values: Floats | None) -> Floats | None:
-    """None where all are 0 or no number: the receiver does not tell."""
+    """The values; None if all are 0 or not finite, because the receiver does not report them."""
     return values if values is not None and np.nan_to_num(values).any() else None

@@ -16,29 +16,32 @@ from xitl_cli.logs.signals.spans import runs
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 _FEWEST_ROWS = 3
-_NO_SENSORS = {"SIMSTATE", "SIM_STATE", "HIL_STATE_QUATERNION"}  # what a simulator knows, in the same words
+_NO_SENSORS = {"SIMSTATE", "SIM_STATE", "HIL_STATE_QUATERNION"}  # truth of a simulator, in the same fields
 
 
 @dataclass(frozen=True, slots=True)
 class InertialUnit:
-    """One unit. gyro_radps, accel_mps2: (N, 3) with NaN for what was no number, None when not logged.
-
-    stamp_ns: (N,) on the log's time; times: on the sensor's own clock where that is logged, else the stamps.
-    gyro_rate_hz, accel_rate_hz: at which the unit says it samples. healthy: (N,) as the autopilot saw it.
-    """
+    """One inertial unit."""
 
     name: str
     table: Table
     stamp_ns: Stamps
+    """(N,) on the log's time."""
     times: SampleTimes
+    """On the sensor's own clock if that is logged, else the stamps."""
     gyro_radps: Floats | None
+    """(N, 3) NaN if not finite; None if not logged."""
     accel_mps2: Floats | None
+    """(N, 3) NaN if not finite; None if not logged."""
     gyro_fields: tuple[str, ...]
     accel_fields: tuple[str, ...]
     temperature_degc: Floats | None
     gyro_rate_hz: float | None
+    """Sample rate as reported by the unit."""
     accel_rate_hz: float | None
+    """Sample rate as reported by the unit."""
     healthy: Flags | None
+    """(N,) as judged by the autopilot."""
 
     @property
     def sample_ns(self) -> Stamps:
@@ -57,13 +60,13 @@ _LAYOUTS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
     (("gyro",), ("accel",)),
     (("gyro_rad",), ("accelerometer_m_s2",)),
 )
-_ALONE = {"GYR", "GYR1", "GYR2", "GYR3", "ACC", "ACC1", "ACC2", "ACC3"}  # raw sensors, each by itself
+_ALONE = {"GYR", "GYR1", "GYR2", "GYR3", "ACC", "ACC1", "ACC2", "ACC3"}  # single sensors with raw values
 _TEMPERATURES = ("T", "Temp", "temperature")
 _SAMPLE_CLOCKS = (("SampleUS", 1000), ("time_usec", 1000), ("time_boot_ms", 1_000_000))
 
 
 def inertial_units(log: Log) -> list[InertialUnit]:
-    """Every inertial unit that has at least three rows and ever shows anything but zeros."""
+    """Every inertial unit with at least three rows and any value that is not 0."""
     found: list[InertialUnit] = []
     for name, table in log.tables.items():
         if message_of(name) in _NO_SENSORS or (layout := _layout(table)) is None:
@@ -112,20 +115,19 @@ def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]
 
 @dataclass(frozen=True, slots=True)
 class SampleTimes:
-    """clock_ns: (N,) when each sample was taken, by the sensor's own clock, with its jumps taken out.
-
-    jumps: instant (the log's time) and size (s) of each time that clock was set, while the rows went on as before.
-    """
+    """Times of samples."""
 
     clock_ns: Stamps
+    """(N,) sample times on the sensor's own clock, with its jumps removed."""
     jumps: tuple[tuple[int, float], ...] = ()
+    """Instant (the log's time) and size (s) of each setting of that clock, while the rows continued."""
 
 
 _JUMP_NS = 500_000_000
 
 
 def sample_times(table: Table) -> SampleTimes:
-    """By the sensor's own clock where one is logged, else by the rows' stamps."""
+    """Sample times on the sensor's own clock if it is logged, else the rows' stamps."""
     at_ns = bounded_stamps(table)
     for name, factor in _SAMPLE_CLOCKS:
         column = table.columns.get(name)
@@ -136,7 +138,7 @@ def sample_times(table: Table) -> SampleTimes:
 
 
 def _without_jumps(clock_ns: Stamps, at_ns: Stamps) -> SampleTimes:
-    """A gap is one by both clocks. A jump is of one alone, and over half of its step."""
+    """Remove the jumps of a clock. A gap is on both clocks; a jump is on one, by more than half of its step."""
     steps, rows = np.diff(clock_ns), np.diff(at_ns)
     apart = steps - rows
     jumped = np.flatnonzero((np.abs(apart) > _JUMP_NS) & (np.abs(apart) > 0.5 * np.abs(steps)) & (rows >= 0))
@@ -148,7 +150,7 @@ def _without_jumps(clock_ns: Stamps, at_ns: Stamps) -> SampleTimes:
 
 
 def _vector(table: Table, names: tuple[str, ...], unit: str, factor: float) -> Floats | None:
-    """(N, 3). MAVLink's whole-number messages are in mrad/s and mG, which not every one of them says."""
+    """(N, 3). MAVLink's integer messages are in mrad/s and mG, which not all of them state."""
     if not names:
         return None
     found = numbers(table, names[0]) if len(names) == 1 else stacked(table, names)
@@ -185,26 +187,26 @@ ACCEL_DEVIATION_MPS2 = 0.3
 GYRO_SHIFT_RADPS = 0.003
 ACCEL_SHIFT_MPS2 = 0.1
 SPEED_MPS = 0.1
-_MOST_WINDOWS = 1_000_000  # eleven days; more are stamps gone wild
+_MOST_WINDOWS = 1_000_000  # eleven days; more result from damaged stamps
 
 
 @dataclass(frozen=True, slots=True)
 class RestPeriods:
-    """Stretches from, until (ns on the log's time), the longest first. source: the unit that showed it.
-
-    by_speed: whether a speed over ground had a say as well.
-    """
+    """Periods at rest."""
 
     stretches: tuple[tuple[int, int], ...]
+    """Begin and end (ns on the log's time), the longest first."""
     source: str | None
+    """The unit that showed it."""
     by_speed: bool
+    """Whether a speed over ground was used too."""
 
     @property
     def longest_s(self) -> float:
         return (self.stretches[0][1] - self.stretches[0][0]) * 1e-9 if self.stretches else 0.0
 
     def rows(self, stamp_ns: Stamps) -> Flags:
-        """(N,) which of these stamps lie in a stretch."""
+        """(N,) True for stamps within a period at rest."""
         inside = np.zeros(len(stamp_ns), dtype=np.bool_)
         for from_ns, until_ns in self.stretches:
             inside |= (stamp_ns >= from_ns) & (stamp_ns < until_ns)
@@ -212,9 +214,11 @@ class RestPeriods:
 
 
 def find_rest(log: Log, found: list[InertialUnit]) -> RestPeriods:
-    """Whole seconds in which the gyroscope hardly scatters (under 0.01 rad/s), the specific force neither (under 0.3
-    m/s^2), their means stay where they are over the stretch (0.003 rad/s, 0.1 m/s^2), and the speed is under 0.1 m/s
-    where one is known. Waves of half a degree are no rest.
+    """Find periods of whole seconds at rest.
+
+    The gyroscope scatters by less than 0.01 rad/s, the specific force by less than 0.3 m/s^2. Their means stay within
+    0.003 rad/s and 0.1 m/s^2 over the period. The speed, if known, is below 0.1 m/s. Waves of half a degree are no
+    rest.
     """
     whole = [unit for unit in found if unit.gyro_radps is not None and unit.accel_mps2 is not None]
     if not whole:
@@ -226,7 +230,8 @@ def find_rest(log: Log, found: list[InertialUnit]) -> RestPeriods:
     from_ns, means, calm = windows
     speed = ground_speed(log)
     if speed is not None:
-        # The fastest of the window's beginning, middle and end; no speed there: the inertial unit alone decides.
+        # Use the highest speed at the window's beginning, middle and end. Without a speed, only the inertial unit
+        # decides.
         at = np.stack([speed.interpolated(from_ns + part) for part in (0, WINDOW_NS // 2, WINDOW_NS)])
         calm[np.nan_to_num(np.abs(at)).max(axis=0) > SPEED_MPS] = False
     stretches = []
@@ -242,7 +247,7 @@ def find_rest(log: Log, found: list[InertialUnit]) -> RestPeriods:
 
 
 def _windows(unit: InertialUnit) -> tuple[Stamps, Floats, Flags] | None:
-    """Of each second that has samples: when it begins, means of the six axes (W, 6), whether it is calm."""
+    """For each second with samples: its beginning, means of the six axes (W, 6), and whether it is calm."""
     assert unit.gyro_radps is not None
     assert unit.accel_mps2 is not None
     signals = np.concatenate([unit.gyro_radps, unit.accel_mps2], axis=1)
@@ -250,7 +255,7 @@ def _windows(unit: InertialUnit) -> tuple[Stamps, Floats, Flags] | None:
     stamps, signals = unit.stamp_ns[good], signals[good]
     if len(stamps) < 3:
         return None
-    # From the median on, so that one wild stamp does not stretch the record; what lies too far off is left out.
+    # Windows start from the median, so that one damaged stamp does not stretch the record. Distant stamps are omitted.
     begin = int(np.median(stamps))
     number = (stamps - begin) // WINDOW_NS
     near = np.abs(number) < _MOST_WINDOWS
@@ -278,7 +283,7 @@ SensorKind = Literal["magnetometer", "barometer", "rangefinder", "airspeed", "wi
 
 @dataclass(frozen=True, slots=True)
 class SensorSeries:
-    """values: (N, k) in `unit`. healthy: (N,) by the autopilot. stamps as of an inertial unit."""
+    """One sensor."""
 
     name: str
     sort: SensorKind
@@ -286,9 +291,13 @@ class SensorSeries:
     fields: tuple[str, ...]
     unit: str
     stamp_ns: Stamps
+    """(N,) on the log's time."""
     times: SampleTimes
+    """On the sensor's own clock if that is logged, else the stamps."""
     values: Floats
+    """(N, k) in `unit`."""
     healthy: Flags | None
+    """(N,) as judged by the autopilot."""
     temperature_degc: Floats | None
 
     @property
@@ -304,7 +313,7 @@ class _Message:
     unit: str
     health: tuple[str, ...] = ()
     temperature: tuple[str, ...] = ()
-    raw: bool = False  # logged in whole mGauss
+    raw: bool = False  # logged in integer mGauss
     factor: float = 1.0
 
 
@@ -340,7 +349,7 @@ _MESSAGES = (
 
 
 def sensor_series(log: Log) -> list[SensorSeries]:
-    """Every instance that has at least three rows and ever shows anything but zeros."""
+    """Every instance with at least three rows and any value that is not 0."""
     return [
         series
         for message in _MESSAGES
@@ -350,7 +359,7 @@ def sensor_series(log: Log) -> list[SensorSeries]:
 
 
 def injected_units(log: Log) -> list[InertialUnit]:
-    """Of a recording of ours: the inertial samples that the autopilot was sent, in the frames of its link."""
+    """Inertial samples that the autopilot received, from the frames of its link in an xitl recording."""
     units = []
     for table in _injected(log, "XITL_IMU"):
         layout = _layout(table)
@@ -360,7 +369,7 @@ def injected_units(log: Log) -> list[InertialUnit]:
 
 
 def injected_series(log: Log) -> list[SensorSeries]:
-    """Of a recording of ours: magnetometer and barometer as the autopilot was sent them."""
+    """Magnetometer and barometer samples that the autopilot received, from an xitl recording."""
     return [
         replace(series, name=message.kind)
         for message in _MESSAGES

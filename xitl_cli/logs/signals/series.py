@@ -1,4 +1,4 @@
-"""A quantity over time as a series fit to be compared; columns of tables as numbers fit to be computed with."""
+"""A quantity over time as a series that can be compared; columns of tables as numeric arrays."""
 
 from __future__ import annotations
 
@@ -18,21 +18,23 @@ SignalSource = Literal["estimate", "truth"]
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """stamp_ns: (N,) strictly increasing, on the log's own time. values: (N,) or (N, k), finite. N is at least 1.
-
-    unit: "deg", "m/s", "us" …; a series of 360-degree angles has unit "deg" and `turns`. source: where it was read, for
-    evidence ("ATT.Yaw"). dropped: rows left out since they went back in time or were no number.
-    """
+    """A quantity over time. N is at least 1."""
 
     stamp_ns: Stamps
+    """(N,) strictly increasing, on the log's own time."""
     values: Floats
+    """(N,) or (N, k), finite."""
     unit: str
+    """Such as "deg", "m/s", "us"."""
     source: str
+    """Message and field, for evidence ("ATT.Yaw")."""
     turns: bool = False
+    """True for 360-degree angles in deg."""
     dropped: int = 0
+    """Number of omitted rows, with a time that went back or a value that is not finite."""
 
     def interpolated(self, stamp_ns: Stamps) -> Floats:
-        """(M,) or (M, k) between the samples on a straight line (an angle the short way round), NaN outside them."""
+        """(M,) or (M, k) linear interpolation between the samples (angles along the shorter arc), NaN outside them."""
         values = np.unwrap(self.values, period=360.0, axis=0) if self.turns else self.values
         where = (stamp_ns - self.stamp_ns[0]).astype(np.float64)
         known = (self.stamp_ns - self.stamp_ns[0]).astype(np.float64)
@@ -48,7 +50,7 @@ SeriesReader = Callable[[Log], Series | None]
 def make_series(
     stamp_ns: Stamps, values: NDArray[Any], unit: str, source: str, *, turns: bool = False
 ) -> Series | None:
-    """Cleaned; None when nothing is left."""
+    """Make a series of valid rows; None if none is left."""
     numbers = np.asarray(values, dtype=np.float64)
     if not len(numbers):
         return None
@@ -65,7 +67,7 @@ def make_series(
 def column_series(
     log: Log, table: str, name: str, unit: str, *, factor: float = 1.0, turns: bool = False, raw: bool = False
 ) -> Series | None:
-    """A column of a table of the log, times `factor`; of several instances the one numbered lowest."""
+    """Column of a table of the log, times `factor`; of several instances, the lowest number."""
     found = first_instance(log, table)
     if found is None or name not in found.columns or found.columns[name].kind != "number":
         return None
@@ -73,7 +75,7 @@ def column_series(
 
 
 def first_instance(log: Log, table: str) -> Table | None:
-    """The table, or its lowest instance when it has several."""
+    """The table, or its lowest instance if it has several."""
     found = log.tables.get(table)
     if found is None or found.instance is None:
         return found
@@ -84,12 +86,12 @@ def first_instance(log: Log, table: str) -> Table | None:
 
 
 def first_series(log: Log, *ways: SeriesReader) -> Series | None:
-    """Series of the first of these readers that finds one."""
+    """Series of the first of these readers that has one."""
     return next((found for way in ways if (found := way(log)) is not None), None)
 
 
 def stacked_columns(table: Table, names: tuple[str, ...]) -> Floats | None:
-    """(N, k) of these columns; None unless all are there."""
+    """(N, k) of these columns; None if one is missing."""
     if not all(name in table.columns for name in names):
         return None
     return np.stack([np.asarray(table.values(name), dtype=np.float64) for name in names], axis=1)
@@ -99,7 +101,7 @@ _FARTHEST_NS = 1 << 61
 
 
 def numbers(table: Table, name: str, *, raw: bool = False) -> Floats | None:
-    """(N,) or (N, k), NaN for what is no finite number; None when the table has no such column of numbers."""
+    """(N,) or (N, k), NaN if not finite; None if the table has no such numeric column."""
     column = table.columns.get(name)
     if column is None or column.kind != "number":
         return None
@@ -109,48 +111,48 @@ def numbers(table: Table, name: str, *, raw: bool = False) -> Floats | None:
 
 
 def stacked(table: Table, names: Sequence[str], *, raw: bool = False) -> Floats | None:
-    """(N, k) of k columns of one number a row; None unless all are there."""
+    """(N, k) of k columns with one number per row; None if one is missing."""
     columns = [numbers(table, name, raw=raw) for name in names]
     found = [column for column in columns if column is not None and column.ndim == 1]
     return np.stack(found, axis=1) if len(found) == len(names) else None
 
 
 def bounded_stamps(table: Table) -> Stamps:
-    """(N,) the stamps (ns), those gone wild brought within seventy years: differences of any two then fit."""
+    """(N,) stamps (ns), clipped to seventy years, so that the difference of any two fits in 64 bits."""
     return np.clip(table.stamp_ns, -_FARTHEST_NS, _FARTHEST_NS)
 
 
 def message_of(name: str) -> str:
-    """Message behind the name of a table: "XITL_IMU" of "/link/agent/tx:XITL_IMU"."""
+    """Message in the name of a table: "XITL_IMU" of "/link/agent/tx:XITL_IMU"."""
     return name.rsplit(":", 1)[-1]
 
 
 def tables_of(log: Log, kinds: Sequence[str]) -> list[Table]:
-    """The tables of these messages, of any link, in the order of `kinds`."""
+    """Tables of these messages, from any link, in the order of `kinds`."""
     return [table for kind in kinds for name, table in log.tables.items() if message_of(name) == kind]
 
 
 def instance_label(table: Table, number: int) -> str:
-    """ "IMU[1]"; without the number when the message has no instances."""
+    """Name of an instance, such as "IMU[1]"; without the number if the message has no instances."""
     return table.name if table.instance is None else f"{table.name}[{number}]"
 
 
 def rounded(value: float | np.floating | None, digits: int = 3) -> float | None:
-    """Rounded, None for what is no number: for facts and tables."""
+    """Rounded value for facts and tables; None if not finite."""
     if value is None or not np.isfinite(value):
         return None
     return round(float(value), digits)
 
 
 def significant(value: float | None, digits: int = 4) -> float | None:
-    """Rounded to significant digits for a Fact or a Grid; None for what is no finite number."""
+    """Value rounded to significant digits for a Fact or a Grid; None if not finite."""
     if value is None or not math.isfinite(value):
         return None
     return float(f"{value:.{digits}g}")
 
 
 def listed(instants: Sequence[str], most: int = 4) -> str:
-    """ "0:03.0, 0:05.1 and 7 more"."""
+    """Instants as a list, such as "0:03.0, 0:05.1 and 7 more"."""
     if len(instants) <= most:
         return ", ".join(instants)
     return f"{', '.join(instants[:most])} and {len(instants) - most} more"

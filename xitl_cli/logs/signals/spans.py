@@ -19,13 +19,16 @@ def runs(flags: Flags) -> list[tuple[int, int]]:
 
 
 def held_spans(stamp_ns: Stamps, flags: Flags) -> list[tuple[int, int]]:
-    """From and until (ns) of each run of true rows; a row lasts until the next one."""
+    """Begin and end (ns) of each run of true rows; a row lasts until the next row."""
     last = len(stamp_ns) - 1
     return [(int(stamp_ns[begin]), int(stamp_ns[min(after, last)])) for begin, after in runs(flags)]
 
 
 def spans_where(stamp_ns: Stamps, mask: Flags, join_s: float = 0.0) -> list[tuple[int, int]]:
-    """From the first to the last row of each run of rows where `mask` is true; runs closer than `join_s` are one."""
+    """Spans from the first to the last row of each run of rows with a true `mask`.
+
+    Runs at most `join_s` apart are joined.
+    """
     spans: list[tuple[int, int]] = []
     for first, after in runs(mask):
         begin, end = int(stamp_ns[first]), int(stamp_ns[after - 1])
@@ -42,10 +45,10 @@ _BRIDGE_S = 2.0
 
 
 def spells(stamp_ns: Stamps, flags: Flags, bridge_s: float = _BRIDGE_S, most: int = 8) -> list[tuple[int, int]]:
-    """Episodes in which rows are flagged: from the first to the last flagged row (ns), shorter pauses bridged.
+    """Episodes of flagged rows, from the first to the last flagged row (ns).
 
-    Episodes farther apart than `bridge_s` stay apart, so that none of them covers time in which nothing was wrong.
-    Returns the `most` longest, in the order of time.
+    Pauses of at most `bridge_s` are bridged. Longer pauses separate episodes, so that no episode covers a healthy time.
+    Returns the `most` longest, in order of time.
     """
     order = np.argsort(stamp_ns, kind="stable")
     every = spans_where(stamp_ns[order], flags[order], bridge_s)
@@ -73,7 +76,7 @@ _FEWEST = 10
 
 @dataclass(frozen=True, slots=True)
 class HeldRows:
-    """Rows first to last, both included, show the same values."""
+    """Rows `first` to `last`, both included, have the same values."""
 
     first: int
     last: int
@@ -81,17 +84,20 @@ class HeldRows:
 
 @dataclass(frozen=True, slots=True)
 class HoldStatistics:
-    """repeated: share of the rows that equal the one before. usual: mean length in rows of the runs of equal rows,
-    without those in `holds`, which are far longer than it.
-    """
+    """Statistics of repeated rows."""
 
     repeated: float
+    """Share of the rows that equal the previous row."""
     usual: float
+    """Mean length in rows of the runs of equal rows, without the much longer runs in `holds`."""
     holds: tuple[HeldRows, ...]
 
 
 def find_holds(values: Floats, period_s: float, shortest_s: float = 1.0) -> HoldStatistics:
-    """Of rows (N,) or (N, k): a hold lasts `shortest_s`, ten rows and twenty times what is usual for this record."""
+    """Find holds in rows (N,) or (N, k).
+
+    A hold lasts at least `shortest_s`, ten rows, and twenty times the usual length in this record.
+    """
     rows = values.reshape(len(values), -1)
     if len(rows) < 2:
         return HoldStatistics(0.0, 1.0, ())
@@ -112,9 +118,10 @@ _MOST_TABLES = 12
 
 
 def log_pauses(log: Log) -> Stamps:
-    """(N, 2) from and until of every span over 20 ms, and three times the usual, in which no dense message came.
+    """(N, 2) begin and end of every span without rows of any dense message.
 
-    Of the twelve fullest tables with at least four rows a second; none with fewer than two such tables.
+    A span is longer than 20 ms and than three times the usual step. Dense messages are the twelve fullest tables with
+    at least four rows per second. The result is empty with fewer than two such tables.
     """
     dense = _dense(log)
     if len(dense) < 2:
@@ -135,19 +142,19 @@ def _dense(log: Log) -> list[Stamps]:
 
 
 def dense_end_ns(log: Log) -> int | None:
-    """When the dense messages end, by the median of their last stamps; None without any.
+    """End of the dense messages: the median of their last stamps. None if there are none.
 
-    The log may go on with a few rows after that.
+    The log may continue with a few rows after it.
     """
     last = [int(stamps[-1]) for stamps in _dense(log)]
     return sorted(last)[len(last) // 2] if last else None
 
 
 def covered_share(from_ns: Stamps, until_ns: Stamps, spans: Stamps) -> Floats:
-    """(G,) share of each from..until that the longest of these spans (N, 2) in it covers; they are in order and apart
-    from each other.
+    """(G,) share of each from..until that the longest of the spans (N, 2) in it covers.
 
-    Of one, not of all: where the rest of a log goes on slowly, its steps are many short spans.
+    Spans are sorted and disjoint. Their sum is not used: while the rest of a log continues slowly, its steps are many
+    short spans.
     """
     first = np.searchsorted(spans[:, 1], from_ns, side="right")
     beyond = np.searchsorted(spans[:, 0], until_ns, side="left")

@@ -37,9 +37,9 @@ def autopilot_heartbeats(log: Log) -> Table | None:
 
 
 def autopilot_messages(log: Log, message: str) -> Table | None:
-    """Rows of this message from the system of the autopilot; None when there are none.
+    """Rows of this message from the system of the autopilot; None if there are none.
 
-    Without a heartbeat to tell which system that is, all rows.
+    Without a heartbeat, which identifies that system, all rows.
     """
     table = next((log.tables[f"{prefix}{message}"] for prefix in _PREFIXES if f"{prefix}{message}" in log.tables), None)
     if table is None or "_sysid" not in table.columns:
@@ -57,7 +57,7 @@ _FIRST_TEXTS = 200
 
 
 def vehicle_kind(log: Log) -> VehicleKind:
-    """By VER.BU, by the firmware's name in MSG, or by the type in its heartbeats."""
+    """Kind of vehicle by VER.BU, by the firmware's name in MSG, or by the type in its heartbeats."""
     if log.format == "ulog":
         return px4.vehicle_kind(log)
     version = log.tables.get("VER")
@@ -75,7 +75,7 @@ def vehicle_kind(log: Log) -> VehicleKind:
 
 
 def firmware_text(log: Log) -> str | None:
-    """Name of the firmware by its first texts: "ArduRover V4.7.0-dev (2598e9d4)"."""
+    """Name of the firmware from its first texts: "ArduRover V4.7.0-dev (2598e9d4)"."""
     for table, field in (("MSG", "Message"), ("STATUSTEXT", "text"), ("/log", "message")):
         found = log.tables.get(table)
         if found is None or field not in found.columns:
@@ -88,17 +88,19 @@ def firmware_text(log: Log) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class ParameterRow:
-    """One value of one parameter; default: of the firmware, None where it is not logged. source: message it is from."""
+    """One value of one parameter."""
 
     at_ns: int
     name: str
     value: float
     default: float | None
+    """Default of the firmware; None if not logged."""
     source: str
+    """Message that contains the value."""
 
 
 def parameter_rows(log: Log) -> list[ParameterRow]:
-    """In the log's order; rows without a name or a number are left out."""
+    """Parameter values in the log's order. Rows without a name or a number are omitted."""
     for source, name, value, table in (
         ("PARM", "Name", "Value", log.tables.get("PARM")),
         ("parameters", "name", "value", px4.topic(log, "parameters")),
@@ -122,12 +124,12 @@ def parameter_rows(log: Log) -> list[ParameterRow]:
 
 
 def last_parameters(log: Log) -> dict[str, float]:
-    """Each parameter's last value in the log."""
+    """Last value of each parameter in the log."""
     return {row.name: row.value for row in parameter_rows(log)}
 
 
 def error_rows(log: Log) -> list[tuple[int, int, int]]:
-    """(stamp, subsystem, code) in the order of time."""
+    """(stamp, subsystem, code) in order of time."""
     table = log.tables.get("ERR")
     names = ("Subsys", "ECode")
     if table is None or not all(name in table.columns and table.columns[name].kind == "number" for name in names):
@@ -147,11 +149,11 @@ def event_rows(log: Log) -> list[tuple[int, int]]:
 
 
 LOCKSTEP = "Lockstep:"
-"""How the embedded autopilot's text begins that says that it ran in lockstep."""
+"""Beginning of the embedded autopilot's text about a lockstep run."""
 
 
 def first_text(log: Log, beginning: str) -> tuple[int, str] | None:
-    """Stamp and text of the first of the first 50 sentences in MSG that begins so."""
+    """Stamp and text of the first MSG with this beginning, among the first 50."""
     table = log.tables.get("MSG")
     if table is None or "Message" not in table.columns:
         return None
@@ -167,37 +169,39 @@ _ARMED_TEXTS = {"Throttle armed": True, "Arming motors": True, "Armed": True} | 
 
 @dataclass(frozen=True, slots=True)
 class StateSpan:
-    """until_ns: where the next one begins, or the log ends."""
+    """A span with one state."""
 
     from_ns: int
     until_ns: int
+    """Beginning of the next span, or end of the log."""
     text: str
     source: str
 
 
 @dataclass(frozen=True, slots=True)
 class LogText:
-    """severity: MAVLink's, 0 emergency to 7 debug; None where the log does not keep it."""
+    """A logged text."""
 
     at_ns: int
     text: str
     severity: int | None
+    """MAVLink severity, 0 emergency to 7 debug; None if not logged."""
     source: str
 
 
 def armed(log: Log) -> list[StateSpan]:
-    """While the motors were armed, in the order of time."""
+    """Spans in which the motors were armed, in order of time."""
     states = _arm_states(log)
     if states is None:
         return []
     stamps, on, source = states
-    # Old copters stop logging before they write that they are disarmed: armed twice is disarmed in between.
+    # Old copters stop logging before they write the disarming, so two armings have a disarming in between.
     spans = _state_spans(log, stamps, on.astype(np.int64), source, {1: "armed"}, again=1 if source == "EV.Id" else None)
     return [span for span in spans if span.text == "armed"]
 
 
 def modes(log: Log) -> list[StateSpan]:
-    """One after another, by the vehicle's names."""
+    """Mode spans in order of time, with the vehicle's names of modes."""
     table = log.tables.get("MODE")
     column = None if table is None else first_of(table, ("ModeNum", "Mode"))
     if table is not None and column is not None and table.columns[column].kind == "number":
@@ -226,7 +230,7 @@ def _bridged_modes(log: Log) -> list[StateSpan]:
 
 
 def texts(log: Log) -> list[LogText]:
-    """Sentences of the autopilot and of the run, in the order of time."""
+    """Texts of the autopilot and of the run, in order of time."""
     found: list[LogText] = []
     sources = (
         ("MSG", "Message", None),
@@ -259,7 +263,7 @@ def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
             return _from_start(log, table.stamp_ns[either], numbers[either] == ARMED, "EV.Id")
     if (said := _states_from_texts(log)) is not None:
         return said
-    table = log.tables.get("STAT")  # of Plane
+    table = log.tables.get("STAT")  # from Plane
     if table is not None and "Armed" in table.columns:
         return table.stamp_ns, table.values("Armed", raw=True) != 0, "STAT.Armed"
     table = log.tables.get("/actuators")
@@ -273,14 +277,15 @@ def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
 
 
 def _from_start(log: Log, stamp_ns: Stamps, on: Flags, source: str) -> tuple[Stamps, Flags, str]:
-    """Only changes are written: what is disarmed first was armed when the log began, unless that is its first row."""
+    """Add the state at the start of the log. Only changes are logged: a vehicle that is first disarmed was armed
+    before, unless that is its first row."""
     if len(on) and not on[np.argmin(stamp_ns)] and log.span_ns is not None and stamp_ns.min() > log.span_ns[0]:
         return np.append(stamp_ns, log.span_ns[0]), np.append(on, True), source
     return stamp_ns, on, source
 
 
 def _states_from_texts(log: Log) -> tuple[Stamps, Flags, str] | None:
-    """By its sentences: a log that arming began has no row of it, only what was said just before."""
+    """Arming from texts. A log that starts at the arming has no row of it, only the text just before."""
     table = log.tables.get("MSG")
     if table is None or "Message" not in table.columns:
         return None
@@ -298,7 +303,7 @@ def _states_from_texts(log: Log) -> tuple[Stamps, Flags, str] | None:
 def _state_spans(
     log: Log, stamp_ns: Stamps, numbers: Stamps, source: str, names: dict[int, str], again: int | None = None
 ) -> list[StateSpan]:
-    """Where a number changes, or is `again`, a new span begins; the last one ends with the log."""
+    """Spans of a number: a new span begins if the number changes, or is `again`. The last span ends with the log."""
     if not len(stamp_ns):
         return []
     order = np.argsort(stamp_ns, kind="stable")
@@ -319,7 +324,7 @@ _PX4_PARAMETERS = ("parameters", "name", "value")
 
 
 def parameter_values(log: Log) -> dict[str, float]:
-    """Parameters by name with their last logged value (PARM, else PARAM_VALUE). Empty when the log has none."""
+    """Last logged value of each parameter (PARM, else PARAM_VALUE). Empty if the log has none."""
     found: dict[str, float] = {}
     for kind, name, value in (("PARAM_VALUE", "param_id", "param_value"), ("PARM", "Name", "Value"), _PX4_PARAMETERS):
         for table in tables_of(log, (kind,)):
@@ -334,14 +339,14 @@ def parameter_values(log: Log) -> dict[str, float]:
 
 
 def sensors_simulated(log: Log) -> bool:
-    """Whether the log itself shows that its sensors were simulated: ArduPilot's SIM records, or a run of ours."""
+    """Whether the log shows that its sensors were simulated: by SIM records of ArduPilot, or as a run of xitl."""
     return any(name in log.tables for name in _SIMULATOR_TABLES) or bool(tables_of(log, _SIMULATOR_TABLES))
 
 
 def arming_known(log: Log) -> bool:
-    """Whether the log would show that the vehicle was armed. If it does, and shows nothing, it never was.
+    """Whether the log would show an arming. If it would, and shows none, the vehicle was never armed.
 
-    A DataFlash log that is written while disarmed (LOG_DISARMED) holds the arming itself, as a row or a sentence.
+    A DataFlash log that is written while disarmed (LOG_DISARMED) holds the arming itself, as a row or a text.
     """
     if any(name in log.tables for name in ("ARM", "/actuators", "vehicle_status")) or tables_of(log, ("HEARTBEAT",)):
         return True
@@ -350,7 +355,7 @@ def arming_known(log: Log) -> bool:
 
 
 def armed_rows(log: Log, stamp_ns: Stamps) -> Flags | None:
-    """(N,) whether the motors were armed at each stamp; None where the log does not tell."""
+    """(N,) whether the motors were armed at each stamp; None if unknown."""
     spans = armed(log)
     if not spans and not arming_known(log):
         return None
@@ -360,12 +365,13 @@ def armed_rows(log: Log, stamp_ns: Stamps) -> Flags | None:
     return on
 
 
-# C1 since 2015, before that Ch1 (Copter) and Chan1 (Plane, Rover).
+# C1 since 2015; before that Ch1 (Copter) and Chan1 (Plane, Rover).
 _CHANNEL = re.compile(r"C(?:h|han)?([0-9]{1,2})|servo([0-9]{1,2})_raw|chan([0-9]{1,2})_raw")
 
 
 def outputs(log: Log) -> dict[int, Series]:
-    """By channel from 1: pulse widths (us), or commands from -1 to 1 (unit "") where a recording of ours has those."""
+    """Outputs by channel from 1: pulse widths (us), or commands from -1 to 1 (unit "") if an xitl recording has
+    them."""
     commands = log.tables.get("/actuators")
     if commands is not None and "command" in commands.columns:
         values = np.asarray(commands.values("command"), dtype=np.float64)
@@ -379,7 +385,7 @@ def outputs(log: Log) -> dict[int, Series]:
 
 
 def output_names(log: Log) -> dict[int, str]:
-    """What each of the outputs is for, where a recording of ours says so: `propeller 0`, `rudder 1`."""
+    """Function of each output, if an xitl recording has it: `propeller 0`, `rudder 1`."""
     commands = log.tables.get("/actuators")
     if commands is None or "names" not in commands.columns or not len(commands.stamp_ns):
         return {}
@@ -387,14 +393,14 @@ def output_names(log: Log) -> dict[int, str]:
 
 
 def pulses(log: Log) -> dict[int, Series]:
-    """Outputs by channel from 1, pulse widths (us) alone."""
+    """Outputs by channel from 1; only pulse widths (us)."""
     if log.format == "ulog":
         return px4.outputs(log)
     return _pulses(log, ("RCOU", "RCO2", "RCO3"), "SERVO_OUTPUT_RAW", "rc/out")
 
 
 def rc_inputs(log: Log) -> dict[int, Series]:
-    """By channel from 1: pulse widths (us)."""
+    """RC inputs by channel from 1: pulse widths (us)."""
     return _pulses(log, ("RCIN", "RCI2"), "RC_CHANNELS", "rc/in")
 
 
@@ -410,7 +416,7 @@ def _bridged_pulses(log: Log, ending: str) -> dict[int, Series]:
 
 
 def bridge_topic(log: Log, ending: str, column: str) -> Table | None:
-    """A topic of MAVROS by its end, `rc/out` of `/mavros/rc/out`."""
+    """A topic of MAVROS by its ending, such as `rc/out` of `/mavros/rc/out`."""
     for name, table in log.tables.items() if log.of_topics else ():
         if name.endswith(f"/{ending}") and column in table.columns:
             return table
@@ -418,7 +424,7 @@ def bridge_topic(log: Log, ending: str, column: str) -> Table | None:
 
 
 def _pulses(log: Log, logged: tuple[str, ...], message: str, bridged: str) -> dict[int, Series]:
-    """bridged: how the topic ends on which MAVROS gives them."""
+    """Pulse widths by channel. bridged: ending of the MAVROS topic that has them."""
     found = _bridged_pulses(log, bridged)
     for name in (*logged, message, f"/link/agent/rx:{message}"):
         table = first_instance(log, name)

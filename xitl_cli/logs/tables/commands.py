@@ -1,4 +1,4 @@
-"""Mission commands (MAV_CMD) and frames (MAV_FRAME) that ArduPilot takes, RC auxiliary and servo functions.
+"""Mission commands (MAV_CMD) and frames (MAV_FRAME) that ArduPilot accepts, RC auxiliary and servo functions.
 
 RCx_OPTION and AUXF.function: AUX_FUNC of libraries/RC_Channel/RC_Channel.h; SERVOn_FUNCTION: SRV_Channel::Function.
 """
@@ -23,7 +23,7 @@ MISSION_COMMANDS: Mapping[int, str] = {
     1000: "DO_GIMBAL_MANAGER_PITCHYAW", 42702: "SCRIPT_TIME", 42703: "ATTITUDE_TIME",
 }  # fmt: skip
 PLACE_COMMANDS = frozenset({16, 17, 18, 19, 21, 22, 31, 82, 84, 85, 94})
-"""Commands that go to a place."""
+"""Commands with a destination."""
 
 ALTITUDE_FRAMES: Mapping[int, str] = {
     0: "above sea level", 3: "above home", 5: "above sea level", 6: "above home", 10: "above terrain",
@@ -68,7 +68,7 @@ def auxiliary_function_name(number: int) -> str:
 PORT_THROTTLE, STARBOARD_THROTTLE = 73, 74
 THROTTLE = 70
 FIXED_OUTPUTS = (134, 135, 136)
-"""Outputs that stay at SERVOn_MIN, _TRIM or _MAX whatever happens."""
+"""Outputs that always stay at SERVOn_MIN, _TRIM or _MAX."""
 
 MOTORS = frozenset({*range(33, 41), *range(82, 86), *range(160, 180)})
 """Motors of a multicopter: from idle to full, never backwards."""
@@ -79,7 +79,7 @@ OLD_FUNCTIONS: Mapping[str, Mapping[int, int]] = {
     "plane": {1: 4, 2: 19, 3: 70, 4: 21},
     "copter": {channel: 32 + channel for channel in range(1, 9)},
 }
-"""By vehicle and channel, for firmware of before 2017: outputs were those of the RC channels, without a function."""
+"""By vehicle and channel, for firmware before 2017: outputs repeated the RC channels and had no function."""
 
 _SERVO_FUNCTIONS = {
     -1: "GPIO", 0: "none", 1: "RC passthrough", 2: "flap", 3: "flap, automatic", 4: "aileron", 6: "mount yaw",
@@ -111,7 +111,7 @@ _SERVO_RANGES = (
 
 
 def servo_function_name(number: int) -> str:
-    """Of a value of SERVOn_FUNCTION; "function 250" of one that is not known."""
+    """Name of a value of SERVOn_FUNCTION; "function 250" if it is unknown."""
     if number in _SERVO_FUNCTIONS:
         return _SERVO_FUNCTIONS[number]
     for low, high, word, first in _SERVO_RANGES:

@@ -1,7 +1,7 @@
 """Numbers of EV, ERR and ARM, bits of internal errors and of EKF flags, by name.
 
-EV and ERR: LogEvent, LogErrorSubsystem and LogErrorCode of libraries/AP_Logger/AP_Logger.h, and those that older
-versions had; ARM: Method and Check of libraries/AP_Arming; internal errors (MON.IErr, WDOG.IErr): libraries/
+EV and ERR: LogEvent, LogErrorSubsystem and LogErrorCode of libraries/AP_Logger/AP_Logger.h, and those of older
+versions; ARM: Method and Check of libraries/AP_Arming; internal errors (MON.IErr, WDOG.IErr): libraries/
 AP_InternalError; EKF2 and EKF3: libraries/AP_NavEKF/AP_Nav_Common.h, libraries/AP_NavEKF3.
 """
 
@@ -19,7 +19,7 @@ EKF_TIMEOUTS: Mapping[int, str] = {  # XKF4.TS
     0: "position", 1: "velocity", 2: "height", 3: "compass", 4: "airspeed", 5: "drag",
 }  # fmt: skip
 EKF_TIMEOUTS_THAT_COUNT = 0b1111
-"""Airspeed and drag time out wherever there is no such sensor."""
+"""Relevant timeouts. Airspeed and drag time out on every vehicle without such a sensor."""
 
 EKF_FAULTS: Mapping[int, str] = {  # XKF4.FS
     0: "quaternion not a number", 1: "velocity not a number", 2: "fusion of compass X badly conditioned",
@@ -39,7 +39,7 @@ EKF_SOURCE_SETS: Mapping[int, str] = {0: "primary", 1: "secondary", 2: "tertiary
 
 
 def bit_names(names: Mapping[int, str], value: int) -> tuple[str, ...]:
-    """Of the bits set in `value`; those without a name as "bit 21"."""
+    """Names of the bits set in `value`; "bit 21" for a bit without a name."""
     return tuple(names.get(bit, f"bit {bit}") for bit in range(max(value, 0).bit_length()) if value >> bit & 1)
 
 
@@ -109,7 +109,7 @@ _CODES: Mapping[tuple[int, int], str] = {
 }  # fmt: skip
 _FAILSAFES = frozenset({5, 6, 7, 8, 17, 19, 20, 23, 26, 28, 29, 31})
 _FENCES = ((1, "upper height"), (2, "circle"), (4, "polygon"), (8, "lower height"))
-# Code 0 clears whatever the subsystem had before; errors of these tell of an instant only.
+# Code 0 clears the last error of a subsystem; errors of the following subsystems are instants.
 _AT_ONCE = frozenset(
     {ERR_MODE_REFUSED, 13, 14, ERR_PARACHUTE, ERR_NAVIGATION, ERR_EKF_PRIMARY, ERR_CRASH, ERR_INTERNAL, ERR_THRUST_LOSS}
 )
@@ -120,17 +120,17 @@ def subsystem_name(subsystem: int) -> str:
 
 
 def is_failsafe_error(subsystem: int) -> bool:
-    """Whether its errors are a failsafe that acts."""
+    """Whether an error of the subsystem is a failsafe that acts."""
     return subsystem in _FAILSAFES or subsystem == ERR_FENCE
 
 
 def error_persists(subsystem: int) -> bool:
-    """Whether an error of it stays until it is cleared, where others only tell of an instant."""
+    """Whether an error of the subsystem persists until it is cleared. Other errors are instants."""
     return subsystem not in _AT_ONCE
 
 
 def error_name(subsystem: int, code: int, kind: VehicleKind = "unknown") -> str:
-    """ "EKF check: bad variance"; "compass: resolved" for code 0 of what can be cleared."""
+    """Name of an error, such as "EKF check: bad variance". Code 0 of a persistent error is "compass: resolved"."""
     return f"{subsystem_name(subsystem)}: {_code_name(subsystem, code, kind)}"
 
 
@@ -183,7 +183,7 @@ ARMING_METHODS: Mapping[int, str] = {
     38: "toy mode", 100: "unknown",
 }  # fmt: skip
 FAILSAFE_ARMING_METHODS = frozenset({5, 6, 7, 9, 10, 12, 15, 16, 18, 19, 20, 21, 23, 24, 25, 26, 29, 33})
-"""Methods that are the autopilot's own answer to trouble."""
+"""Methods that are a failsafe action of the autopilot."""
 
 ALL_CHECKS = 1
 ARMING_CHECKS: Mapping[int, str] = {
@@ -199,7 +199,7 @@ def arming_method_name(number: int) -> str:
 
 
 def checks_left_out(enabled: int) -> tuple[str, ...]:
-    """Names of the checks that are not among the bits of `enabled` (ARM.ArmChecks, ARMING_CHECK)."""
+    """Names of the checks without a bit in `enabled` (ARM.ArmChecks, ARMING_CHECK)."""
     if enabled & ALL_CHECKS:
         return ()
     return tuple(name for bit, name in ARMING_CHECKS.items() if bit and not enabled >> bit & 1)

@@ -51,26 +51,26 @@ REASONS: Mapping[int, str] = {
 }  # fmt: skip
 
 FAILSAFE_REASONS = frozenset({3, 4, 5, 6, 7, 10, 11, 17, 19, 25, 28, 29, 50, 51})
-"""Reasons that are the autopilot's own answer to trouble."""
+"""Reasons that are a failsafe action of the autopilot."""
 
 NAVIGATING = frozenset({"AUTO", "GUIDED", "RTL", "SMART_RTL", "LOITER", "CIRCLE", "CRUISE", "QRTL", "AUTO_RTL"})
 """Modes that steer by the position estimate."""
 HEADING_HELD = frozenset({"AUTO", "GUIDED", "RTL", "SMART_RTL", "CIRCLE", "FOLLOW", "STEERING", "SIMPLE", "DOCK"})
-"""Modes of Rover that steer to a heading all the time; LOITER lets it drift within its radius."""
+"""Modes of Rover that always steer to a heading; LOITER lets the heading drift within its radius."""
 
 FREE_ATTITUDE: Mapping[VehicleKind, frozenset[str]] = {
     "copter": frozenset({"ACRO", "FLIP", "SPORT", "THROW", "TURTLE", "AUTOROTATE", "SYSTEMID"}),
     "plane": frozenset({"MANUAL", "ACRO", "TRAINING", "QACRO"}),
     "sub": frozenset({"ACRO", "MANUAL"}),
 }
-"""Modes in which the pilot may take any attitude."""
+"""Modes in which the pilot may command any attitude."""
 
 
 def mode_name(kind: VehicleKind, number: int) -> str:
-    """ "AUTO"; "mode 10" where the vehicle or the number is not known."""
+    """Name of a mode, such as "AUTO"; "mode 10" if the vehicle or the number is unknown."""
     return MODES[kind].get(number, f"mode {number}")
 
 
 def reason_name(number: int) -> str:
-    """ "ground station"; "" for 0, which says that no reason was given."""
+    """Reason of a mode change, such as "ground station"; "" for 0, which means that no reason was given."""
     return "" if number == 0 else REASONS.get(number, f"reason {number}")

@@ -27,18 +27,18 @@ _KINDS_BY_TYPE: tuple[tuple[VehicleKind, tuple[int, ...]], ...] = (
 
 
 def kind_from_build(number: int) -> VehicleKind:
-    """Of VER.BU."""
+    """Kind of vehicle from VER.BU."""
     return _BUILDS.get(number, "unknown")
 
 
 def kind_from_name(text: str) -> VehicleKind:
-    """Of a firmware's name."""
+    """Kind of vehicle from a firmware's name."""
     lower = text.lower()
     return next((kind for part, kind in _IN_NAMES if part in lower), "unknown")
 
 
 def kind_from_mav_type(number: int) -> VehicleKind:
-    """Of HEARTBEAT.type of an ArduPilot."""
+    """Kind of vehicle from HEARTBEAT.type of an ArduPilot."""
     return next((kind for kind, numbers in _KINDS_BY_TYPE if number in numbers), "unknown")
 
 
@@ -62,19 +62,20 @@ BOAT_FRAME = 2  # FRAME_CLASS of Rover
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """What is normal for a class of vehicles. lean_deg: roll and pitch it keeps to, and lean_s for how long it may not;
-    None where any is normal. overturned_deg: tilt from which it does not right itself. shock_mps2: acceleration beside
-    gravity that waves, kerbs, gusts and landings reach.
-    """
+    """Normal motion of a class of vehicles."""
 
     lean_deg: float | None
+    """Normal roll and pitch; None if any is normal."""
     lean_s: float
+    """Time for which a larger lean is normal."""
     overturned_deg: float
+    """Tilt from which the vehicle does not right itself."""
     shock_mps2: float
+    """Acceleration without gravity that waves, kerbs, gusts and landings cause."""
 
 
 MOTION_LIMITS: Mapping[VehicleKind, MotionLimits] = {
-    # A hull heels to 30 deg in waves and rights itself to 60 to 90; small craft slam at 2 to 3 g (ISO 12217, 2631-5).
+    # A hull heels to 30 deg in waves and rights itself from 60 to 90; small craft slam at 2 to 3 g (ISO 12217, 2631-5).
     "rover": MotionLimits(45.0, 1.0, 80.0, 35.0),
     # Lean is limited by ANGLE_MAX; hard landings reach 3 g.
     "copter": MotionLimits(65.0, 0.5, 90.0, 40.0),
@@ -89,13 +90,13 @@ _RELEASES: Mapping[int, str] = {
 
 
 def board_name(board: int, subtype: int) -> str:
-    """Of VER.BT and VER.BST."""
+    """Name of a board from VER.BT and VER.BST."""
     name = _BOARDS.get(board, f"board type {board}")
     detail = _SUBTYPES.get(subtype, "")
     return f"{name} {detail}".strip()
 
 
 def release_name(number: int) -> str:
-    """Of VER.FWT, or the lowest byte of AUTOPILOT_VERSION.flight_sw_version."""
+    """Release type from VER.FWT, or from the lowest byte of AUTOPILOT_VERSION.flight_sw_version."""
     below = [edge for edge in _RELEASES if edge <= number]
     return _RELEASES[max(below)] if below else ""

@@ -1,4 +1,4 @@
-"""What all bags have in common: topics as tables, their stamps the times of reception."""
+"""Common base of all bags: topics as tables, with the times of reception as stamps."""
 
 from __future__ import annotations
 
@@ -21,22 +21,25 @@ YEAR_2000_NS = 946_684_800 * 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class BagTopic:
-    """One topic of one type. type_name: "sensor_msgs/msg/Imu" or "sensor_msgs/Imu". definition: its text, "" when the
-    bag has none. form: "cdr" or "ros1". count: of its messages. batches: goes over them in the order of the file.
-    """
+    """One topic of one type."""
 
     name: str
     type_name: str
+    """Such as "sensor_msgs/msg/Imu" or "sensor_msgs/Imu"."""
     definition: str
+    """Text of the definition, "" if the bag has none."""
     form: str
+    """One of "cdr" and "ros1"."""
     count: int
+    """Number of messages."""
     batches: Callable[[], Iterator[PayloadBatch]]
+    """Iterates over the messages in the order of the file."""
 
 
 class BagLog(Log):
-    """Tables by topic as of an MCAP recording; a second type on the same topic is called "topic#2".
+    """Tables by topic as in an MCAP recording. A second type on the same topic is called "topic#2".
 
-    Stamps are when the recorder received a message (`header.stamp`, when it was made, is a column).
+    A stamp is the time at which the recorder received a message. The time of its creation, `header.stamp`, is a column.
     """
 
     def __init__(self, path: Path) -> None:
@@ -50,7 +53,7 @@ class BagLog(Log):
         self._size = 0
 
     def _settle(self, topics: Iterable[BagTopic], span_ns: tuple[int, int] | None) -> None:
-        """Take what the bag holds."""
+        """Store the topics and the time span of the bag."""
         budget, named = MemoryBudget(), dict[str, int]()
         for topic in topics:
             if not topic.count:
@@ -120,7 +123,7 @@ class BagLog(Log):
 
 
 def decoder(type_name: str, definition: str, form: str) -> Decoder:
-    """Of a type; without a definition by that of the distributions of ROS. Raises UndecodableError."""
+    """Decoder of a type. Without a definition, use that of the ROS distributions. Raises UndecodableError."""
     if form not in ("cdr", "ros1"):
         raise UndecodableError(f"its messages are serialised as {form[:32] or 'nothing that is named'}, not as CDR")
     text = (definition or _known_definition(type_name, form)).encode("utf-8", "replace")

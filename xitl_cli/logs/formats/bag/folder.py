@@ -1,4 +1,4 @@
-"""A ROS 2 bag as `ros2 bag record` makes it: a folder with metadata.yaml and one or more files of either storage."""
+"""A ROS 2 bag as `ros2 bag record` writes it: a folder with metadata.yaml and one or more files of either storage."""
 
 from __future__ import annotations
 
@@ -27,19 +27,21 @@ _MOST_METADATA = 64 << 20
 
 @dataclass(frozen=True, slots=True)
 class BagFolder:
-    """files: of its messages, in order. packed_messages: each message is compressed by itself."""
+    """Content of a bag's folder."""
 
     files: tuple[Path, ...]
+    """Message files, in order."""
     packed_messages: bool
+    """Each message is compressed by itself."""
 
 
 def is_bag_folder(path: Path) -> bool:
-    """Whether `ros2 bag record` has made it, also when it never came to write the metadata."""
+    """Whether `ros2 bag record` created the folder, even if it did not write the metadata."""
     return (path / METADATA).is_file() or any(path.glob("*.db3"))
 
 
 def open_bag_folder(path: Path) -> Log:
-    """The bag in the folder. Raises LogError when there is none, or nothing of it can be read."""
+    """Open the bag in the folder. Raises LogError if there is none, or if no part of it can be read."""
     folder = _read_folder(path)
     opened = ExitStack()
     try:
@@ -92,7 +94,7 @@ def _unpacked_file(file: Path, opened: ExitStack) -> Path:
 
 
 class JoinedTable(Table):
-    """One topic of several files, one after the other: the columns that all of them have."""
+    """One topic of several files in sequence, with the columns that all of them have."""
 
     def __init__(self, name: str, parts: Sequence[Table], begins: Sequence[int]) -> None:
         self.name, self.instance = name, parts[0].instance
@@ -151,7 +153,7 @@ class JoinedLog(Log):
         self.path = path
         self.format: Format = parts[0].format
         self._parts, self._absent, self._opened = parts, absent, opened
-        begins = [number << 44 for number in range(len(parts))]  # no place in a part is beyond that, however packed
+        begins = [number << 44 for number in range(len(parts))]  # no offset in a part is larger, at any compression
         having: dict[str, list[tuple[Table, int]]] = {}
         for part, begin in zip(parts, begins, strict=True):
             for name, table in part.tables.items():

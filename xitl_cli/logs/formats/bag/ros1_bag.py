@@ -1,8 +1,8 @@
-"""A ROS 1 bag (format 2.0): a file of records, most of them chunks of messages with their indexes behind them.
+"""A ROS 1 bag (format 2.0): a file of records, mostly chunks of messages with their indexes behind them.
 
-Source: ROS wiki, "Bags/Format/2.0". Records are gone through from the first to the last, over the chunks with the help
-of the indexes that follow them; so a bag that was never closed (.bag.active) or is cut off reads as any other, only
-that its last chunks have to be unpacked for it.
+Source: ROS wiki, "Bags/Format/2.0". The reader goes through the records from first to last. It skips the content of
+chunks by the indexes that follow them. Thus it also reads a bag that was not closed (.bag.active) or is cut off, but it
+must decompress the last chunks.
 """
 
 from __future__ import annotations
@@ -40,29 +40,35 @@ Fields = Mapping[bytes, bytes]
 
 @dataclass(frozen=True, slots=True)
 class BagRows:
-    """Messages of a connection in a chunk: stamps (ns), places of their records in it; each (n,)."""
+    """Messages of a connection in a chunk."""
 
     stamp_ns: NDArray[np.int64]
+    """(n,)"""
     offset: NDArray[np.int64]
+    """(n,) positions of their records in the chunk."""
 
 
 @dataclass(slots=True)
 class BagChunk:
-    """place, size: of its data in the file. unpacked_from: where its data were, were nothing packed. indexed: whether
-    `rows`, by connection, is what the index behind it says."""
+    """One chunk of a bag."""
 
     place: int
+    """Offset of its data in the file."""
     size: int
+    """Bytes of its data in the file."""
     compression: str
     unpacked_size: int
     unpacked_from: int
+    """Offset of its data in the uncompressed file."""
     rows: dict[int, BagRows] = field(default_factory=dict)
+    """Messages by connection."""
     indexed: bool = False
+    """Whether `rows` is from the index behind the chunk."""
 
 
 @dataclass(frozen=True, slots=True)
 class BagConnection:
-    """One publisher on a topic, as the bag knows it."""
+    """One publisher on a topic, as described in the bag."""
 
     topic: str
     type_name: str
@@ -70,7 +76,7 @@ class BagConnection:
 
 
 class Ros1Bag(BagLog):
-    """Raises LogError when it is none that can be read."""
+    """A ROS 1 bag. Raises LogError if the file cannot be read."""
 
     format: Format = "rosbag1"
 
@@ -115,7 +121,7 @@ class Ros1Bag(BagLog):
         )
 
     def _walk(self) -> None:
-        """All records of the file, chunks unopened."""
+        """Read all records of the file without opening chunks."""
         at, end = len(MAGIC), self._source.size
         while at < end:
             found = self._record(at)
@@ -141,7 +147,8 @@ class Ros1Bag(BagLog):
             at = place + size
 
     def _record(self, at: int) -> tuple[Fields, int, int] | None:
-        """Fields of the record at `at`, place and size of its data; None where none is. Only a chunk may be cut off."""
+        """Fields of the record at `at`, offset and size of its data; None if there is no record. Only a chunk may be
+        cut off."""
         length = self._source.read(at, 4)
         if len(length) < 4 or not 0 < (size := _U32.unpack(length)[0]) <= _MOST_HEADER:
             return None
@@ -160,7 +167,7 @@ class Ros1Bag(BagLog):
         return fields, place, data_size
 
     def _next_chunk(self, begin: int) -> int | None:
-        """Where behind damage the next record of a chunk begins."""
+        """Find the next record of a chunk behind damage."""
         step = 1 << 20
         for low in range(begin, self._source.size, step):
             data = self._source.read(low, step + 64)
@@ -183,7 +190,7 @@ class Ros1Bag(BagLog):
         self._chunks.append(BagChunk(place, size, compression, unpacked_size, 0))
 
     def _add_index(self, fields: Fields, data: bytes) -> None:
-        """Of the chunk before it."""
+        """Add an index record to the chunk before it."""
         if not self._chunks or _whole(fields.get(b"ver", b"")) != 1 or b"conn" not in fields:
             return
         entries = np.frombuffer(data[: len(data) - len(data) % _TIME.itemsize], dtype=_TIME)
@@ -247,7 +254,7 @@ class Ros1Bag(BagLog):
     def _pieces(
         self, chunk: BagChunk, connections: list[int]
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], list[memoryview]]]:
-        """Sizes, stamps, places and payloads; messages that are not all there are left out."""
+        """Sizes, stamps, offsets and payloads. Incomplete messages are omitted."""
         rows = [chunk.rows[number] for number in connections if number in chunk.rows]
         if not rows:
             return
@@ -273,7 +280,7 @@ class Ros1Bag(BagLog):
 
 
 def parse_fields(data: bytes, size: int) -> Fields | None:
-    """The fields of a header, name and value; None unless they fill it."""
+    """Fields of a record header, name and value. None unless they fill it."""
     fields, at = dict[bytes, bytes](), 0
     if len(data) != size:
         return None
@@ -290,7 +297,8 @@ def parse_fields(data: bytes, size: int) -> Fields | None:
 def payload_places(
     data: bytes, offset: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Where the payloads of the message records at `offset` (n,) begin, their sizes, and which are all in `data`."""
+    """Offsets and sizes of the payloads of the message records at `offset` (n,), and which of them `data` contains
+    fully."""
     if len(data) < 8:
         nothing = np.zeros(len(offset), dtype=np.int64)
         return nothing, nothing, nothing.astype(np.bool_)
@@ -304,7 +312,7 @@ def payload_places(
 
 
 def _unpack(data: bytes, compression: str, size: int) -> tuple[bytes, str]:
-    """At most `size` bytes, and why they are not all: "" when they are."""
+    """Decompress at most `size` bytes. Return them and the reason why some are missing ("" if none are)."""
     if compression != "bz2":
         return unpack_frames(data, "" if compression == "none" else compression, size)
     decompressor, parts, left = bz2.BZ2Decompressor(), list[bytes](), size
@@ -321,12 +329,12 @@ def _unpack(data: bytes, compression: str, size: int) -> tuple[bytes, str]:
 
 
 def _whole(value: bytes) -> int:
-    """A number of a field, 0 where it is none."""
+    """Number in a field, 0 if it is invalid."""
     return int.from_bytes(value, "little") if len(value) in (1, 4, 8) else 0
 
 
 def refuse_other_version(path: Path, head: bytes) -> None:
-    """Raises LogError for a bag of another version of the format."""
+    """Raise LogError for a bag of another version of the format."""
     if not head.startswith(MAGIC):
         version = head[8:13].decode("ascii", "replace").strip()
         raise LogError(f"{path}: is a ROS 1 bag of format {version}; write it anew with `rosbag fix OLD.bag NEW.bag`")

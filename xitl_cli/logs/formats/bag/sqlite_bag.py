@@ -1,4 +1,4 @@
-"""A ROS 2 bag stored by SQLite (.db3): topics, messages and, from ROS 2 Iron on, the definitions of their types."""
+"""A ROS 2 bag stored by SQLite (.db3): topics, messages and, since ROS 2 Iron, the definitions of their types."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ _ROWS_AT_ONCE = 1000
 
 
 class SqliteBag(BagLog):
-    """packed: each message is compressed with Zstandard, as the metadata of its folder says.
+    """A bag in one SQLite file.
 
-    Raises LogError when it is no database or none of a bag.
+    packed: each message is compressed with Zstandard, according to the metadata of the bag's folder.
+
+    Raises LogError if the file is no database, or no bag.
     """
 
     format: Format = "rosbag2"
@@ -32,7 +34,7 @@ class SqliteBag(BagLog):
         super().__init__(path)
         self._packed = packed
         self._size = path.stat().st_size
-        writing = path.with_name(f"{path.name}-wal").exists()  # then what is newest stands beside the file
+        writing = path.with_name(f"{path.name}-wal").exists()  # if so, the newest data is in the file next to it
         place = f"file:{quote(str(path.absolute()))}?mode=ro{'' if writing else '&immutable=1'}"
         self._database = sqlite3.connect(place, uri=True)
         self._database.text_factory = lambda stored: stored.decode("utf-8", "replace")
@@ -66,7 +68,7 @@ class SqliteBag(BagLog):
         return {kind: text for kind, encoding, text in rows if encoding == "ros2msg"}
 
     def _counts(self) -> tuple[dict[int, int], tuple[int, int] | None]:
-        """Messages by topic, and first and last stamp; of a damaged database those before the damage."""
+        """Number of messages by topic, and first and last stamp. A damaged database is counted up to the damage."""
         counts, first, last = dict[int, int](), 0, 0
         try:
             for topic, stamp_ns in self._database.execute("SELECT topic_id, timestamp FROM messages ORDER BY id"):
@@ -88,7 +90,7 @@ class SqliteBag(BagLog):
         )
         while True:
             rows = list[tuple[int, int, bytes]]()
-            with contextlib.suppress(sqlite3.DatabaseError):  # noted when the messages were counted
+            with contextlib.suppress(sqlite3.DatabaseError):  # counted as damage together with the messages
                 rows.extend(islice(found, _ROWS_AT_ONCE))
             if not rows:
                 return
@@ -108,7 +110,7 @@ class SqliteBag(BagLog):
         try:
             return zstandard.ZstdDecompressor().decompress(data, max_output_size=1 << 30)
         except zstandard.ZstdError:
-            return b""  # shorter than its definition says: counted as undecoded
+            return b""  # shorter than its definition: counted as undecoded
 
     @property
     def facts(self) -> Mapping[str, str]:

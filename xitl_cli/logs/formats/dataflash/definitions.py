@@ -1,4 +1,4 @@
-"""What a DataFlash log says of its own records: FMT gives letters and columns, FMTU, UNIT and MULT what they measure.
+"""Description of records in a DataFlash log: FMT gives letters and columns; FMTU, UNIT and MULT give units.
 
 Letters: ArduPilot's libraries/AP_Logger/LogStructure.h.
 """
@@ -24,7 +24,7 @@ _SHAPES: Mapping[str, tuple[str, int]] = {
     "a": ("<i2", 32),
     **{letter: (code, 1) for code, letters in _LETTERS.items() for letter in letters},
 }
-"""By letter: numpy's code of an item, and how many."""
+"""By letter: numpy's code of an item, and the number of items."""
 _DIVISORS: Mapping[str, float] = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 TEXT = frozenset("nNZ")
 WIDTHS: Mapping[str, int] = {letter: np.dtype(code).itemsize * count for letter, (code, count) in _SHAPES.items()}
@@ -37,11 +37,13 @@ _UNITS = {"deglatitude": "deg", "deglongitude": "deg", "degheading": "deg", "UNK
 
 @dataclass(frozen=True, slots=True)
 class RecordField:
-    """One column of a record. at: its first byte, counted from the record's. letter: "" when it is not known."""
+    """One column of a record."""
 
     name: str
     letter: str
+    """Empty if unknown."""
     at: int
+    """Offset of its first byte in the record."""
 
     @property
     def dtype(self) -> np.dtype[np.void]:
@@ -58,7 +60,8 @@ class RecordField:
     def conversion(self, measure: Measure, *, raw: bool) -> tuple[float, float]:
         """Divisor and multiplier of a stored number: the letter's divisor, else the factor of its measure.
 
-        A tenth, a hundredth … is divided by: that is what the decimal number rounds to.
+        A tenth, a hundredth and so on become divisors, because the decimal number is the rounded result of the
+        division.
         """
         if self.divisor is not None:
             return self.divisor, 1.0
@@ -69,25 +72,25 @@ class RecordField:
 
 @dataclass(frozen=True, slots=True)
 class RecordDefinition:
-    """A type as one FMT record at byte `place` describes it.
-
-    length: of a record with its head, as described; 0 when that cannot be. fields: the columns that can be read.
-    unread: those that cannot. why: what keeps these from being read, or all of a row when there are no fields.
-    """
+    """A type as described by one FMT record at byte `place`."""
 
     place: int
     type_id: int
     length: int
+    """Length of a record with its header, as described; 0 if impossible."""
     name: str
     letters: str
     names: tuple[str, ...]
     fields: tuple[RecordField, ...]
+    """Columns that can be read."""
     unread: tuple[str, ...] = ()
+    """Columns that cannot be read."""
     why: str = ""
+    """Reason why `unread` columns, or whole rows if there are no fields, cannot be read."""
 
     @property
     def letters_length(self) -> int | None:
-        """Length of a record, head included, by its letters; None with an unknown letter."""
+        """Length of a record by its letters, with the header; None if a letter is unknown."""
         if any(letter not in WIDTHS for letter in self.letters):
             return None
         return HEAD_BYTES + sum(WIDTHS[letter] for letter in self.letters)
@@ -98,22 +101,22 @@ class RecordDefinition:
         return mine == theirs
 
     def with_type_id(self, type_id: int) -> RecordDefinition:
-        """A copy with another type number, which was damaged."""
+        """Copy with another type number, which was damaged."""
         return replace(self, type_id=type_id)
 
     def with_length(self, length: int) -> RecordDefinition:
-        """A copy with another length, which was damaged."""
+        """Copy with another length, which was damaged."""
         return definition(self.place, self.type_id, length, self.name, self.letters, self.names)
 
     @property
     def begins_with_time(self) -> bool:
-        """Whether microseconds in 8 bytes follow its head, as in every log since 2015 or so."""
+        """Whether microseconds in 8 bytes follow the header, as in every log since about 2015."""
         time = self.time
         return time is not None and (time[0].at, time[0].letter) == (HEAD_BYTES, "Q")
 
     @property
     def time(self) -> tuple[RecordField, int] | None:
-        """The column of the time stamp, and its unit in nanoseconds."""
+        """Column of the time stamp, and its unit in nanoseconds."""
         for place, field in enumerate(self.fields):
             if field.name == "TimeUS" and field.letter in "QqIi":
                 return field, 1_000
@@ -126,7 +129,7 @@ class RecordDefinition:
 def definition(
     place: int, type_id: int, length: int, name: str, letters: str, names: tuple[str, ...]
 ) -> RecordDefinition:
-    """Build a definition; never raises, `why` says what cannot be read."""
+    """Build a definition. Never raises; `why` gives the reason for unreadable columns."""
     fields, unread, why = _fields(length, letters, names)
     if not name:
         name = f"type {type_id}"
@@ -135,9 +138,9 @@ def definition(
     )
 
 
-@lru_cache(4096)  # the same ones are read again where a log is damaged
+@lru_cache(4096)  # a damaged log needs the same ones again
 def parse_fmt(payload: bytes, place: int) -> RecordDefinition:
-    """Definition from the 86 bytes behind the head of an FMT record; never raises."""
+    """Definition from the 86 bytes behind the header of an FMT record. Never raises."""
     type_id, length = payload[0], payload[1]
     name, columns = _cut(payload[2:6]), _cut(payload[22:86])
     letters = payload[6:22].partition(b"\0")[0].decode("latin-1")
@@ -145,14 +148,14 @@ def parse_fmt(payload: bytes, place: int) -> RecordDefinition:
 
 
 def _fields(length: int, letters: str, names: tuple[str, ...]) -> tuple[tuple[RecordField, ...], tuple[str, ...], str]:
-    """Columns that can be read, names of those that cannot, and why not."""
+    """Columns that can be read, names of the others, and the reason."""
     if length < HEAD_BYTES:
         return (), (), f"FMT gives it a length of {length} bytes, less than its head"
     if not letters:
         return (), (), "FMT gives it no columns"
     unknown = [place for place, letter in enumerate(letters) if letter not in WIDTHS]
     rest = length - HEAD_BYTES - sum(WIDTHS.get(letter, 0) for letter in letters)
-    if len(letters) == len(names) + 1 and rest == -WIDTHS.get(letters[-1], 0):  # what ends them is damaged
+    if len(letters) == len(names) + 1 and rest == -WIDTHS.get(letters[-1], 0):  # the byte that ends them is damaged
         letters, unknown, rest = letters[:-1], [place for place in unknown if place < len(names)], 0
     if names[:1] == ("TimeUS",) and letters[0] != "Q" and rest and rest + WIDTHS.get(letters[0], 0) == WIDTHS["Q"]:
         letters, unknown, rest = "Q" + letters[1:], [place for place in unknown if place], 0
@@ -185,7 +188,7 @@ def _fields(length: int, letters: str, names: tuple[str, ...]) -> tuple[tuple[Re
 
 
 def _of_another_width(letters: str, rest: int, names: tuple[str, ...]) -> list[int]:
-    """Which letters can be wrong when one is, and the right one is `rest` bytes wider."""
+    """Indices of letters that can be wrong if one letter is, and the correct one is `rest` bytes wider."""
     widths = set(WIDTHS.values())
     found = [place for place, letter in enumerate(letters) if WIDTHS[letter] + rest in widths]
     if found[:1] == [0] and letters[0] == "Q" and names[:1] == ("TimeUS",):
@@ -194,7 +197,7 @@ def _of_another_width(letters: str, rest: int, names: tuple[str, ...]) -> list[i
 
 
 def _distinct(names: tuple[str, ...], count: int) -> list[str]:
-    """A name for each letter. Names that are missing, empty or there twice are made from their place."""
+    """A name for each letter. Missing, empty and duplicate names are replaced by names from their index."""
     if len(names) != count:
         parted = [part for name in names for part in _NOT_IN_A_NAME.split(name)]
         names = tuple(parted) if len(parted) == count else (names[0] if names else "", *[""] * (count - 1))
@@ -209,7 +212,7 @@ def _distinct(names: tuple[str, ...], count: int) -> list[str]:
 
 
 def plausible_fmt(payload: bytes) -> bool:
-    """Whether these 86 bytes read like an FMT record: text where text belongs, letters that add up to the length."""
+    """Whether these 86 bytes are a plausible FMT record: text in text fields, letters that add up to the length."""
     found = parse_fmt(payload, 0)
     return (
         _NAME.fullmatch(found.name) is not None
@@ -225,21 +228,20 @@ def _cut(text: bytes) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """What a column measures. factor: from the stored number, or from what the letter makes of it, to `unit`; 1: none.
-
-    instance: whether the column tells instances apart.
-    """
+    """Unit of a column."""
 
     unit: str = ""
     raw_unit: str = ""
     factor: float = 1.0
+    """From the stored number, after the letter's conversion, to `unit`; 1: none."""
     instance: bool = False
+    """Whether the column distinguishes instances."""
 
 
 NOTHING = Measure()
 
 Meaning = Callable[[RecordDefinition], Mapping[str, Measure]]
-"""What the columns of a type measure, by name."""
+"""Measures of the columns of a type, by name."""
 
 
 def measures(
@@ -270,7 +272,7 @@ def _measure(field: RecordField, unit: str, factor: float, instance: bool) -> Me
 
 
 def _factor(character: str, factors: Mapping[str, float]) -> float:
-    """1: none. MULT holds single-precision numbers in double precision."""
+    """Factor of a MULT character; 1: none. MULT holds single-precision numbers in double precision."""
     factor = 1.0 if character in ("", "-", "?") else factors.get(character, 1.0)
     if not np.isfinite(factor) or factor == 0.0:
         return 1.0

@@ -1,4 +1,4 @@
-"""A DataFlash log (.bin) as tables, one a name of record."""
+"""A DataFlash log (.bin) as tables, one per name of record."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from xitl_cli.logs.model.file_bytes import FileBytes
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
 
 _SEARCHES = 8
-"""Types whose rows are looked for one by one."""
+"""Number of types with rows that are searched type by type."""
 _HUGE = 512 << 20
-"""Bytes of a log from which on what was searched does not stay mapped, though it is read again."""
+"""Size of a log in bytes from which searched parts do not stay mapped, although they are read again."""
 
 
 class DataFlashLog(Log):
-    """Implements `Log`. Opening finds all records; columns are read when they are asked for.
+    """Implements `Log`. Opening finds all records; columns are read on first use.
 
-    Raises LogError when the file cannot be read or holds no record that is whole.
+    Raises LogError if the file cannot be read or holds no complete record.
     """
 
     format: Format = "dataflash"
@@ -51,14 +51,14 @@ class DataFlashLog(Log):
             raise LogError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it")
         self._index: RecordIndex = index_records(self._data, self._forget_huge)
         self._looked_for = 0
-        if len(self._index.found.place) <= self._index.found.losses.suspect:  # none of them is sure
+        if len(self._index.found.place) <= self._index.found.losses.suspect:  # all of them are doubtful
             self.close()
             if self._index.found.unknown:
                 raise LogError(f"{path}: describes none of its records (no FMT); give a log that has its beginning")
             raise LogError(f"{path}: is no DataFlash log; give a .bin as ArduPilot writes it")
 
     def _forget_huge(self, start: int, stop: int) -> None:
-        """Release the memory of these bytes where the file may be larger than memory."""
+        """Release the memory of these bytes if the file may exceed the memory."""
         if len(self._data) > _HUGE:
             self._bytes.forget(start, stop)
 
@@ -105,16 +105,16 @@ class DataFlashLog(Log):
         return parts
 
     def _find(self, type_id: int) -> NDArray[np.int64]:
-        """Places of a type's rows: searched for the first few types, then sorted for all at once."""
+        """Offsets of a type's rows: searched for the first few types, then sorted for all types at once."""
         found = self._index.found
         self._looked_for += 1
         if self._looked_for <= _SEARCHES:
-            return found.place[np.flatnonzero(found.type_id == type_id)]  # faster than by the mask itself
+            return found.place[np.flatnonzero(found.type_id == type_id)]  # faster than indexing with the mask
         return self._sorted_places[type_id]
 
     @cached_property
     def _sorted_places(self) -> list[NDArray[np.int64]]:
-        """By type number."""
+        """Offsets by type number."""
         found = self._index.found
         ends = np.cumsum(np.bincount(found.type_id, minlength=256))
         return np.split(found.place[np.argsort(found.type_id, kind="stable")], ends[:-1])
@@ -150,7 +150,7 @@ class DataFlashLog(Log):
         )
 
     def _undecoded(self) -> dict[str, tuple[int, str]]:
-        """By type, or by type and column where only that cannot be read."""
+        """Undecodable rows by type, or by type and column if only a column cannot be read."""
         listed = []
         for part in self._parts:
             one = part.definition
@@ -181,7 +181,7 @@ _NUMBER, _TEXT = "bBM", "nNZ"
 
 
 def meanings(data: Bytes, parts: Mapping[str, Sequence[DefinitionRows]]) -> Meaning:
-    """What the columns of a definition measure, as the last FMTU record of its type with as many columns says."""
+    """Return the meaning of a definition's columns: the last FMTU record of its type with as many columns."""
     labels = _by_character(data, parts.get("UNIT", ()), "Label", _TEXT)
     factors = _by_character(data, parts.get("MULT", ()), "Mult", "dfg")
     described: dict[int, list[tuple[str, str]]] = {}
@@ -211,7 +211,7 @@ def _by_character(data: Bytes, parts: Sequence[DefinitionRows], column: str, let
 
 
 def _column(data: Bytes, part: DefinitionRows, name: str, letters: str) -> NDArray[Any]:
-    """Empty when there is none with such a letter."""
+    """Column of this name. Empty if there is none with one of these letters."""
     field = next((field for field in part.definition.fields if field.name == name and field.letter in letters), None)
     if field is None:
         return np.empty(0, np.int64)

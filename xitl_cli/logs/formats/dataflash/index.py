@@ -1,7 +1,7 @@
-"""Where the records of a DataFlash log are, and which FMT record describes which rows.
+"""Offsets of the records of a DataFlash log, and the assignment of FMT records to rows.
 
-A byte of an FMT record that is damaged must not cost the rows of its type, and a type may be described anew: what an
-FMT record says is checked against where the heads of its rows are.
+A damaged byte of an FMT record must not lose the rows of its type, and a type may be described again. Therefore the
+content of an FMT record is checked against the positions of the headers of its rows.
 """
 
 from __future__ import annotations
@@ -34,24 +34,26 @@ from xitl_cli.logs.formats.dataflash.records import (
 )
 
 _MOST_VERSIONS = 64
-"""Descriptions of one type that differ; no log has as many."""
+"""Different descriptions of one type; no log has as many."""
 _MOST_CHANGES = 16_384
 _SAMPLE = 512
-"""Heads looked at to see how long the records of a type are."""
+"""Headers sampled to measure the length of the records of a type."""
 _ASSUMED_FROM = 3
-"""Rows of a type that no FMT describes, from which on their length is believed."""
+"""Number of rows from which the length of a type without FMT is accepted."""
 
 Versions = dict[int, list[RecordDefinition]]
 
 
 @dataclass(frozen=True, slots=True)
 class DescribedTypes:
-    """versions: by type number, each from its place on, the first also before. redefined: descriptions that differ from
-    what held before. assumed: the length of types that no FMT describes."""
+    """Types as described by a log."""
 
     versions: Versions
+    """By type number. Each version holds from its place on; the first also holds before."""
     redefined: int
+    """Number of descriptions that differ from the previous one."""
     assumed: Mapping[int, int]
+    """Length of types without an FMT record."""
 
     def types(self) -> RecordTypes:
         length = np.zeros(256, np.uint8)
@@ -67,7 +69,7 @@ class DescribedTypes:
 
 
 def likely_fmt(data: Bytes, heads: Heads, place: Places) -> Places:
-    """The places of FMT records that end at a head, or whose content is plausible."""
+    """Offsets of FMT records that end at a header, or have plausible content."""
     place = place[place + FMT_LENGTH <= len(data)]
     followed = heads.are_at(place + FMT_LENGTH, len(data))
     first = data[place + HEAD_BYTES + 2]
@@ -83,9 +85,9 @@ def payload_at(data: Bytes, place: int) -> bytes:
 def describe(
     data: Bytes, heads: Heads, fmt_places: Sequence[int], unknown: Sequence[tuple[int, int, int]] = ()
 ) -> DescribedTypes:
-    """Types described by the FMT records at these places.
+    """Types described by the FMT records at these offsets.
 
-    unknown: head, type number and length of records in line that no FMT record described.
+    unknown: header, type number and length of records in line without an FMT record.
     """
     settling = _DefinitionSearch(data, heads)
     settling.add(fmt_places)
@@ -121,7 +123,7 @@ class _DefinitionSearch:
                     self._refused.append(new)
 
     def _changes(self, places: Places) -> list[int]:
-        """Without those that say of a type what was said last."""
+        """FMT records without repetitions of the last description of a type."""
         if not len(places):
             return []
         rows = np.lib.stride_tricks.sliding_window_view(self._data, FMT_LENGTH)[places, HEAD_BYTES:]
@@ -133,7 +135,7 @@ class _DefinitionSearch:
         return [int(place) for place in places[changes[:_MOST_CHANGES]]]
 
     def _sized(self, new: RecordDefinition) -> RecordDefinition:
-        """With the length that its letters have, where the rows are as long as that."""
+        """The definition with the length from its letters, if the distance of rows agrees with it."""
         length = new.letters_length
         if length is None or length in (new.length, HEAD_BYTES) or length > 255:
             return new
@@ -141,13 +143,13 @@ class _DefinitionSearch:
         return new.with_length(length) if self._fit(new.type_id, length) > declared else new
 
     def _holds(self, old: RecordDefinition, new: RecordDefinition) -> bool:
-        """Whether a description anew is one: rows behind it are as long as it says, rather than as they were."""
+        """Whether a new description is valid: rows behind it have its length rather than the old length."""
         if new.length == old.length:
             return True
         return self._fit(new.type_id, new.length, new.place) >= self._fit(new.type_id, old.length, new.place)
 
     def _fit(self, type_id: int, length: int, start: int = 0) -> float:
-        """The share of the type's heads from a place on that are that far from another."""
+        """Share of the type's headers, from an offset on, at which another header follows after `length` bytes."""
         if type_id not in self._heads_of:
             self._heads_of[type_id] = self._heads.place[self._heads.type_id == type_id]
         place = self._heads_of[type_id]
@@ -157,7 +159,7 @@ class _DefinitionSearch:
         return float(np.count_nonzero(self._heads.are_at(place + length, len(self._data)))) / len(place)
 
     def assign_undescribed(self, unknown: Sequence[tuple[int, int, int]]) -> dict[int, int]:
-        """Find the description meant for each type without one. Returns the lengths of types that stay without."""
+        """Find the description meant for each type that has none. Return the lengths of types that remain without."""
         lengths: dict[int, Counter[int]] = {}
         for _, type_id, length in unknown:
             lengths.setdefault(type_id, Counter())[length] += 1
@@ -174,7 +176,7 @@ class _DefinitionSearch:
         return assumed
 
     def _behind_another_head(self, type_id: int, length: int) -> RecordDefinition | None:
-        """The type number of the FMT record itself is damaged."""
+        """Find the FMT record of a type if the type number in its own header is damaged."""
         place = self._heads.place
         place = place[place + FMT_LENGTH <= len(self._data)]
         likely = place[(self._data[place + 3] == type_id) & (self._data[place + 4] == length)]
@@ -185,9 +187,9 @@ class _DefinitionSearch:
         return None
 
     def _meant_for(self, type_id: int, length: int) -> RecordDefinition | None:
-        """The type number that an FMT record describes is damaged: it was described otherwise too, or no row is of it.
+        """Find the FMT record of a type if the described type number is damaged.
 
-        None also when more than one could be meant.
+        Its apparent type then has another description, or no rows. None also if several records are possible.
         """
         columns = self._columns_with_units()
         several = [one for versions in self.versions.values() if len(versions) > 1 for one in versions]
@@ -219,12 +221,12 @@ class _DefinitionSearch:
         return meant
 
     def _speaks_of_types(self, units: RecordDefinition) -> bool:
-        """Whether rows of this description of FMTU speak of types that are described."""
+        """Whether rows of this FMTU description refer to described types."""
         spoken = self._spoken_of(units)
         return len(spoken) > 1 and sum(one in self.versions for one in spoken) > 0.8 * len(spoken)
 
     def _columns_with_units(self) -> dict[int, int]:
-        """By type: of how many columns an FMTU record speaks."""
+        """Number of columns in the FMTU record, by type."""
         found: dict[int, int] = {}
         for versions in self.versions.values():
             if versions[0].name == "FMTU":
@@ -246,14 +248,14 @@ class _DefinitionSearch:
 
 
 def in_line_lengths(heads: Heads, unknown: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """Number, type number and distance to the next head, for each of these heads."""
+    """Index, type number and distance to the next header, for each of these headers."""
     unknown = unknown[unknown + 1 < len(heads.place)]
     gaps = heads.place[unknown + 1] - heads.place[unknown]
     return list(zip(unknown.tolist(), heads.type_id[unknown].tolist(), gaps.tolist(), strict=True))
 
 
 _PASSES = 4
-"""Damage to what describes the types takes one more for each that is found in the light of the last."""
+"""Each level of damage in the description of types needs another pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +265,7 @@ class RecordIndex:
 
 
 def index_records(data: Bytes, forget: Forget) -> RecordIndex:
-    """Index a log of any content. forget: called with ranges that were read and are not needed soon."""
+    """Index a log with any content. forget: called with ranges that were read and are not needed soon."""
     heads = find_heads(data, forget)
     places = likely_fmt(data, heads, heads.place[heads.type_id == FMT_ID]).tolist()
     unknown: list[tuple[int, int, int]] = []

@@ -1,8 +1,8 @@
-"""The records of a DataFlash log: from heads (A3 95) to a chain in which each record ends where the next begins.
+"""The records of a DataFlash log: from headers (A3 95) to a chain in which each record ends at the next header.
 
-A record in line begins where the last one ended; it is believed. Elsewhere a head is believed when its record ends at
-another head, or at the end of the file. What lies between and still makes rows is kept and counted as suspect: its
-length fits, and its time lies between that of its neighbours. The rest is damage, and is skipped.
+A record in line begins at the end of the previous record; it is accepted. Elsewhere, a header is accepted if its record
+ends at another header or at the end of the file. Other records are kept, and counted as suspect, if their length fits
+and their time lies between the times of their neighbours. The remaining bytes are damage, and are skipped.
 """
 
 from __future__ import annotations
@@ -20,22 +20,24 @@ from xitl_cli.logs.model.log import Losses
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
 Forget = Callable[[int, int], None]
-"""Told from where to where the bytes of a log were read and are not needed at once."""
+"""Called with a range of bytes that was read and is not needed soon."""
 
 _BLOCK = 512 << 10
-"""Bytes compared at a time: what is made of them stays in the processor's cache."""
+"""Bytes compared at a time: intermediate arrays stay in the processor's cache."""
 _ONE = np.uint64(1)
 
 
 @dataclass(frozen=True, slots=True)
 class Heads:
-    """place: (H,) rising. type_id: (H,) the byte behind A3 95."""
+    """Possible headers of records."""
 
     place: Places
+    """(H,) rising."""
     type_id: Bytes
+    """(H,) the byte behind A3 95."""
 
     def are_at(self, places: Places, end: int) -> NDArray[np.bool_]:
-        """Whether a head is at each of these places, or the log's end."""
+        """Whether a header, or the end of the log, is at each of these offsets."""
         if not len(self.place):
             return np.asarray(places == end)
         at = np.minimum(np.searchsorted(self.place, places), len(self.place) - 1)
@@ -43,9 +45,9 @@ class Heads:
 
 
 def find_heads(data: Bytes, forget: Forget) -> Heads:
-    """All heads, including those within a payload by chance.
+    """All headers, including accidental ones within a payload.
 
-    One thread: a second one waits for the interpreter as often as it saves time.
+    One thread: a second thread waits for the interpreter as often as it saves time.
     """
     last = max(len(data) - 2, 0)
     first, second = np.empty(_BLOCK, np.bool_), np.empty(_BLOCK, np.bool_)
@@ -66,7 +68,7 @@ def find_heads(data: Bytes, forget: Forget) -> Heads:
 
 
 def _true(mask: NDArray[np.bool_]) -> Places:
-    """Where a mask of few is true, eight at a time: its length is a multiple of 8."""
+    """Indices of True in a sparse mask, found eight at a time. Its length is a multiple of 8."""
     eights = mask.view("<u8")
     groups = np.flatnonzero(eights != 0)
     bits = eights[groups]
@@ -83,7 +85,7 @@ def _true(mask: NDArray[np.bool_]) -> Places:
 
 
 def u64_at(data: Bytes, places: Places) -> NDArray[np.uint64]:
-    """Little-endian uint64 at these places."""
+    """Little-endian uint64 at these offsets."""
     if not len(places):
         return np.empty(0, np.uint64)
     every = np.lib.stride_tricks.as_strided(data[: len(data) // 8 * 8].view("<u8"), (len(data) - 7,), (1,))
@@ -92,23 +94,25 @@ def u64_at(data: Bytes, places: Places) -> NDArray[np.uint64]:
 
 _MOST_UNKNOWN = 100_000
 _STEP = 1 << 16
-"""Heads looked at in one go."""
+"""Headers processed at a time."""
 _REACH = 128
-"""Heads that fit into the longest record."""
+"""Maximum number of headers within the longest record."""
 _FEW = 32
-"""Heads that are looked at one by one rather than together."""
+"""Number of headers up to which they are checked one by one instead of together."""
 _NEAR_US = 5_000_000
-"""How far the time of a doubtful record may be from that of whole ones around it."""
+"""Largest distance of the time of a doubtful record from the times of the accepted records around it."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordTypes:
-    """What is known of record types. length: (256,), 0: not described. timed: (256,) whether a record begins with its
-    time in microseconds. changes: where in the file lengths change, as (place, type number, length), by place."""
+    """Known properties of record types."""
 
     length: NDArray[np.uint8]
+    """(256,), 0: no description."""
     timed: NDArray[np.bool_]
+    """(256,) whether a record begins with its time in microseconds."""
     changes: tuple[tuple[int, int, int], ...] = ()
+    """Changes of a length within the file: (place, type number, length), sorted by place."""
 
     def lengths_of(self, heads: Heads) -> NDArray[np.uint8]:
         lengths = self.length[heads.type_id]
@@ -129,21 +133,21 @@ class RecordTypes:
 
 @dataclass(slots=True)
 class FoundRecords:
-    """place, type_id: (R,) of the records, rising.
-
-    unknown: heads in line of types that are not described, at most 100 000. repaired_fmt: places of FMT records of
-    which a byte of the head is damaged.
-    """
+    """Records of a log."""
 
     place: Places
+    """(R,) rising."""
     type_id: Bytes
+    """(R,) in the order of `place`."""
     losses: Losses = field(default_factory=Losses)
     unknown: list[int] = field(default_factory=list)
+    """Headers in line with types that have no description, at most 100 000."""
     repaired_fmt: list[int] = field(default_factory=list)
+    """Offsets of FMT records with one damaged byte in the header."""
 
 
 def chain(data: Bytes, heads: Heads, types: RecordTypes) -> FoundRecords:
-    """The records of a log, in time proportional to its size."""
+    """Find the records of a log, in time proportional to its size."""
     return _RecordChain(data, heads, types).run()
 
 
@@ -159,7 +163,8 @@ class _RecordChain:
         self._found = FoundRecords(heads.place, heads.type_id)
 
     def _relations(self) -> tuple[bytes, bytes]:
-        """A byte a head: whether its record ends at the very next head, and whether at any; the file's end is one."""
+        """One byte per header: whether its record ends at the very next header, and whether at any. The file's end
+        counts as one."""
         place, length, count = self._place, self._length, self._count
         linked, sound = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         for at in range(0, count, _STEP):
@@ -228,10 +233,11 @@ class _RecordChain:
             self._found.losses.note(place, until - place, why)
 
     def _inner(self, outer: int, target: int, end: int) -> int | None:
-        """The first head within a record from which records lead to where it ends, if its time says that it is one.
+        """First header within a record from which records lead to the end of that record, if its time confirms it.
 
-        Then the one around it is none: its type number is damaged, or bytes are missing of it. Without a time it would
-        be chance too often: every 65536th byte of any payload begins something like a head.
+        If there is one, the outer record is invalid: its type number is damaged, or bytes of it are missing. Without
+        the check of the time, accidental headers would be too frequent: every 65536th byte of any payload looks like a
+        header.
         """
         ends, inner = {end}, []
         for head in range(target - 1, outer, -1):
@@ -246,7 +252,7 @@ class _RecordChain:
         return next((head for head in reversed(inner) if self._makes_sense(head, start, end, low_us, high_us)), None)
 
     def _past_damage(self, head: int) -> int:
-        """Go on behind a record in line that does not end at a head, and keep it when it can be one."""
+        """Continue behind a record in line that does not end at a header, and keep the record if it is possible."""
         place, length = int(self._place[head]), int(self._length[head])
         resumed, until = self._next_sound(head + 1)
         if self._type_id[head] != FMT_ID and self._keep_fmt(place, until):
@@ -265,12 +271,14 @@ class _RecordChain:
         return self._resume(place, head + 1, "a record is cut short")
 
     def _next_sound(self, head: int) -> tuple[int, int]:
-        """The first head from here whose record ends at a head, and its place; the end of the file without one."""
+        """First header from here with a record that ends at a header, and its offset; the end of the file if there is
+        none."""
         sound = self._sound.find(b"\1", head)
         return (self._count, self._size) if sound < 0 else (sound, int(self._place[sound]))
 
     def _resume(self, place: int, head: int, why: str = "no record begins here") -> int:
-        """The head to go on from. Until there, from `place` and `head` on, keep what makes rows; the rest is lost."""
+        """Return the header at which to resume. Before it, keep plausible rows from `place` and `head` on; the rest is
+        lost."""
         resumed, until = self._next_sound(head)
         sensible = self._sensible(head, resumed, place, until)
         place = self._past_damaged_head(place, until)
@@ -287,7 +295,7 @@ class _RecordChain:
         return resumed
 
     def _past_damaged_head(self, place: int, until: int) -> int:
-        """Keep records in line of which one byte of A3 95 is damaged; the place behind them."""
+        """Keep records in line that have one damaged byte in A3 95. Return the offset behind them."""
         while place + HEAD_BYTES < until:
             first, second, type_id = self._data[place : place + HEAD_BYTES].tolist()
             end = place + self._types.length_at(place, type_id)
@@ -307,7 +315,7 @@ class _RecordChain:
             self._found.repaired_fmt.append(place)
 
     def _keep_fmt(self, place: int, until: int) -> bool:
-        """Keep an FMT record in line whose own type number is damaged: all others of a type hang on it."""
+        """Keep an FMT record in line if its own type number is damaged, because all records of a type depend on it."""
         end = place + FMT_LENGTH
         if end > until or (end != until and not self._is_head(end)):
             return False
@@ -321,7 +329,7 @@ class _RecordChain:
         return at < self._count and int(self._place[at]) == place
 
     def _sensible(self, start: int, stop: int, place: int, until: int) -> list[int]:
-        """Heads among those from `start` to before `stop` whose records fit between two places and make rows there."""
+        """Headers from `start` to before `stop` with records that lie between two offsets and are plausible there."""
         if stop <= start:
             return []
         low_us, high_us = self._near(start, stop)
@@ -356,13 +364,13 @@ class _RecordChain:
         return int.from_bytes(self._data[place + HEAD_BYTES : place + HEAD_BYTES + 8].tobytes(), "little")
 
     def _near(self, start: int, stop: int) -> tuple[int, int]:
-        """The times that a record between two heads can have; none when no time is known around it."""
+        """Possible times of a record between two headers; an empty range if no time around it is known."""
         before, after = self._time_before(start), self._time_from(stop)
         known = [time_us for time_us in (before, after) if time_us is not None]
         return (min(known) - _NEAR_US, max(known) + _NEAR_US) if known else (1, 0)
 
     def _time_before(self, head: int) -> int | None:
-        """Of the last timed record that was kept before this head."""
+        """Time of the last timed record that was kept before this header."""
         for start, stop in reversed(self._spans[-64:]):
             for kept in range(min(stop, head) - 1, max(start, stop - 64) - 1, -1):
                 if self._types.timed[self._type_id[kept]]:
@@ -370,7 +378,7 @@ class _RecordChain:
         return None
 
     def _time_from(self, head: int) -> int | None:
-        """Of the first timed record from this sound head on."""
+        """Time of the first timed record from this sound header on."""
         for later in range(head, min(head + 64, self._count)):
             if self._sound[later] and self._types.timed[self._type_id[later]]:
                 return self._time_us(int(self._place[later]))

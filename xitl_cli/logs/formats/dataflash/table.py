@@ -1,11 +1,11 @@
-"""The rows of a DataFlash log by name of record: their columns, and when they were written.
+"""The rows of a DataFlash log by name of record: their columns and times.
 
-One column is read by a strided view on the file, many by whole rows that are then taken apart.
+One column is read by a strided view on the file. Many columns are read by whole rows, which are then split.
 
-DataFlash has no checksum: a damaged time reads like any other, and one bit of it would stretch a run to years. In the
-order of the file time only grows, but for pauses and restarts, which are far from what is before or from what is after
-them. A row that is far from both, and on the same side, has a time that cannot be; so has the first or last row when it
-is very far. It is stamped as the row before it, as rows without a time are, and counted.
+DataFlash has no checksum: a damaged time is not recognisable by itself, and one wrong bit can stretch a log to years.
+In file order, time increases except for pauses and restarts; at these, it is far from the rows before or after. A row
+that is far from both, on the same side, has an impossible time. So has the first or last row if it is very far. Such a
+row is counted and gets the stamp of the previous row, as rows without a time do.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from xitl_cli.logs.model.table import ALL, Column, Kind, Rows, Table, steps_back
 FAR_NS = 10_000_000_000
 VERY_FAR_NS = 3_600_000_000_000
 _AROUND = 16
-"""Rows before and after a row against which it is held."""
+"""Rows before and after a row with which it is compared."""
 _BLOCK_ROWS = 1 << 16
-"""Rows whose time is looked at in one go: what they take of the file stays in the processor's cache."""
+"""Rows checked at a time: their part of the file stays in the processor's cache."""
 _DOUBTFUL_ROWS = 1 << 16
 _LATEST_NS = np.iinfo(np.int64).max
 
 Stamps = NDArray[np.int64]
 Block = tuple[Places, Bytes]
-"""(n,) places, rising, and types of rows that tell their time."""
+"""(n,) offsets, rising, and types of rows that have a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +54,17 @@ class _Survey:
 
 @dataclass(frozen=True, slots=True)
 class _ReplacedStamps:
-    """Rows with a time that cannot be, by place, and the stamp that they get."""
+    """Rows with an impossible time, by offset, and the stamps that replace it."""
 
     place: Places
     stamp_ns: Stamps
 
 
 class Times:
-    """blocks: the rows that tell their time, in the order of the file. stored_ns: what those at these places tell."""
+    """Times of a log.
+
+    blocks: yields the rows that have a time, in the order of the file. stored_ns: returns the times of rows at offsets.
+    """
 
     def __init__(self, blocks: Callable[[], Iterator[Block]], stored_ns: Callable[[Places], Stamps]) -> None:
         self._blocks = blocks
@@ -73,7 +76,7 @@ class Times:
 
     @property
     def back_in_time(self) -> int:
-        """Rows stamped earlier than the one before of their type."""
+        """Number of rows with an earlier stamp than the previous row of their type."""
         return self._whole[0].back_in_time
 
     @property
@@ -82,7 +85,7 @@ class Times:
         return len(self._whole[1].place)
 
     def last_before(self, place: Places) -> Stamps:
-        """Of the last row before each place that tells its time; 0 at the log's start."""
+        """Time of the last row with a time before each offset; 0 at the log's start."""
         found = np.zeros(len(place), np.int64)
         for places, _ in self._blocks():
             at = np.searchsorted(places, place) - 1
@@ -92,7 +95,7 @@ class Times:
         return found
 
     def with_replaced(self, place: Places, stored_ns: Stamps) -> Stamps:
-        """Stamps of rows at these places, implausible ones replaced."""
+        """Stamps of rows at these offsets, with implausible ones replaced."""
         return _with_replaced(self._whole[1], place, stored_ns)
 
     @cached_property
@@ -133,7 +136,7 @@ class Times:
 
 
 def times_in_heads(data: Bytes, place: Places, type_id: Bytes, timed: NDArray[np.bool_]) -> Times:
-    """Times of a log whose timed records all begin with microseconds; nothing else is read.
+    """Times of a log in which all timed records begin with microseconds; nothing else is read.
 
     timed: (256,) whether records of a type do.
     """
@@ -158,9 +161,10 @@ def times_in_columns(tables: Sequence[DataFlashTable]) -> Times:
 
 
 def _back_in_time(stamps: Stamps, type_id: Bytes, last_of: Stamps) -> int:
-    """Rows earlier than the one before of their type. last_of: (256,) by type the row before these; kept up."""
+    """Number of rows earlier than the previous row of their type. last_of: (256,) stamp of the previous row, updated
+    here."""
     if int(stamps[0]) >= int(last_of.max()) and not steps_back(stamps):
-        last_of[type_id] = stamps  # of several of a type the last
+        last_of[type_id] = stamps  # of several rows of a type, the last
         return 0
     order = np.argsort(type_id, kind="stable")
     stamps, type_id = stamps[order], type_id[order]
@@ -192,7 +196,7 @@ def implausible(stamp_ns: Stamps) -> NDArray[np.intp]:
 
 
 def _away(stamp_ns: Stamps, rows: NDArray[np.intp], side: int) -> NDArray[np.float64]:
-    """How far each row is from the median of those on one side of it; NaN where there are none."""
+    """Distance of each row from the median of the rows on one side of it; NaN if there are none."""
     around = rows[:, None] + side * np.arange(1, _AROUND + 1)
     there = (around >= 0) & (around < len(stamp_ns))
     values = np.where(there, stamp_ns[np.where(there, around, 0)], _LATEST_NS)
@@ -210,22 +214,20 @@ def _with_replaced(mended: _ReplacedStamps, place: Places, stored_ns: Stamps) ->
 
 
 _WINDOW = 8 << 20
-"""Bytes of the file whose rows of all types are taken before the next: they stay in the processor's cache."""
+"""Bytes of the file from which rows of all types are read before the next: they stay in the processor's cache."""
 _ROWS_AT_ONCE = 16_384
-"""Rows taken at a time."""
+"""Rows read at a time."""
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnJob:
-    """Rows at these places, each of `length` bytes; of each field, what to divide and multiply by, and where it goes.
-
-    A field that is neither divided nor multiplied goes to an array of its own kind, else to one of float64.
-    layout: of a row, its columns named by their number.
-    """
+    """Rows at these offsets, each of `length` bytes."""
 
     place: Places
     length: int
     fields: Sequence[tuple[RecordField, float, float, NDArray[Any]]]
+    """Field, divisor, multiplier and output. A field without conversion goes to an array of its own type, else to
+    float64."""
     layout: np.dtype[np.void]
 
 
@@ -240,7 +242,7 @@ def read_field(data: Bytes, place: Places, field: RecordField) -> NDArray[Any]:
 
 
 def column_job(place: Places, length: int, fields: Sequence[tuple[RecordField, float, float]]) -> ColumnJob:
-    """A job with an output array for each of these fields and its divisor and multiplier."""
+    """A job with an output array for each of these fields, with their divisors and multipliers."""
     count, listed = len(place), []
     for field, divisor, multiplier in fields:
         plain = divisor == multiplier == 1.0
@@ -260,10 +262,10 @@ def column_job(place: Places, length: int, fields: Sequence[tuple[RecordField, f
 def read_columns(data: Bytes, many: Sequence[ColumnJob], forget: Forget | None = None) -> None:
     """Fill the arrays of all jobs. forget: called with ranges that were read.
 
-    One thread: what Python does between the copies would hold up a second.
+    One thread: the Python code between the copies would block a second one.
     """
     edges = np.arange(0, len(data) + _WINDOW, _WINDOW)
-    if len(many) == 1:  # rows of one type are so far apart that no window helps
+    if len(many) == 1:  # rows of one type are so far apart that a window does not help
         edges = np.array([0, len(data)])
     cuts = [np.searchsorted(one.place, edges).tolist() for one in many]
 
@@ -332,7 +334,7 @@ def _objects(values: NDArray[Any]) -> NDArray[np.object_]:
 
 
 class DefinitionRows:
-    """Rows that one definition describes; their places are looked for when they are needed."""
+    """Rows of one definition. Their offsets are searched on first use."""
 
     def __init__(self, definition: RecordDefinition, count: int, find: Callable[[], Places]) -> None:
         self.definition = definition
@@ -356,10 +358,10 @@ class _TypedRows:
 
 
 class DataFlashTable(Table):
-    """Implements `Table`. It has parts where a type was described anew, or two types have one name.
+    """Implements `Table`. It has parts if a type was described again, or two types have one name.
 
-    A column is what the first part makes of it; where another part lacks it, or has another kind of it, it is NaN or
-    empty.
+    The first part defines the columns. A column that another part lacks, or has with another type, is NaN or empty
+    there.
     """
 
     def __init__(
@@ -385,7 +387,7 @@ class DataFlashTable(Table):
 
     @cached_property
     def _order(self) -> NDArray[np.intp] | None:
-        """Of the rows of all parts, one behind the other; None when there is one."""
+        """Order of the concatenated rows of all parts; None if there is one part."""
         if len(self._parts) == 1:
             return None
         return np.argsort(np.concatenate([rows.part.place for rows in self._parts]), kind="stable")
@@ -399,12 +401,12 @@ class DataFlashTable(Table):
         return self._whole([self._stamps(rows.part, rows.part.place) for rows in self._parts])
 
     def stored_ns(self) -> NDArray[np.int64]:
-        """(N,) stamps as stored, also implausible ones."""
+        """(N,) stamps as stored, including implausible ones."""
         return self._whole([self._stored(rows.part, rows.part.place) for rows in self._parts])
 
     @property
     def ends_ns(self) -> tuple[int, int] | None:
-        """Stamps of the first and the last row, without those between; None when rows have no time."""
+        """Stamps of the first and the last row, without reading the others; None if rows have no time."""
         if not self.timed:
             return None
         if len(self._parts) > 1:
@@ -419,7 +421,7 @@ class DataFlashTable(Table):
 
     @property
     def timed(self) -> bool:
-        """Whether all rows have a time of their own."""
+        """Whether all rows have their own time."""
         return all(rows.part.definition.time is not None for rows in self._parts)
 
     def _stamps(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
@@ -452,7 +454,7 @@ class DataFlashTable(Table):
         return decoded_column(values, known)
 
     def read(self, *, raw: bool = False) -> dict[str, NDArray[Any]]:
-        """All columns at once, which is faster than one by one."""
+        """Read all columns at once, which is faster than one by one."""
         jobs = self.jobs(raw=raw)
         read_columns(self._data, jobs)
         return self.filled(jobs)

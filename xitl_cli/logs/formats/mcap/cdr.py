@@ -1,8 +1,8 @@
-"""Payloads of ROS 2 (CDR) and of ROS 1, all messages of a batch at once.
+"""Payloads of ROS 2 (CDR) and of ROS 1, decoded for all messages of a batch at once.
 
-One cursor goes through the definition for all messages together. As long as texts and sequences are equally long in all
-of them it is one number, and every field a strided view; where they differ it is an array of places. A message that
-ends too early, or claims a length that it does not have, is left out.
+One cursor moves through the definition for all messages together. While texts and sequences have the same length in all
+messages, it is one number, and every field is a strided view. If lengths differ, it is an array of positions. A message
+that ends too early, or claims a length that it does not have, is omitted.
 """
 
 from __future__ import annotations
@@ -49,23 +49,25 @@ _NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*){0,2}")
 
 @dataclass(frozen=True, slots=True)
 class CdrNumber:
-    """code: of numpy, without the order of bytes. octet: a uint8 or byte, whose sequences are blobs."""
+    """A number."""
 
     code: str
+    """numpy type code without byte order."""
     size: int
     octet: bool = False
+    """True for uint8 and byte; their sequences are blobs."""
 
 
 @dataclass(frozen=True, slots=True)
 class CdrText:
-    """wide: wstring."""
+    """A text; `wide` for wstring."""
 
     wide: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class CdrTime:
-    """int32 seconds, uint32 nanoseconds."""
+    """A time: int32 seconds, uint32 nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,7 @@ class CdrStruct:
 
 @dataclass(frozen=True, slots=True)
 class CdrArray:
-    """count None: a sequence, its length in front."""
+    """An array or a sequence. count None: a sequence, with its length in front."""
 
     element: CdrNode
     count: int | None
@@ -94,7 +96,7 @@ def definition(name: str, text: bytes) -> CdrStruct:
     for full_name, fields in _pieces(name, text.decode("utf-8", "replace")):
         try:
             types |= get_types_from_msg(fields, full_name)
-        except Exception as error:  # what a parser of others raises on garbage cannot be listed
+        except Exception as error:  # the exceptions of an external parser on invalid input cannot be listed
             raise UndecodableError("its definition cannot be read") from error
     root = _tree(_normal(name), types, {}, 0)
     if not isinstance(root, CdrStruct):
@@ -103,7 +105,7 @@ def definition(name: str, text: bytes) -> CdrStruct:
 
 
 def _pieces(name: str, text: str) -> list[tuple[str, str]]:
-    """Each message of the definition: its name, and its fields without comments, constants and defaults."""
+    """Messages of the definition: name, and fields without comments, constants and defaults."""
     pieces: list[tuple[str, str]] = []
     for part in re.split(r"^={3,}[ \t\r]*$", text, flags=re.MULTILINE):
         fields = []
@@ -124,7 +126,7 @@ def _pieces(name: str, text: str) -> list[tuple[str, str]]:
 
 
 def _normal(name: str) -> str:
-    """package/Type and package/msg/Type are the same."""
+    """Normalise a type name: package/Type and package/msg/Type are the same."""
     parts = name.split("/")
     return "/".join((parts[0], "msg", parts[-1])) if len(parts) == 2 else name
 
@@ -167,12 +169,14 @@ _COARSEST = 8
 
 @dataclass(frozen=True, slots=True)
 class Serialisation:
-    """header: bytes before the first field, from behind which places are aligned. aligned: each field to its own size;
-    else field follows field, and nothing stands for a message without fields. nul: texts end with one."""
+    """Rules of a serialisation."""
 
     header: int
+    """Bytes before the first field. Alignment counts from there."""
     aligned: bool
+    """Each field is aligned to its own size. Otherwise fields are adjacent, and an empty message takes no bytes."""
     nul: int
+    """Number of NUL bytes at the end of a text."""
 
 
 CDR = Serialisation(_HEADER, aligned=True, nul=1)
@@ -191,7 +195,7 @@ def has_fixed_size(node: CdrNode) -> bool:
 def end_of_elements(
     node: CdrNode, place: int | NDArray[np.int64], count: int | NDArray[np.int64], form: Serialisation = CDR
 ) -> int | NDArray[np.int64]:
-    """Place behind `count` elements of fixed size from `place` on; counts below 2^32."""
+    """Position behind `count` elements of fixed size, from `place`. Counts are below 2^32."""
     if not form.aligned:
         return place + count * _packed_size(node)
     places, counts = np.broadcast_arrays(np.asarray(place, dtype=np.int64), np.asarray(count, dtype=np.int64))
@@ -216,7 +220,7 @@ def _packed_size(node: CdrNode) -> int:
 
 
 def _end(node: CdrNode, at: int) -> int:
-    """Where one element ends that begins at `at`, counted from behind the header."""
+    """Position behind one element that begins at `at`, counted from behind the header."""
     if isinstance(node, CdrNumber):
         return at + -at % node.size + node.size
     if isinstance(node, CdrTime):
@@ -233,7 +237,7 @@ def _end(node: CdrNode, at: int) -> int:
 
 
 Place = int | NDArray[np.int64]
-"""In a message, from its begin: one for all messages, or (n,)."""
+"""Position in a message, from its beginning: one for all messages, or (n,)."""
 
 _KNOWN_TEXTS = 10_000
 
@@ -241,9 +245,9 @@ _KNOWN_TEXTS = 10_000
 def gather_values(
     data: bytes, start: NDArray[np.int64], stride: int | None, place: Place, dtype: np.dtype[Any], count: int | None
 ) -> NDArray[Any]:
-    """(n,) or (n, count) values at `place` in messages beginning at `start`; all must be inside of `data`.
+    """(n,) or (n, count) values at `place` in messages beginning at `start`; all must lie inside `data`.
 
-    stride: from message to message, None when it differs.
+    stride: distance from message to message, None if it differs.
     """
     inner, strides = ((), ()) if count is None else ((count,), (dtype.itemsize,))
     if not len(start) or count == 0:
@@ -261,7 +265,7 @@ def select_places(place: Place, rows: RowNumbers) -> Place:
 
 
 def even_stride(start: NDArray[np.int64]) -> int | None:
-    """Distance from message to message where it is constant, else None."""
+    """Distance from message to message if it is constant, else None."""
     if len(start) < 2:
         return 0 if len(start) else None
     steps = np.diff(start)
@@ -269,7 +273,7 @@ def even_stride(start: NDArray[np.int64]) -> int | None:
 
 
 class CdrLeaf(Leaf):
-    """What begins at `place` in each message of a batch."""
+    """Value at `place` in each message of a batch."""
 
     def __init__(self, batch: PayloadBatch, place: Place) -> None:
         self.batch = batch
@@ -303,7 +307,7 @@ class NumberLeaf(CdrLeaf):
 
 
 class InstantLeaf(CdrLeaf):
-    """Seconds and nanoseconds as nanoseconds."""
+    """Seconds and nanoseconds, converted to nanoseconds."""
 
     unit = "ns"
     dtype = np.dtype(np.int64)
@@ -319,7 +323,7 @@ class InstantLeaf(CdrLeaf):
 
 
 class CountLeaf(Leaf):
-    """How many elements an array has."""
+    """Number of elements of an array."""
 
     dtype = np.dtype(np.int64)
 
@@ -331,7 +335,7 @@ class CountLeaf(Leaf):
 
 
 class ArrayLeaf(CdrLeaf):
-    """An array of `count` numbers. good: the messages that count for its extent, once all have been read."""
+    """An array of `count` numbers. good: the messages that determine its extent, once all have been read."""
 
     def __init__(
         self, batch: PayloadBatch, place: Place, count: Place, stored: np.dtype[Any], good: NDArray[np.bool_]
@@ -381,7 +385,7 @@ class BytesLeaf(CdrLeaf):
 
 
 class TextLeaf(CdrLeaf):
-    """`count` bytes, `nul` of them at the end, or characters of `wide` bytes each, in this order of bytes, without."""
+    """A text of `count` bytes, including `nul` NUL bytes, or of `count` characters of `wide` bytes each."""
 
     kind: Kind = "text"
     dtype = np.dtype(np.str_)
@@ -418,12 +422,12 @@ _MOST_LOOPS = 4096
 
 
 class CdrDecoder:
-    """Of a `ros2msg` schema. Raises UndecodableError when it cannot be read.
+    """Decoder for a `ros2msg` schema. Raises UndecodableError if the schema cannot be read.
 
-    Fields of messages inside of messages are named "pose.pose.position.x". A Time or Duration is one column, int64
-    ns. Numbers in arrays: (N, k), or padded with NaN where their number differs from row to row. Octet sequences are
-    bytes. Arrays of messages or texts: a column "transforms.length", and "transforms[0].child_frame_id" for the first
-    of the elements that every row has. bool is 0 or 1, char an uint8 as ROS 2 has it.
+    Fields of nested messages are named "pose.pose.position.x". A Time or Duration is one column, int64 ns. Arrays of
+    numbers are (N, k), padded with NaN if their length differs from row to row. Octet sequences are bytes. Arrays of
+    messages or texts have a column "transforms.length", and "transforms[0].child_frame_id" for the first of the
+    elements that every row has. bool is 0 or 1; char is uint8 as in ROS 2.
     """
 
     open_ended = False
@@ -433,7 +437,7 @@ class CdrDecoder:
         self._wide = 0
 
     def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
-        """All fields in either case: one that is not asked for costs next to nothing."""
+        """Decode all fields, also if one is wanted: the others cost next to nothing."""
         good = batch.size >= CDR.header
         kinds = np.frombuffer(batch.data, dtype=np.uint8)[batch.start[good] + 1]
         known = np.bincount(kinds, minlength=2)[:2]
@@ -450,7 +454,7 @@ class CdrDecoder:
 
 
 class Ros1Decoder:
-    """Of the definition that a ROS 1 bag holds, columns as CdrDecoder has them. Raises UndecodableError."""
+    """Decoder for the definition in a ROS 1 bag, with columns as in CdrDecoder. Raises UndecodableError."""
 
     open_ended = False
 
@@ -458,16 +462,16 @@ class Ros1Decoder:
         self._root = definition(name, text)
 
     def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
-        """All fields in either case: one that is not asked for costs next to nothing."""
+        """Decode all fields, also if one is wanted: the others cost next to nothing."""
         return _Reading(batch, np.ones(len(batch), dtype=np.bool_), ROS1, _ORDERS[1], 0).whole(self._root)
 
 
 class _NoneLeftError(Exception):
-    """No message is left that could be read."""
+    """No readable message is left."""
 
 
 class _Reading:
-    """good: the messages to read, and in the end those that could be read."""
+    """State of decoding a batch. good: the messages to read, and at the end the messages that were read."""
 
     def __init__(
         self, batch: PayloadBatch, good: NDArray[np.bool_], form: Serialisation, order: str, wide: int
@@ -489,7 +493,7 @@ class _Reading:
             self._drop(~good)
 
     def whole(self, root: CdrStruct) -> DecodedBatch:
-        """All that the messages hold."""
+        """Decode all fields of the messages."""
         try:
             self.walk(root, "", True, True)
         except _NoneLeftError:
@@ -497,7 +501,7 @@ class _Reading:
         return DecodedBatch(self.good, self.leaves)
 
     def walk(self, node: CdrNode, name: str, emit: bool, last: bool) -> None:
-        """Take a node's bytes off all messages. last: nothing follows, so where it ends does not matter."""
+        """Move all messages past a node. last: no node follows, so its end does not matter."""
         self._steps += 1
         if self._steps > _MOST_STEPS:
             raise UndecodableError("its messages are too intricate")
@@ -512,7 +516,7 @@ class _Reading:
             if emit:
                 self.leaves[name] = InstantLeaf(self.batch, self._taken, self.order)
         elif isinstance(node, CdrStruct):
-            if not node.fields and self.form.aligned:  # has an unnamed octet instead
+            if not node.fields and self.form.aligned:  # an empty message has an unnamed octet instead
                 self._advance(1, 1)
             for number, (field, child) in enumerate(node.fields):
                 self.walk(child, f"{name}.{field}" if name else field, emit, last and number == len(node.fields) - 1)
@@ -533,7 +537,8 @@ class _Reading:
             self.leaves[name] = TextLeaf(self.batch, self._taken, count, wide, self.order, self.form.nul)
 
     def _width(self, count: Place) -> int:
-        """Bytes of a wide character: some write 4, some 2, and only a text of two or more tells."""
+        """Bytes of a wide character: some writers use 4, some 2. Only a text of two or more characters shows the
+        width."""
         counts = np.broadcast_to(np.asarray(count), (len(self._start),))
         at = self._start + self._cursor
         tells = np.flatnonzero(self.good & (counts >= 2) & (counts < 1 << 20))[:1]
@@ -560,7 +565,7 @@ class _Reading:
     def _elements(self, element: CdrNode, count: int | None, name: str, emit: bool, last: bool) -> None:
         counts = self._length() if count is None else count
         before = self._cursor
-        counts = self._advance_by(1, counts, 1)  # an element has an octet at least
+        counts = self._advance_by(1, counts, 1)  # an element has at least one octet
         self._cursor = self._patched(before)
         if emit and count is None:
             self.leaves[f"{name}.length"] = CountLeaf(counts)
@@ -584,7 +589,7 @@ class _Reading:
             self._drop(left > _MOST_LOOPS)
         for number in range(int(left[self.good].max())):
             active = self.good & (left > number)
-            if not active.any():  # those that had more are left out by now
+            if not active.any():  # messages with more elements were dropped by now
                 return
             if active.all():
                 self.walk(element, "", False, False)
@@ -605,7 +610,7 @@ class _Reading:
                 self._cursor = self._patched(self._cursor)
 
     def _of(self, active: NDArray[np.bool_]) -> _Reading:
-        """The same for some of the messages, from where the cursor is."""
+        """Reading of some of the messages, from the position of the cursor."""
         every = np.ones(int(active.sum()), dtype=np.bool_)
         inner = _Reading(self.batch.rows(active), every, self.form, self.order, self.wide)
         inner._cursor = self._cursor if isinstance(self._cursor, int) else self._cursor[active]
@@ -620,11 +625,11 @@ class _Reading:
         return first if (counts == first).all() else counts
 
     def _advance(self, alignment: int, size: int) -> None:
-        """Move the cursor behind `size` aligned bytes, which begin at `_taken`."""
+        """Move the cursor past `size` aligned bytes, which begin at `_taken`."""
         self._advance_by(alignment, 1, size)
 
     def _advance_by(self, alignment: int, count: Place, size: int) -> Place:
-        """The same for `count` times as many; the counts as they are after messages were left out."""
+        """Move the cursor past `count` times `size` aligned bytes. Return the counts after dropping short messages."""
         begin = self._cursor
         if alignment > 1 and self.form.aligned:
             aligned = begin + (self.form.header - begin) % alignment
@@ -643,7 +648,7 @@ class _Reading:
         return count
 
     def _drop(self, bad: NDArray[np.bool_]) -> None:
-        """Leave messages out: from here on they are copies of a good one, so that nothing differs for their sake."""
+        """Drop messages: from here on they are copies of a good message, so that they do not affect the layout."""
         self.good &= ~bad
         if not self.good.any():
             raise _NoneLeftError

@@ -1,4 +1,4 @@
-"""Chunks: unpacked to no more than they claim, taken apart to messages, kept for a while; payloads by topic."""
+"""Chunks: decompressed to no more than their stated size, split into messages and cached; payloads by topic."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ _PIECE = 1 << 16
 
 
 def unpack(data: bytes, compression: str, size: int) -> tuple[bytes, str]:
-    """At most `size` bytes, and why they are not all: "" when they are. What came before damage is kept."""
+    """Decompress at most `size` bytes. Return them and the reason why some are missing ("" if none are).
+
+    Bytes before damage are kept.
+    """
     if compression == "":
         return data[:size], "" if len(data) == size else f"a chunk of {size} bytes has {len(data)}"
     if compression == "lz4":
@@ -38,7 +41,7 @@ def unpack(data: bytes, compression: str, size: int) -> tuple[bytes, str]:
 def _lz4(data: bytes, size: int) -> tuple[bytes, bool]:
     import lz4.frame  # type: ignore[import-untyped]
 
-    try:  # at once when it is whole
+    try:  # in one call if it is whole
         decompressor = lz4.frame.LZ4FrameDecompressor()
         unpacked = decompressor.decompress(data, max_length=size)
         if decompressor.eof or len(unpacked) == size:
@@ -85,26 +88,28 @@ _HEAD = np.dtype(
 
 @dataclass(slots=True)
 class ChunkContent:
-    """All there is in a chunk. lost: offset and size of what is no record; cut: bytes of an unfinished last one."""
+    """Content of a chunk."""
 
     rows: MessageRows
     schemas: list[SchemaRecord] = field(default_factory=list)
     channels: list[ChannelRecord] = field(default_factory=list)
     lost: list[tuple[int, int]] = field(default_factory=list)
+    """Offset and size of bytes that are no record."""
     cut: int = 0
+    """Bytes of an unfinished last record."""
 
 
 Fits = Callable[[int, int], bool]
-"""Whether a message of this channel and log time can be there."""
+"""Whether a message of this channel and log time is possible at this position."""
 
 
 def stamps(times: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Log times, the latest that 64 bits with a sign can hold for those beyond."""
+    """Log times; larger values are clipped to the largest int64."""
     return np.minimum(times, np.uint64(LATEST_NS)).astype(np.int64)
 
 
 def messages_at(data: bytes, offsets: NDArray[np.int64]) -> tuple[MessageRows, NDArray[np.bool_]]:
-    """The messages whose records begin at `offsets`, and which of them are messages at all."""
+    """Messages with records that begin at `offsets`, and which of them are valid messages."""
     last = len(data) - MESSAGE_OVERHEAD
     inside = (offsets >= 0) & (offsets <= last)
     if last < 0 or not len(offsets):
@@ -119,7 +124,7 @@ def messages_at(data: bytes, offsets: NDArray[np.int64]) -> tuple[MessageRows, N
 
 
 def read_by_index(data: bytes, offsets: NDArray[np.int64]) -> ChunkContent | None:
-    """All records of the chunk when its message indexes name all its messages, else None."""
+    """All records of the chunk if its message indexes list all its messages, else None."""
     offsets = np.unique(offsets)
     rows, whole = messages_at(data, offsets)
     if not whole.all():
@@ -140,9 +145,9 @@ def read_by_index(data: bytes, offsets: NDArray[np.int64]) -> ChunkContent | Non
 
 
 def scan(data: bytes, begin: int, end: int, fits: Fits | None, *, loose: bool = False) -> ChunkContent:
-    """Record after record. fits: what a message must be like to go on with after damage; None: do not go on.
+    """Read record after record. fits: check of a message at which to resume after damage; None: do not resume.
 
-    loose: end at records that do not belong into a chunk.
+    loose: end at records that do not belong in a chunk.
     """
     found, blocks = list[tuple[int, int, int, int]](), list[NDArray[np.uint64]]()
     content = ChunkContent(_rows(blocks))
@@ -192,7 +197,7 @@ def _rows(blocks: list[NDArray[np.uint64]]) -> MessageRows:
 
 
 def _next_message(data: bytes, begin: int, end: int, fits: Fits) -> int | None:
-    """Where the next message begins that is followed by another record, or by the end."""
+    """Offset of the next message that is followed by another record, or by the end."""
     block = 1 << 20
     while begin <= end - MESSAGE_OVERHEAD:
         upto = min(begin + block, end - MESSAGE_OVERHEAD + 1)
@@ -221,7 +226,7 @@ _FEW_BYTES = 4096
 
 
 class Chunks:
-    """Reads chunks of `index`; what is damaged goes to its `losses`, once."""
+    """Reads chunks of `index`; adds damage to its `losses`, once."""
 
     def __init__(self, source: FileReader, index: RecordingIndex) -> None:
         self._source = source
@@ -237,13 +242,13 @@ class Chunks:
         self._alone: set[tuple[int, int]] = set()
 
     def distrust(self, channels: Iterable[int]) -> bool:
-        """Find the messages of these channels without message indexes from now on; False when that is so already."""
+        """From now on, find the messages of these channels without message indexes. False if this was so already."""
         before = len(self._distrusted)
         self._distrusted.update(channels)
         return len(self._distrusted) > before
 
     def unpacked(self, chunk: Chunk) -> bytes:
-        """The records in a chunk; what can be had of them when it is damaged."""
+        """Records in a chunk; the readable part if it is damaged."""
         kept = self._kept.get(chunk.place)
         if kept is not None:
             self._kept.move_to_end(chunk.place)
@@ -266,7 +271,7 @@ class Chunks:
         return data
 
     def content(self, chunk: Chunk, offsets: NDArray[np.int64] | None) -> ChunkContent:
-        """All records of a chunk, found by the `offsets` of its message indexes where these are right."""
+        """All records of a chunk, found by the `offsets` of its message indexes if these are correct."""
         data = self.unpacked(chunk)
         if offsets is not None and self._sound.get(chunk.place, True):
             found = read_by_index(data, offsets)
@@ -281,9 +286,9 @@ class Chunks:
         return found
 
     def rows(self, chunk: Chunk, channel: int) -> MessageRows | None:
-        """The messages of one channel in a chunk, positions in `unpacked`; None when it certainly has none.
+        """Messages of one channel in a chunk, with positions in `unpacked`; None if it certainly has none.
 
-        The same at every call, whatever was found out about other channels: a survey counts on it.
+        The result is the same at every call, whatever is known about other channels, because surveys rely on it.
         """
         if chunk.refused or (chunk.holds is not None and channel not in chunk.holds):
             return None
@@ -304,11 +309,11 @@ class Chunks:
         return rows.of_channel(channel)
 
     def is_sound(self, chunk: Chunk) -> bool:
-        """Whether the chunk is all there and its checksum holds; once it was unpacked."""
+        """Whether the chunk is complete and its checksum is correct, once it was decompressed."""
         return self._sound.get(chunk.place, False)
 
     def indexed_offsets(self, chunk: Chunk) -> NDArray[np.int64] | None:
-        """Where its message indexes say that messages begin, increasing; None where one of them is damaged."""
+        """Increasing offsets of messages according to the message indexes; None if one of these is damaged."""
         found = [np.zeros(0, dtype=np.int64)]
         places = chunk.index()
         for channel in places:
@@ -323,7 +328,7 @@ class Chunks:
         return bool(chunk.index_places) and trusted
 
     def lone_payloads(self, chunk: Chunk, channel: int) -> tuple[MessageRows, list[bytes]] | None:
-        """Messages of a channel read one by one, when that saves reading most of a chunk; None otherwise."""
+        """Messages of a channel read one by one, if that avoids reading most of a chunk; None otherwise."""
         if chunk.compression or chunk.loose or chunk.place in self._kept or chunk.headless:
             return None
         if not (self._is_indexed(chunk, channel) and self._sound.get(chunk.place, True)):
@@ -397,7 +402,7 @@ class Chunks:
 
 
 def message_index(record: bytes, channel: int) -> NDArray[np.int64] | None:
-    """Offsets in the order of the chunk; None when this is no index of the channel."""
+    """Offsets in the order of the chunk; None if the record is no index of the channel."""
     if len(record) < 15:
         return None
     opcode, length, number, size = struct.unpack_from("<BQHI", record)
@@ -419,13 +424,14 @@ _I64 = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class PayloadBatch:
-    """Payload i is data[start[i] : start[i] + size[i]]. place: of its record in the file, were nothing packed."""
+    """Payloads of a batch: payload i is data[start[i] : start[i] + size[i]]."""
 
     data: bytes
     start: NDArray[np.int64]
     size: NDArray[np.int64]
     stamp_ns: NDArray[np.int64]
     place: NDArray[np.int64]
+    """Offset of its record in the uncompressed file."""
 
     def __len__(self) -> int:
         return len(self.start)
@@ -445,7 +451,7 @@ def batches(chunks: Chunks, where: Sequence[Chunk], channels: Sequence[int]) -> 
 
 
 def join_payloads(found: Iterable[tuple[_I64, _I64, _I64, Sequence[bytes | memoryview]]]) -> Iterator[PayloadBatch]:
-    """Batches of what was found: sizes, stamps (ns), places, payloads. A batch ends behind BATCH_BYTES."""
+    """Join messages, given as sizes, stamps (ns), offsets and payloads, to batches. A batch ends after BATCH_BYTES."""
     payloads, sizes, stamps, places = list[bytes | memoryview](), list[_I64](), list[_I64](), list[_I64]()
     held = 0
     for size, stamp_ns, place, data in found:

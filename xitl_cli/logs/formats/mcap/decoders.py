@@ -24,11 +24,12 @@ DEEPEST = 8
 
 
 class JsonDecoder:
-    """Keys inside of keys are named "pose.position.x", of what is no object "value".
+    """Decoder for JSON. Nested keys are named "pose.position.x"; a payload that is no object becomes the column
+    "value".
 
-    Numbers, NaN where a message has none (null too); true and false are 1 and 0; texts, empty where a message has none.
-    A key that is a number here and a text there is a text. Arrays as CdrDecoder has them, for any element that some row
-    has. Keys behind the first 2000 of a topic, and those nested deeper than 8, are left out.
+    Numbers are NaN if a message lacks them or has null; true and false are 1 and 0. Texts are empty if a message lacks
+    them. A key with both numbers and texts is a text. Arrays are as in CdrDecoder, for any element that some row has.
+    Keys beyond the first 2000 of a topic, or nested deeper than 8, are omitted.
     """
 
     open_ended = True
@@ -92,11 +93,11 @@ _LATEST_S = 2**63 // 1_000_000_000 - 1
 
 
 class ProtobufDecoder:
-    """Raises UndecodableError when the schema is none.
+    """Decoder for Protobuf. Raises UndecodableError if the schema is invalid.
 
-    Fields of messages inside of messages are named "pose.position.x"; NaN, or empty text, where such a message is not
-    there. A Timestamp or Duration is one column, int64 ns, -1 where it is not there. Enums are numbers. Arrays as
-    CdrDecoder has them; of maps only the length.
+    Fields of nested messages are named "pose.position.x"; NaN, or empty text, if such a message is missing. A Timestamp
+    or Duration is one column, int64 ns, -1 if missing. Enums are numbers. Arrays are as in CdrDecoder; of maps, only
+    the length.
     """
 
     open_ended = False
@@ -116,7 +117,7 @@ class ProtobufDecoder:
             for file in _ordered(files.file):
                 pool.Add(file)
             self._type: Any = message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
-        except Exception as error:  # TypeError, KeyError, DecodeError … by implementation of protobuf
+        except Exception as error:  # TypeError, KeyError, DecodeError …, depending on the implementation of protobuf
             raise UndecodableError("its definition cannot be read") from error
 
     def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
@@ -204,7 +205,7 @@ class _Flat:
 
 
 def _ordered(files: Sequence[Any]) -> list[Any]:
-    """Each file behind those that it needs, when all of them are there."""
+    """Files sorted so that each follows its dependencies, if all of these are present."""
     left, done, ordered = {file.name: file for file in files}, set[str](), list[Any]()
     while left:
         ready = [file for file in left.values() if all(name in done or name not in left for name in file.dependency)]

@@ -1,4 +1,4 @@
-"""An MCAP recording of ours, of ROS 2 or of Foxglove's tools as a log."""
+"""An MCAP recording of xitl, of ROS 2 or of Foxglove's tools as a log."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ _MOST_ATTACHMENT = 1 << 28
 
 
 class McapLog(Log):
-    """Opened by its summary when it has one that holds, else by walking its records, which unpacks every chunk once.
+    """An MCAP recording. It is opened by its summary if that is valid. Otherwise, all chunks are decompressed once.
 
-    A file with a summary is taken by its word: damage inside of its chunks is found, and added to `health`, when a
-    topic is read. Of one that was walked all is known at once.
+    With a summary, damage inside a chunk is found, and added to `health`, when one of its topics is read. Without one,
+    all damage is known after opening.
 
-    `tables` goes over topics. Raw MAVLink topics (xitl_msgs/msg/MavlinkFrame) are also there decoded:
-    `tables["/link/agent/rx:ATTITUDE"]` decodes the frames of /link/agent/rx once, and so does `frame_tables`, which
-    tells what there is; going over `tables` does not. Two channels of one topic with different schemas are two tables,
-    the second is called "topic#2".
+    Iterating over `tables` yields topics. Raw MAVLink topics (xitl_msgs/msg/MavlinkFrame) also have decoded tables,
+    which iteration omits: `tables["/link/agent/rx:ATTITUDE"]` decodes the frames of /link/agent/rx once. `frame_tables`
+    lists and decodes them too. Two channels of one topic with different schemas are two tables; the second is called
+    "topic#2".
 
-    vessel: of a recording of several the one to show, whose topics then have the names of a vessel alone; with none
-    all topics are there as they are.
+    vessel: for a recording of several vessels, the vessel to show, with topics named as for a single vessel. "": show
+    all topics under their names in the file.
 
-    Raises LogError when the file cannot be read, is no MCAP file, or has no such vessel.
+    Raises LogError if the file cannot be read, is no MCAP file, or has no such vessel.
     """
 
     format: Format = "mcap"
@@ -116,7 +116,7 @@ class McapLog(Log):
         return self._vessel
 
     def _shown(self, topic: str) -> str | None:
-        """The name of a topic here, None where it is another vessel's."""
+        """Name of a topic in this view; None if it belongs to another vessel."""
         first, _, rest = topic.removeprefix("/").partition("/")
         if not self._vessel or first not in self.vessels:
             return topic
@@ -164,7 +164,7 @@ class McapLog(Log):
         return self._index.closed
 
     def examine(self) -> bool:
-        """Read everything, so that `health` is complete; whether the file is whole and has an index that holds."""
+        """Read everything, so that `health` is complete. Return whether the file is whole and has a valid index."""
         from xitl_cli.logs.formats.mcap.rewrite import examine
 
         if self._index.summarized:
@@ -172,16 +172,16 @@ class McapLog(Log):
         return self._index.summarized and not self.health.degraded
 
     def rewrite(self, out: BinaryIO) -> Rewritten:
-        """Write to `out` what can be read of the recording, whole and with its indexes. Raises OSError."""
+        """Write the readable part of the recording to `out`, closed and with its indexes. Raises OSError."""
         from xitl_cli.logs.formats.mcap.rewrite import rewrite
 
         return rewrite(self._source, self._index, self._chunks, out)
 
     def frame_tables(self, topic: str) -> Mapping[str, Table]:
-        """The messages in the frames of a raw MAVLink topic, by "topic:MESSAGE", decoded at the first call.
+        """Messages in the frames of a raw MAVLink topic, by "topic:MESSAGE", decoded at the first call.
 
-        Frames that are damaged or of no known message are counted in `health` from then on, as undecoded rows of the
-        topic. Raises KeyError when there is no such topic.
+        From then on, `health` counts damaged frames and unknown messages as undecoded rows of the topic. Raises
+        KeyError if there is no such topic.
         """
         known = self._frames.get(topic)
         if known is None:
@@ -258,13 +258,14 @@ class McapLog(Log):
         )
 
     def _distrust(self, channels: Sequence[int], why: str) -> bool:
-        """Ignore the message indexes of a topic, as they or the summary are wrong; False when they are already."""
+        """Stop using the message indexes of a topic, because they or the summary are wrong. False if they were unused
+        already."""
         self._index.losses.note(0, 0, f"the index is wrong: {why}")
         return self._chunks.distrust(channels)
 
 
 class SaidOfVessel(Selection):
-    """Of the sentences of a fleet those of one vessel, and those that are nobody's; they are read when asked for."""
+    """Log messages of one vessel of a fleet, and those of no vessel. They are read on first use."""
 
     def __init__(self, table: Table, log: Log) -> None:
         self._table, self._log = table, log
@@ -280,7 +281,8 @@ class SaidOfVessel(Selection):
 
 
 class Tables(Mapping[str, Table]):
-    """Tables by topic; also by "topic:MESSAGE", which iterating leaves out. in_place: of topics shown otherwise."""
+    """Tables by topic, and by "topic:MESSAGE", which iterating omits. in_place: tables that replace those of their
+    topics."""
 
     def __init__(
         self,
@@ -311,7 +313,7 @@ class Tables(Mapping[str, Table]):
 
 
 def _decoder(channel: ChannelRecord, schema: SchemaRecord | None) -> Decoder:
-    """Raises UndecodableError."""
+    """Decoder of a channel. Raises UndecodableError."""
     if channel.encoding == "json":
         from xitl_cli.logs.formats.mcap.decoders import JsonDecoder
 
@@ -352,7 +354,7 @@ _BY_SUFFIX = {
 
 
 def unit_from_name(schema: str) -> Callable[[str], str]:
-    """The unit of a column of messages of this type, "" when its name has none."""
+    """Return the function from a column's name to its unit, for messages of this type; "" means no unit."""
     if not schema.startswith(_OURS):
         return lambda _: ""
     return lambda column: _BY_SUFFIX.get(column.rpartition("_")[2], "") if "_" in column else ""

@@ -1,4 +1,4 @@
-"""The index of a recording: what is where, from the summary at the file's end, and what was found damaged."""
+"""Index of a recording from the summary at the file's end, and the list of its damage."""
 
 from __future__ import annotations
 
@@ -26,19 +26,22 @@ MOST_CHUNKS = 1_000_000
 MOST_SCHEMA_BYTES = 64 << 20
 LARGEST_CHUNK = 1 << 30
 LATEST_NS = 2**63 - 1
-"""Of what 64 bits with a sign hold; later stamps, which are damage, count as this."""
+"""Largest int64; later stamps, which are damage, count as this."""
 
 _EXPANSION = 256
 
 
 @dataclass(frozen=True, slots=True)
 class MessageRows:
-    """Messages of a chunk: channel, position of the payload, its size, log time; each (n,), in the chunk's order."""
+    """Messages of a chunk, in the chunk's order; each array is (n,)."""
 
     channel: NDArray[np.uint16]
     offset: NDArray[np.int64]
+    """Position of the payload."""
     size: NDArray[np.int64]
+    """Of the payload, bytes."""
     stamp_ns: NDArray[np.int64]
+    """Log time."""
 
     def of_channel(self, channel: int) -> MessageRows:
         mine = self.channel == channel
@@ -47,16 +50,11 @@ class MessageRows:
 
 @dataclass(slots=True)
 class Chunk:
-    """`data_size` bytes at `data_place`, packed unless `compression` is "". loose: records outside of any chunk.
-
-    size: of the whole record at `place`, for what is lost with it. unpacked_from: its first byte's position, were
-    nothing in the file packed. index: places of the message index records by channel, None where there are none that
-    can be trusted; rows: then, once they were looked for. cut: it goes on behind the end of the file. holds: the
-    channels in it when that is known. headless: its record is damaged at its begin. refused: too large to be true.
-    """
+    """`data_size` bytes at `data_place`, compressed unless `compression` is ""."""
 
     place: int
     size: int
+    """Of the whole record at `place`, to count its loss."""
     data_place: int
     data_size: int
     unpacked_size: int
@@ -64,32 +62,36 @@ class Chunk:
     start_ns: int
     end_ns: int
     unpacked_from: int = 0
+    """Offset of its first byte in the uncompressed file."""
     index_places: bytes = b""
     rows: MessageRows | None = None
+    """Its messages, if it has no trustworthy message index and was searched."""
     holds: frozenset[int] | None = None
+    """Channels in it, if known."""
     loose: bool = False
+    """Records outside of any chunk."""
     cut: bool = False
+    """It extends beyond the end of the file."""
     headless: bool = False
+    """Its record is damaged at the beginning."""
     refused: bool = False
+    """Its size is too large to be true."""
 
     def index(self) -> dict[int, int]:
-        """Places of message index records by channel; empty when there are none."""
+        """Offsets of message index records by channel; empty if there are none."""
         return dict(struct.iter_unpack("<HQ", self.index_places))
 
 
 @dataclass(slots=True)
 class RecordingLosses(Losses):
-    """What of a recording could not be read, and what was described twice."""
+    """Damage of a recording, and the number of duplicate definitions."""
 
     redefined: int = 0
 
 
 @dataclass(slots=True)
 class RecordingIndex:
-    """counts: messages by channel. closed: the writer has finished the file. summarized: it has a summary that holds.
-
-    others: metadata and private records.
-    """
+    """Index of a recording."""
 
     profile: str = ""
     library: str = ""
@@ -97,12 +99,16 @@ class RecordingIndex:
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
     chunks: list[Chunk] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
+    """Messages by channel."""
     span_ns: tuple[int, int] | None = None
     attachments: list[AttachmentRecord] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     others: list[OtherRecord] = field(default_factory=list)
+    """Metadata and private records."""
     closed: bool = False
+    """The writer has finished the file."""
     summarized: bool = False
+    """It has a valid summary."""
     losses: RecordingLosses = field(default_factory=RecordingLosses)
     schema_bytes: int = 0
     unpacked_bytes: int = 0
@@ -117,19 +123,20 @@ class RecordingIndex:
             self.schemas[schema.id] = schema
 
     def add_channel(self, channel: ChannelRecord) -> None:
-        """Add a channel; the first of an id is kept, as messages before a second one belong to it."""
+        """Add a channel. The first channel of an id is kept, because earlier messages belong to it."""
         known = self.channels.setdefault(channel.id, channel)
         self.losses.redefined += known != channel
 
     def settle(self, size_bytes: int) -> None:
-        """Order the chunks, give each its position in the unpacked file, refuse those that would unpack to too much."""
+        """Sort the chunks, assign their positions in the uncompressed file, and refuse chunks of an implausible
+        size."""
         self.chunks.sort(key=lambda chunk: chunk.place)
         self.unpacked_bytes = self.unpacked_to = 0
         for chunk in self.chunks:
             self._settle(chunk, size_bytes)
 
     def settle_last(self, size_bytes: int) -> None:
-        """As `settle`, for a chunk just added at the end."""
+        """Like `settle`, for a chunk just added at the end."""
         self._settle(self.chunks[-1], size_bytes)
 
     def _settle(self, chunk: Chunk, size_bytes: int) -> None:
@@ -149,12 +156,12 @@ _LARGEST = 1 << 30
 
 
 def has_footer(source: FileReader) -> bool:
-    """Whether the file ends with a footer, as a finished one does."""
+    """Whether the file ends with a footer, as a finished file does."""
     return _footer(source) is not None
 
 
 def from_summary(source: FileReader, losses: RecordingLosses) -> RecordingIndex | None:
-    """The index from the summary; None when there is none or it is wrong. Its chunks are not settled yet."""
+    """Index from the summary; None if it is missing or wrong. Its chunks are not settled yet."""
     found = _footer(source)
     if found is None:
         return None
@@ -232,7 +239,8 @@ def _agree(index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: S
 def _add_chunks(
     index: RecordingIndex, entries: list[ChunkIndexRecord], source: FileReader, end: int, sure: bool
 ) -> bool:
-    """Add the chunks of the summary; False when they are not where it says. sure: it has a checksum."""
+    """Add the chunks of the summary. False if they are not at their stated offsets. sure: the summary has a
+    checksum."""
     entries.sort(key=lambda entry: entry.place)
     free, wrong = len(records.MAGIC), list[ChunkIndexRecord]()
     for entry in entries:

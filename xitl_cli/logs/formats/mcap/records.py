@@ -1,4 +1,4 @@
-"""The records of MCAP 0, from bytes that may be anything."""
+"""The records of MCAP 0, parsed from bytes with any content."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = ra
 ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(9, 16)
 
 CHUNK_FIXED = 40
-"""Bytes of a chunk's record beside the name of its compression and its data."""
+"""Bytes of a chunk's record without the name of its compression and its data."""
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
 class MalformedError(ValueError):
-    """These bytes are no such record."""
+    """These bytes are not a valid record."""
 
 
 class Cursor:
-    """Reads fields one after another. Raises MalformedError behind the end."""
+    """Reads fields one after another. Raises MalformedError past the end."""
 
     def __init__(self, data: bytes, at: int = 0) -> None:
         self.data = data
@@ -36,7 +36,7 @@ class Cursor:
         return self.read(self.number(4)).decode("utf-8", "replace")
 
     def texts(self) -> dict[str, str]:
-        """Texts by name, as metadata are."""
+        """Texts by name, the form of metadata."""
         end = self.number(4) + self.at
         if end > len(self.data):
             raise MalformedError
@@ -70,13 +70,14 @@ class SchemaRecord:
 
 @dataclass(frozen=True, slots=True)
 class ChannelRecord:
-    """metadata: empty where it cannot be read; what else a channel is does not depend on it."""
+    """A channel."""
 
     id: int
     schema_id: int
     topic: str
     encoding: str
     metadata: dict[str, str] = field(default_factory=dict, compare=False)
+    """Empty if unreadable; the other fields do not depend on it."""
 
     @classmethod
     def parse(cls, body: bytes) -> ChannelRecord:
@@ -92,7 +93,7 @@ class ChannelRecord:
 
 @dataclass(frozen=True, slots=True)
 class ChunkHead:
-    """A chunk's record without its data, which are `data_size` bytes `data_at` bytes behind the record's begin."""
+    """A chunk's record without its data: `data_size` bytes, `data_at` bytes behind the beginning of the record."""
 
     start_ns: int
     end_ns: int
@@ -104,7 +105,7 @@ class ChunkHead:
 
     @classmethod
     def parse(cls, record: bytes, length: int) -> ChunkHead:
-        """From the first bytes of a chunk's record, opcode and length included. length: of the record."""
+        """Parse the first bytes of a chunk's record, with opcode and length. length: of the record."""
         if len(record) < 9 + CHUNK_FIXED:
             raise MalformedError
         start_ns, end_ns, unpacked_size, crc, name_size = _CHUNK_HEAD.unpack_from(record, 9)
@@ -120,13 +121,14 @@ class ChunkHead:
 
 @dataclass(frozen=True, slots=True)
 class ChunkIndexRecord:
-    """index_places: packed pairs of channel (u16) and place (u64)."""
+    """An index entry of a chunk."""
 
     start_ns: int
     end_ns: int
     place: int
     length: int
     index_places: bytes
+    """Packed pairs of channel (u16) and offset (u64)."""
     index_length: int
     compression: str
     data_size: int
@@ -167,19 +169,20 @@ class StatisticsRecord:
 
 @dataclass(frozen=True, slots=True)
 class AttachmentRecord:
-    """Where the `size` bytes named `name` are. record: place and size of all of it, opcode included."""
+    """Position of the `size` bytes of an attachment."""
 
     name: str
     place: int
     size: int
     record: tuple[int, int]
+    """Offset and size of the whole record, with the opcode."""
     media_type: str
     log_ns: int
     create_ns: int
 
     @classmethod
     def parse(cls, begin: bytes, place: int, length: int) -> AttachmentRecord:
-        """From the first bytes of an attachment's body. place: of the body in the file."""
+        """Parse the first bytes of an attachment's body. place: offset of the body in the file."""
         cursor = Cursor(begin)
         log_ns, create_ns = cursor.number(8), cursor.number(8)
         name, media_type = cursor.text(), cursor.text()
@@ -191,11 +194,13 @@ class AttachmentRecord:
 
 @dataclass(frozen=True, slots=True)
 class OtherRecord:
-    """Where a record is that is metadata, by its name, or a private one, without. size: opcode included."""
+    """Position of a metadata record or a private record."""
 
     place: int
     size: int
+    """With the opcode."""
     name: str | None
+    """Of metadata; None for a private record."""
 
 
 def parse_header(body: bytes) -> tuple[str, str]:
@@ -205,7 +210,7 @@ def parse_header(body: bytes) -> tuple[str, str]:
 
 
 def parse_footer(body: bytes) -> tuple[int, int]:
-    """Begin of the summary section (0: none), and its checksum (0: none)."""
+    """Beginning of the summary section (0: none), and its checksum (0: none)."""
     if len(body) < 20:
         raise MalformedError
     start, _, crc = struct.unpack_from("<QQI", body)

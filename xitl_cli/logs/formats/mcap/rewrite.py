@@ -1,7 +1,7 @@
-"""A recording written anew, whole: what of it can be read, with the summary and the indexes that readers seek by.
+"""Rewriting of a recording: the readable part, with the summary and the indexes that readers need to seek.
 
-Chunks that are sound are copied as they are, packed, and so are attachments, metadata and private records. What is left
-of a damaged chunk, and messages outside of chunks, become chunks. The records are written by the `mcap` package.
+Sound chunks, attachments, metadata and private records are copied unchanged. The rest of a damaged chunk, and messages
+outside chunks, become chunks. The `mcap` package writes the records.
 """
 
 from __future__ import annotations
@@ -34,23 +34,25 @@ _OTHERWISE = "lz4"
 
 @dataclass(slots=True)
 class Rewritten:
-    """What was written. rebuilt: chunks that are not copies. strangers: messages left out, of channels that nothing
-    describes."""
+    """Counts of written records."""
 
     messages: int = 0
     topics: int = 0
     chunks: int = 0
     rebuilt: int = 0
+    """Chunks that are not copies."""
     attachments: int = 0
     metadata: int = 0
     strangers: int = 0
+    """Omitted messages, of channels without a description."""
 
     def as_json(self) -> dict[str, int]:
         return asdict(self)
 
 
 def examine(index: RecordingIndex, chunks: Chunks) -> None:
-    """Read all that is in chunks, so that the index's losses are complete, and hold the file's own index against it."""
+    """Read the content of all chunks, so that the index's losses are complete, and check the file's own index against
+    it."""
     counts: dict[int, int] = {}
     for chunk in index.chunks:
         indexed = bool(chunk.index_places)
@@ -78,7 +80,7 @@ def rewrite(source: FileReader, index: RecordingIndex, chunks: Chunks, out: Bina
 
 
 def _content(chunks: Chunks, chunk: Chunk) -> ChunkContent:
-    """All records of a chunk. Takes its message indexes from it where they do not name all its messages."""
+    """All records of a chunk. Discards its message indexes if they are damaged."""
     offsets = chunks.indexed_offsets(chunk) if chunk.index_places else None
     if offsets is None:
         chunk.index_places = b""
@@ -91,7 +93,7 @@ def _counts(channel: NDArray[np.uint16]) -> list[tuple[int, int]]:
 
 
 class _Writer:
-    """Writes records one behind the other, and keeps what the summary will say."""
+    """Writes records in sequence, and collects the content of the summary."""
 
     def __init__(self, source: FileReader, index: RecordingIndex, chunks: Chunks, out: BinaryIO) -> None:
         self._source = source
@@ -112,7 +114,7 @@ class _Writer:
         self._write(written.Header(index.profile, index.library))
 
     def chunk(self, chunk: Chunk) -> None:
-        """A chunk, or messages outside of chunks."""
+        """Write a chunk, or messages outside of chunks."""
         data, content = self._chunks.unpacked(chunk), _content(self._chunks, chunk)
         known = np.isin(content.rows.channel, list(self._index.channels))
         self._done.strangers += int((~known).sum())
@@ -205,7 +207,7 @@ class _Writer:
         return done
 
     def _is_whole(self, chunk: Chunk, content: ChunkContent) -> bool:
-        """Whether it can stay as it is."""
+        """Whether the chunk can be copied unchanged."""
         known = {0, *self._index.schemas}
         return (
             self._chunks.is_sound(chunk)
@@ -214,7 +216,7 @@ class _Writer:
         )
 
     def _add_channels(self, numbers: Iterable[int]) -> None:
-        """Write channels, and what their messages are, that nothing before has described."""
+        """Write channels and schemas that were not written before."""
         for number in numbers:
             if number not in self._channels:
                 self._channels.add(number)
@@ -230,7 +232,7 @@ class _Writer:
                 self._write(_schema(schema))
 
     def _channel(self, channel: ChannelRecord) -> written.Channel:
-        """Without a schema where that is lost."""
+        """Channel without its schema if that is lost."""
         schema_id = channel.schema_id if channel.schema_id in self._index.schemas else 0
         return written.Channel(channel.id, channel.topic, channel.encoding, channel.metadata, schema_id)
 
@@ -268,7 +270,8 @@ class _Writer:
         )
 
     def _copy(self, place: int, size: int) -> tuple[int, int]:
-        """Copy a record as it is: where it is now, and the checksum of its content but for the last four bytes."""
+        """Copy a record unchanged. Return its new offset, and the checksum of its content without the last four
+        bytes."""
         at, crc = self._at, 0
         self._put(self._source.read(place, 9))
         for begin in range(9, size, _PIECE):
@@ -297,7 +300,7 @@ def _schema(schema: SchemaRecord) -> written.Schema:
 
 
 def _messages(data: bytes, content: ChunkContent, known: NDArray[np.bool_]) -> tuple[bytes, NDArray[np.int64]]:
-    """The records of these messages behind each other, and where each begins."""
+    """Records of these messages in sequence, and the offset of each."""
     begin = content.rows.offset[known] - MESSAGE_OVERHEAD
     size = content.rows.size[known] + MESSAGE_OVERHEAD
     view = memoryview(data)

@@ -1,4 +1,4 @@
-"""The table of one topic: what decoders give of each batch of payloads, put together to columns."""
+"""Table of one topic: joins the decoded batches of payloads to columns."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
 from xitl_cli.logs.model.table import ALL, Column, Kind, Rows, Table, steps_back
 
 MOST_ELEMENTS = 32
-"""Elements of an array of messages or texts that get columns of their own."""
+"""Largest number of elements of an array of messages or texts that get their own columns."""
 
 MOST_NUMBERS = 4096
-"""Numbers of an array; longer ones are given as bytes, as stored. So are some very long ones of differing lengths
-which padded would not fit into memory."""
+"""Largest number of numbers in an array with numeric values. Longer arrays are bytes, as stored, and so are very long
+arrays of differing lengths that would exceed the memory when padded."""
 
 MOST_LEAVES = 2000
 _MOST_PADDED_BYTES = 1 << 30
@@ -28,57 +28,61 @@ RowNumbers = NDArray[np.intp]
 
 
 class UndecodableError(Exception):
-    """A topic cannot be decoded at all; the message is the reason, as a clause."""
+    """A topic cannot be decoded at all. The message is the reason, as a clause."""
 
 
 class Leaf:
-    """One field of all messages of a batch. lengths: the shortest and longest of an array; None: a single value."""
+    """One field of all messages of a batch."""
 
     kind: Kind = "number"
     unit: str = ""
     dtype: np.dtype[Any]
     lengths: tuple[int, int] | None = None
+    """Shortest and longest of an array; None: a single value."""
 
     def values(self, rows: RowNumbers) -> list[Any] | NDArray[Any]:
-        """(n,) single values, in an array when they are numbers."""
+        """(n,) single values; an array if they are numbers."""
         raise NotImplementedError
 
     def arrays(self, rows: RowNumbers, width: int) -> NDArray[Any]:
-        """(n, width) numbers, padded with NaN when an array of this batch is shorter."""
+        """(n, width) numbers, padded with NaN if an array of this batch is shorter."""
         raise NotImplementedError
 
     def packed(self, rows: RowNumbers) -> list[bytes]:
-        """The numbers of each array as bytes, as stored."""
+        """Numbers of each array as bytes, as stored."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
 class DecodedBatch:
-    """One decoded batch. good: (n,) the rows that could be decoded; leaves by the name of their column."""
+    """One decoded batch."""
 
     good: NDArray[np.bool_]
+    """(n,) the rows that could be decoded."""
     leaves: Mapping[str, Leaf]
+    """By name of their column."""
 
 
 class Decoder(Protocol):
-    """open_ended: fields may be there in some messages only; the others have NaN or empty text there."""
+    """Decoder of payloads. open_ended: messages may lack fields, which are then NaN or empty text."""
 
     open_ended: bool
 
     def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
-        """`wanted`: the one column that is needed, None: all. Raises UndecodableError."""
+        """Decode a batch. wanted: the only column that is needed; None: all. Raises UndecodableError."""
         ...
 
 
 @dataclass(slots=True)
 class Shape:
-    """What is known of a column from the leaves seen so far. seen: in how many batches."""
+    """Properties of a column, from the leaves seen so far."""
 
     kind: Kind
     unit: str
     dtype: np.dtype[Any]
     lengths: tuple[int, int] | None
     seen: int = 1
+    """Number of batches that have it."""
 
     def join(self, leaf: Leaf) -> None:
         self.seen += 1
@@ -92,7 +96,7 @@ class Shape:
 
 
 class Shapes:
-    """The columns of a topic, put together batch by batch."""
+    """Columns of a topic, collected batch by batch."""
 
     def __init__(self, open_ended: bool) -> None:
         self._open_ended = open_ended
@@ -109,9 +113,9 @@ class Shapes:
                 self._shapes[name] = Shape(leaf.kind, leaf.unit, leaf.dtype, leaf.lengths)
 
     def columns(self, rows: int) -> dict[str, Column]:
-        """What every batch has, or any of them where messages are open-ended. rows: of the whole table.
+        """Columns in every batch, or in any batch if messages are open-ended. rows: of the whole table.
 
-        An array that is empty in all of them is no column.
+        An array that is always empty is not a column.
         """
         return {
             name: _column(name, shape, rows)
@@ -120,7 +124,7 @@ class Shapes:
         }
 
     def values(self, column: Column, parts: Iterable[tuple[Mapping[str, Leaf], RowNumbers]]) -> NDArray[Any]:
-        """One column of all parts, each with the rows wanted of it."""
+        """One column of all parts, each with its wanted rows."""
         shape = self._shapes[column.name]
         if column.kind == "number":
             return _numbers(column, shape, parts)
@@ -131,7 +135,7 @@ class Shapes:
 
 
 def texts(values: Sequence[str]) -> NDArray[Any]:
-    """Text of fixed width; of any width when one very long text would make all as wide."""
+    """Text of fixed width, or of object type if one very long text would widen all."""
     widest = max((len(value) for value in values), default=0)
     if 4 * widest * len(values) > _MOST_TEXT_BYTES:
         return objects(values)
@@ -183,7 +187,7 @@ _LARGEST = 2**63
 
 
 class NumberList(Leaf):
-    """One number a message; whole numbers stay whole as long as none is missing (None)."""
+    """One number per message; whole numbers stay whole as long as none is missing (None)."""
 
     def __init__(self, values: Sequence[Any], unit: str = "", dtype: np.dtype[Any] | None = None) -> None:
         self.unit = unit
@@ -195,7 +199,7 @@ class NumberList(Leaf):
 
 
 class ArrayList(Leaf):
-    """Numbers in an array a message."""
+    """An array of numbers per message."""
 
     def __init__(self, values: Sequence[Sequence[Any]], dtype: np.dtype[Any] | None = None) -> None:
         self._values = [numbers(value, dtype) for value in values]
@@ -232,7 +236,7 @@ class ObjectList(Leaf):
 
 
 def numbers(values: Sequence[Any], dtype: np.dtype[Any] | None) -> NDArray[Any]:
-    """Array of numbers: None becomes NaN; whole numbers that 64 bits cannot hold become the nearest float."""
+    """Array of numbers: None becomes NaN; whole numbers beyond 64 bits become the nearest float."""
     if dtype is not None and None not in values:
         return np.array(values, dtype=dtype)
     if dtype is None and all(isinstance(value, int) and -_LARGEST <= value < _LARGEST for value in values):
@@ -254,13 +258,13 @@ _PLAIN_BYTES = 96 << 20
 
 
 class MemoryBudget:
-    """How many bytes of payloads all topics together may keep in memory."""
+    """Bytes of payloads that all topics together may keep in memory."""
 
     def __init__(self, size: int = 192 << 20) -> None:
         self._left = size
 
     def reserve(self, size: int) -> bool:
-        """Reserve `size` bytes; False when they do not fit."""
+        """Reserve `size` bytes. False if they do not fit."""
         if size > min(self._left, _KEPT_BYTES):
             return False
         self._left -= size
@@ -269,17 +273,16 @@ class MemoryBudget:
 
 @dataclass(frozen=True, slots=True)
 class TopicSurvey:
-    """Result of one pass over a topic's messages.
-
-    good: of each batch, the rows that could be decoded. kept: the decoded batches when they are small enough.
-    """
+    """Result of one pass over a topic's messages."""
 
     stamp_ns: NDArray[np.int64]
     place: NDArray[np.int64]
     columns: Mapping[str, Column]
     shapes: Shapes
     good: tuple[NDArray[np.bool_], ...]
+    """For each batch, the rows that could be decoded."""
     kept: tuple[DecodedBatch, ...] | None
+    """The decoded batches, if they are small enough."""
     undecoded: int
     why: str
     back_in_time: int
@@ -288,11 +291,11 @@ class TopicSurvey:
 class TopicTable(Table):
     """Messages of one topic in the order of the file. Stamps are log times.
 
-    distrust: told when there are not `count` messages; whether to look again, without the message indexes.
+    All messages are read once, at the first use of length, stamps, offsets, columns or values. Messages that cannot be
+    decoded are omitted and counted in `LogHealth.undecoded`. An offset is the position in the uncompressed file.
 
-    All its messages are read once when its length, stamps, places, columns or values are asked for; those that cannot
-    be decoded are left out and counted in `LogHealth.undecoded`.
-    place: of the message in the file, were nothing packed.
+    distrust: called if the number of messages is not `count`. It returns whether to read again, without the message
+    indexes.
     """
 
     def __init__(
@@ -338,11 +341,11 @@ class TopicTable(Table):
 
     @property
     def surveyed(self) -> TopicSurvey | None:
-        """The survey, once the messages were read."""
+        """The survey; None before the messages were read."""
         return self._seen
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
-        """See Table; raw makes no difference."""
+        """See Table; raw has no effect."""
         seen = self.survey()
         described = seen.columns[column]
         wanted = np.arange(len(seen.stamp_ns), dtype=np.intp)[rows]
@@ -356,13 +359,13 @@ class TopicTable(Table):
         return values if order is None else values[order]
 
     def payloads(self) -> Iterator[bytes]:
-        """Every message as it is stored, those that cannot be decoded too."""
+        """Every message as stored, including those that cannot be decoded."""
         for batch in self._batches():
             for row in range(len(batch)):
                 yield batch.payload(row)
 
     def _plain(self, seen: TopicSurvey, column: str) -> NDArray[Any] | None:
-        """A column of one number a row, of messages that are not kept: all such columns are read at once, and kept."""
+        """A column of one number per row, if messages are not kept: all such columns are read at once, and cached."""
         if seen.kept is not None:
             return None
         if self._plains is None:
@@ -389,7 +392,7 @@ class TopicTable(Table):
         return self._seen
 
     def why_undecodable(self) -> str:
-        """Why none of its messages can be decoded, "" when they can, as far as the schema tells."""
+        """Reason why none of its messages can be decoded, from the schema; "" if they can."""
         if self._decoder is None and not self._why:
             try:
                 self._decoder = self._make_decoder()
@@ -438,7 +441,7 @@ class TopicTable(Table):
     def _parts(
         self, seen: TopicSurvey, column: str | None, wanted: NDArray[np.intp]
     ) -> Iterator[tuple[Mapping[str, Leaf], RowNumbers]]:
-        """The batches that have wanted rows, which increase, and these rows in each."""
+        """Batches that have wanted rows (ascending), and these rows in each."""
         assert self._decoder is not None
         first = 0
         batches: Iterator[Any] = repeat(None) if seen.kept is not None else self._batches()
@@ -459,7 +462,7 @@ def _joined(arrays: list[NDArray[Any]], dtype: type[Any]) -> NDArray[Any]:
 
 
 def doubtful_rows(tables: Mapping[str, TopicTable]) -> tuple[int, dict[str, tuple[int, str]]]:
-    """Rows that go back in time, and by topic those that cannot be decoded with the reason, as far as is known."""
+    """Known number of rows that go back in time, and by topic the undecodable rows with the reason."""
     back, undecoded = 0, dict[str, tuple[int, str]]()
     for name, table in tables.items():
         seen, why = table.surveyed, table.why_undecodable()

@@ -1,6 +1,6 @@
-"""The index made from the records: of a file without a summary that holds, and of what lies between indexed chunks.
+"""Index built from the records, for a file without a valid summary and for the bytes between indexed chunks.
 
-Records that cannot be trusted are judged by their opcode, length and content; after damage the next one is looked for.
+Untrusted records are judged by their opcode, length and content. After damage, the reader searches the next record.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _SHORTEST = {
     records.DATA_END: 4,
 }
 _EXACT = (records.FOOTER, records.DATA_END)
-"""Records that later versions of MCAP cannot extend; fields may follow those known here in all others."""
+"""Records that later versions of MCAP cannot extend; all others may get further fields."""
 
 _PRIVATE = 0x80
 _MOST_OTHERS = 100_000
@@ -51,7 +51,7 @@ _RECORD = np.dtype([("opcode", "u1"), ("length", "<u8")])
 
 
 def chunk_at(source: FileReader, place: int) -> ChunkHead | None:
-    """The chunk that begins at `place`, judged by its fields alone and not by its record's own opcode and length."""
+    """Chunk that begins at `place`, judged only by its fields, not by the opcode and length of its record."""
     try:
         head = ChunkHead.parse(source.peek(place, 9 + records.CHUNK_FIXED + 32), 1 << 62)
     except MalformedError:
@@ -83,7 +83,7 @@ def plausible_record(source: FileReader, place: int, opcode: int, length: int, e
 
 
 def next_record(source: FileReader, begin: int, end: int) -> int | None:
-    """The first place at which a few records follow each other; of a chunk the one is enough."""
+    """First offset at which a few records follow each other; for a chunk, one is enough."""
     while begin < end - 9:
         data = source.read(begin, min(_BLOCK + 8, end - begin))
         count = len(data) - 8
@@ -124,9 +124,9 @@ _IN_CHUNKS = (records.SCHEMA, records.CHANNEL, records.MESSAGE)
 
 
 class Walk:
-    """Walks the records of `source` and adds what it finds to `index`, what is damaged to its `losses`.
+    """Walks the records of `source`, adds them to `index`, and adds damage to its `losses`.
 
-    counting: add what chunks hold to the index's counts and span; not so where a summary has counted them.
+    counting: add the content of chunks to the index's counts and span; False if a summary has counted it.
     """
 
     def __init__(self, source: FileReader, index: RecordingIndex, chunks: Chunks, counting: bool) -> None:
@@ -140,14 +140,14 @@ class Walk:
         self._places: dict[int, int] = {}
 
     def read_range(self, begin: int, end: int) -> None:
-        """Read the records between two places."""
+        """Read the records between two offsets."""
         at = begin
         while at < end:
             at = self._one(at, end)
         self._finish_chunk()
 
     def _one(self, at: int, end: int) -> int:
-        """Read the record at a place. Returns the place of the next."""
+        """Read the record at an offset. Return the offset of the next."""
         head = self._source.peek(at, 9) if end - at >= 9 else b""
         if len(head) < 9:
             self._losses.truncated_bytes += end - at
@@ -161,7 +161,7 @@ class Walk:
                 return at + 9 + int(length)
         stop = at + 9 + int(length)
         if opcode and opcode not in _SHORTEST and stop <= end and (stop == end or self._follows(stop, end)):
-            self._finish_chunk()  # of a later version of the format
+            self._finish_chunk()  # from a later version of the format
             return stop
         return self._damaged(at, opcode, length, end)
 
@@ -262,7 +262,7 @@ class Walk:
         self._count(chunk, found.rows)
 
     def _loose(self, at: int, length: int, end: int) -> int:
-        """Records that stand outside of chunks, as many in a row as there are: themselves a chunk, not packed."""
+        """Records outside chunks: consecutive records form an uncompressed chunk."""
         data = self._source.read(at, max(min(_BLOCK, end - at), 9 + length))
         found = scan(data, 0, len(data), None, loose=True)
         size = len(data) - found.cut
@@ -301,7 +301,7 @@ class Walk:
 
 
 def between(chunks: list[Chunk], begin: int, end: int) -> Iterator[tuple[int, int]]:
-    """Ranges that no chunk covers."""
+    """Ranges without a chunk."""
     for chunk in chunks:
         if chunk.place > begin:
             yield begin, chunk.place

@@ -1,6 +1,6 @@
-"""The messages a log may hold, by number: ArduPilot's dialect and ours, from their generated classes.
+"""MAVLink messages by number, from the generated classes of ArduPilot's dialect and of xitl's.
 
-With the units of a log's columns, and the values that stand for "not known".
+The module also has the units of a log's columns, and the values that mean "unknown".
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ from xitl_cli.logs.model.table import Column
 
 
 class Scale(NamedTuple):
-    """values = raw · or ÷ `number`. Divided where a decimal fraction is meant: 1e-7 is no float, 1e7 is one."""
+    """Scale of a raw value: values = raw · number, or raw ÷ number.
+
+    Decimal fractions use division: 1e-7 has no exact float, 1e7 has.
+    """
 
     how: Literal["times", "over"]
     number: float
@@ -56,7 +59,7 @@ _SCALES: Mapping[str, Scale] = {
     "cs": Scale("over", 100.0, "s"),
     "ds": Scale("over", 10.0, "s"),
 }
-"""Instants (ms, us, ns) are not here: they stay whole numbers."""
+"""Instants (ms, us, ns) are not listed: they remain whole numbers."""
 
 _U8, _U16, _I16 = 0xFF, 0xFFFF, 0x7FFF
 
@@ -85,27 +88,29 @@ _UNKNOWN: Mapping[tuple[str, str], int] = {
 
 
 def scale_for(unit: str) -> Scale | None:
-    """Scale of a unit; None: the unit is kept."""
+    """Scale of a unit; None if the unit is kept."""
     return _SCALES.get(unit)
 
 
 def unknown_value(message: str, field: str) -> int | None:
-    """The raw value that says "not known" of a field, from the text of its definition; None: it has none."""
+    """Raw value that means "unknown" for a field, from the text of its definition; None if there is none."""
     return _UNKNOWN.get((message, field))
 
 
 _MODULES = ("pymavlink.dialects.v20.ardupilotmega", "agent.wire.dialect")
-"""The first that knows a number tells what it is: ours leaves extension fields of common messages out."""
+"""The first module that knows a number defines it, because xitl's dialect omits extension fields of common messages."""
 
 
 @dataclass(frozen=True, slots=True)
 class MavlinkField:
-    """`count` numbers of `dtype` (or characters) at `offset` of the payload; count is 0 for a single number."""
+    """One field of a message."""
 
     name: str
     offset: int
+    """In the payload, bytes."""
     dtype: np.dtype[np.generic]
     count: int
+    """Numbers of `dtype`, or characters; 0 for a single number."""
     text: bool
     scale: Scale | None
     unknown: int | None
@@ -118,13 +123,15 @@ class MavlinkField:
 
 @dataclass(frozen=True, slots=True)
 class MavlinkDefinition:
-    """fields: in the order of the definition, not of the wire. instance: the field that tells sources apart."""
+    """One message of a dialect."""
 
     number: int
     name: str
     crc_extra: int
     fields: Mapping[str, MavlinkField]
+    """In the order of the definition, not of the wire."""
     instance: str | None
+    """Field that distinguishes sources."""
 
     @property
     def size(self) -> int:

@@ -1,10 +1,10 @@
 """A telemetry log (.tlog) as MAVProxy, Mission Planner and QGroundControl write it.
 
-Its records are 8 bytes (µs since 1970, big-endian) and a MAVLink frame. A record says only by its frame's length where
-the next one is. So the log is taken in blocks: every byte that could begin a frame is looked at together, the records
-are chained from one to the next, and their checksums are worked out together. Where a block is damaged, every possible
-frame of it is checked, and the walk goes on at the next that checks out and is followed by another or has a stamp near
-the last. Time and memory stay in proportion to the log's size.
+A record is 8 bytes (µs since 1970, big-endian) and a MAVLink frame. Only the length of the frame locates the next
+record. The log is therefore read in blocks. In each block, all bytes that could begin a frame are parsed together, the
+records are chained, and their checksums are computed together. In a damaged block, every possible frame is checked.
+Reading resumes at the next valid frame that is followed by another or has a stamp near the last. Time and memory are
+proportional to the log's size.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ _LEAVES, _BREAKS = -2, -1
 
 @dataclass(frozen=True, slots=True)
 class FrameIndex:
-    """(N,) frames that check out, in the order of the file.
-
-    start: of the frame. stamp_us: as stored, 0 where `stamped` is false since the damage before has taken the stamp.
-    unknown: frames that are whole by their length, of messages that no dialect has, by number.
-    """
+    """(N,) frames with correct checksums, in the order of the file."""
 
     start: NDArray[np.int64]
+    """Offset of the frame."""
     kind: NDArray[np.int16]
     stamp_us: NDArray[np.uint64]
+    """As stored; 0 if `stamped` is False."""
     stamped: NDArray[np.bool_]
+    """False if damage before the frame destroyed its stamp."""
     signed: int
     unknown: dict[int, int]
+    """Number of frames with a plausible length and an unknown message, by message number."""
     losses: Losses
 
 
@@ -69,16 +69,17 @@ def index_frames(data: NDArray[np.uint8]) -> FrameIndex:
 
 @dataclass
 class _Block:
-    """Everything between `low` and `high` that could begin a frame. following: the one that would be next of each."""
+    """All bytes between `low` and `high` that could begin a frame."""
 
     low: int
     high: int
     frames: FrameHeaders
     place_of: NDArray[np.int32]
     following: NDArray[np.int32]
+    """Index of the frame that would follow each."""
 
     def at(self, start: int) -> int:
-        """Which one begins at `start`, or _BREAKS, or _LEAVES behind the block."""
+        """Index of the frame that begins at `start`, or _BREAKS, or _LEAVES behind the block."""
         if start >= self.high:
             return _LEAVES
         return int(self.place_of[start - self.low]) if start >= self.low else _BREAKS
@@ -86,11 +87,13 @@ class _Block:
 
 @dataclass
 class _Walk:
-    """expected: where the next record should begin. gap: where what cannot be read began, None while all is well."""
+    """State of reading a log."""
 
     data: NDArray[np.uint8]
     expected: int = 0
+    """Offset at which the next record should begin."""
     gap: int | None = None
+    """Begin of unreadable bytes, None outside damage."""
     stamp_us: int | None = None
     starts: list[NDArray[np.int64]] = field(default_factory=list)
     kinds: list[NDArray[np.int16]] = field(default_factory=list)
@@ -124,7 +127,7 @@ class _Walk:
         return anywhere[start - STAMP_BYTES].astype(np.uint64)
 
     def _chained(self, block: _Block) -> bool:
-        """Take the block's frames, one after the other; false, with nothing taken, when any of them is in doubt."""
+        """Add the frames of the block one after the other. If any is doubtful, add none and return False."""
         taken = _chain(block.following, block.at(self.expected + STAMP_BYTES))
         if taken is None:
             return False
@@ -168,7 +171,7 @@ class _Walk:
         self._take(frames, unknown[np.array(taken, dtype=np.intp)])
 
     def _resumed(self, block: _Block, sure: NDArray[np.intp], sure_starts: list[int]) -> int:
-        """The next frame that can be trusted, with the gap before it noted; _LEAVES when the block has none."""
+        """Next frame that can be trusted; notes the gap before it. _LEAVES if the block has none."""
         gap = self.expected if self.gap is None else self.gap
         found = bisect_left(sure_starts, max(self.expected, block.low))
         if found == len(sure_starts):
@@ -185,7 +188,7 @@ class _Walk:
         return int(sure[found])
 
     def _near(self, block: _Block) -> NDArray[np.bool_]:
-        """Whether what would be the stamp before each frame is within days of the last good one."""
+        """Whether the possible stamp before each frame is within days of the last valid stamp."""
         if self.stamp_us is None:
             return np.zeros(len(block.frames.start), dtype=np.bool_)
         near = block.frames.start >= STAMP_BYTES
@@ -214,7 +217,7 @@ class _Walk:
             self.expected = high
 
     def _tail(self) -> None:
-        """Count a last record that was cut off; what else is left over is damage."""
+        """Count a last record that was cut off. Other remaining bytes are damage."""
         begin = self.expected if self.gap is None else self.gap
         left = len(self.data) - begin
         if left <= 0:
@@ -226,9 +229,9 @@ class _Walk:
 
 
 def _chain(following: NDArray[np.int32], first: int) -> NDArray[np.intp] | None:
-    """`first` and all that follow, until they leave the block; None when the chain breaks off.
+    """`first` and all frames that follow, until they leave the block; None if the chain breaks.
 
-    Walked in strides of 2^_DOUBLINGS, which are then filled in.
+    The chain is followed in strides of 2^_DOUBLINGS, which are then filled in.
     """
     count = len(following)
     leaves, breaks = count, count + 1
@@ -252,7 +255,7 @@ def _chain(following: NDArray[np.int32], first: int) -> NDArray[np.intp] | None:
 
 
 def _could_go_on(tail: NDArray[np.uint8]) -> bool:
-    """Whether this is the beginning of a record."""
+    """Whether these bytes can begin a record."""
     if len(tail) <= STAMP_BYTES + 2:
         return len(tail) <= STAMP_BYTES or int(tail[STAMP_BYTES]) in (MAGIC_1, MAGIC_2)
     frames = parse_headers(tail, np.array([STAMP_BYTES]))
@@ -283,8 +286,8 @@ _LARGEST_US = 9_223_372_036_854_775
 class TelemetryLog(Log):
     """Frames by message, stamped by the ground station that received them.
 
-    A stamp that is far from those around it, or that damage has taken, is replaced by the one before. base is "utc", or
-    "unknown" when the stamps are not of this century.
+    A stamp that is far from its neighbours, or that damage destroyed, is replaced by the previous stamp. base is "utc",
+    or "unknown" if the stamps are not from this century.
     """
 
     format: Format = "tlog"
@@ -328,13 +331,13 @@ class TelemetryLog(Log):
         return {"signed frames": str(self._found.signed)} if self._found.signed else {}
 
     def close(self) -> None:
-        """Tables keep the bytes as long as they are held."""
+        """Close the log. Tables keep the bytes as long as they exist."""
         self._tables = {}
         self._bytes.close()
 
 
 def _trusted(found: FrameIndex) -> tuple[NDArray[np.int64], int]:
-    """Stamps (N,) in µs, and how many of them were replaced."""
+    """Stamps (N,) in µs, and the number of replaced stamps."""
     doubted = ~found.stamped | (found.stamp_us > _LARGEST_US)
     stamps = np.where(doubted, 0, found.stamp_us).astype(np.int64)
     told = np.flatnonzero(~doubted)
@@ -349,9 +352,9 @@ def _trusted(found: FrameIndex) -> tuple[NDArray[np.int64], int]:
 
 
 def _strange(stamp_us: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Rows whose stamp is a day from the median of the five around them, or a minute and out of order.
+    """Rows with a stamp a day from the median of the five around them, or a minute away and out of order.
 
-    A clock that is set, once, has none of them, and neither has a log with long silences.
+    A clock that is set once causes no such row, and neither do long silences.
     """
     steps = np.diff(stamp_us)
     jumps = np.flatnonzero(np.abs(steps) > _MINUTE_US)
@@ -368,7 +371,7 @@ def _strange(stamp_us: NDArray[np.int64]) -> NDArray[np.intp]:
 
 
 def _undecoded(unknown: Mapping[int, int]) -> dict[str, tuple[int, str]]:
-    """The most frequent by number, the others together: in a damaged log any number can turn up once."""
+    """Unknown messages: the most frequent by number, the others summed, because damage can produce any number once."""
     ordered = sorted(unknown.items(), key=lambda item: -item[1])
     listed, others = ordered[:_LISTED_UNKNOWN], ordered[_LISTED_UNKNOWN:]
     reasons = {f"message {number}": (count, "no dialect here has it") for number, count in listed}

@@ -1,4 +1,4 @@
-"""MAVLink frames, many at once: their headers and checksums, and one table a message."""
+"""MAVLink frames, processed together: their headers and checksums, and one table per message."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def checksums(
 ) -> NDArray[np.uint16]:
     """Checksums (N,) of `length` bytes of `data` from `start`, each followed by its byte `extra`.
 
-    The work is done two bytes at a time over all frames, the longest first, so that those still going on are the front
-    of an array. Every frame must lie in `data`.
+    The loop processes two bytes of all frames at a time. Frames are sorted by length, the longest first, so that
+    unfinished frames form the front of an array. Every frame must lie in `data`.
     """
     order = np.argsort(-length, kind="stable")
     place, words, last = start[order], length[order] >> 1, (length[order] & 1).astype(np.bool_)
     table, one_byte = _tables()
     crc = np.full(len(order), 0xFFFF, dtype=np.uint16)
     if len(data) >= 2:
-        pairs: NDArray[np.uint16] = np.ndarray((len(data) - 1,), "<u2", data, strides=(1,))  # at any byte, odd ones too
+        pairs: NDArray[np.uint16] = np.ndarray((len(data) - 1,), "<u2", data, strides=(1,))  # at any offset, odd too
         going_on = len(order) - np.searchsorted(words[::-1], np.arange(int(words.max(initial=0))), side="right")
         for step, count in enumerate(going_on.tolist()):
             crc[:count] = table[crc[:count] ^ pairs[place[:count] + 2 * step]]
@@ -61,29 +61,31 @@ LONGEST_FRAME = 10 + 255 + 2 + 13
 SIGNED = 0x01
 
 UNKNOWN = -1
-"""In place of a message number that no dialect has."""
+"""Replaces a message number that no dialect has."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameHeaders:
-    """(N,) each, of the frames that begin at `start`. size: of the whole frame. kind: place of the message number among
-    the known ones, or UNKNOWN. readable: it lies within the data and asks for nothing that is not known."""
+    """Headers of the frames that begin at `start`; each array is (N,)."""
 
     start: NDArray[np.int64]
     payload: NDArray[np.int64]
     length: NDArray[np.int64]
     size: NDArray[np.int64]
+    """Of the whole frame."""
     number: NDArray[np.int64]
     kind: NDArray[np.int16]
+    """Index of the message number in the known numbers, or UNKNOWN."""
     signed: NDArray[np.bool_]
     readable: NDArray[np.bool_]
+    """The frame lies within the data and has no unknown incompatibility flag."""
 
     def select(self, rows: NDArray[np.intp]) -> FrameHeaders:
         return FrameHeaders(*(getattr(self, name)[rows] for name in FrameHeaders.__slots__))
 
 
 def parse_headers(data: NDArray[np.uint8], start: NDArray[np.int64]) -> FrameHeaders:
-    """Headers of the frames at `start`, where a byte MAGIC_1 or MAGIC_2 is."""
+    """Parse the headers at `start`, where the data has a byte MAGIC_1 or MAGIC_2."""
     last = len(data) - 1
 
     def at(offset: int) -> NDArray[np.int64]:
@@ -103,7 +105,7 @@ def parse_headers(data: NDArray[np.uint8], start: NDArray[np.int64]) -> FrameHea
 
 
 def intact(data: NDArray[np.uint8], frames: FrameHeaders) -> NDArray[np.bool_]:
-    """(N,) whether the message is known and the checksum is right."""
+    """(N,) whether the message is known and the checksum is correct."""
     result: NDArray[np.bool_] = frames.readable & (frames.kind != UNKNOWN)
     known = np.flatnonzero(result)
     ends = frames.payload[known] + frames.length[known]
@@ -139,14 +141,15 @@ def _extra_by_kind() -> NDArray[np.uint8]:
 
 
 _FROM_HEADER = {"_sysid": (5, 3), "_compid": (6, 4), "_seq": (4, 2)}
-"""Where the byte is in a frame of MAVLink 2 and 1."""
+"""Position of the byte in a frame of MAVLink 2 and 1."""
 
 
 class FrameTable(Table):
-    """Frames of one message, each beginning at `start` of `data`; fields, then `_sysid`, `_compid` and `_seq`.
+    """Frames of one message, each beginning at `start` of `data`. Columns: the fields, then `_sysid`, `_compid`,
+    `_seq`.
 
-    Bytes that a frame does not carry are 0: MAVLink 2 cuts them off, and fields may be newer than the sender.
-    A value that stands for "not known" is NaN unless `raw`.
+    Bytes that a frame does not carry are 0: MAVLink 2 truncates zeros, and fields may be newer than the sender. A value
+    that means "unknown" is NaN unless `raw`.
     """
 
     def __init__(
@@ -214,7 +217,7 @@ class FrameTable(Table):
 
 
 def _text(characters: NDArray[np.uint8]) -> NDArray[np.str_]:
-    """Up to the first NUL."""
+    """Text up to the first NUL."""
     if not characters.size:
         return np.zeros(len(characters), dtype="U1")
     texts = np.ascontiguousarray(characters).view(f"S{characters.shape[1]}")[:, 0]
@@ -234,13 +237,16 @@ def _scaled(field: MavlinkField, stored: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True)
 class FrameCounts:
-    """damaged: no frame, cut off, or a wrong checksum. signed: of the `decoded`. unknown: by message number."""
+    """Counts of MAVLink frames."""
 
     frames: int
     decoded: int
     damaged: int
+    """Not a frame, cut off, or with a wrong checksum."""
     signed: int
+    """Subset of `decoded`."""
     unknown: Mapping[int, int] = field(default_factory=dict)
+    """By message number."""
 
 
 def frame_tables(
@@ -248,7 +254,7 @@ def frame_tables(
 ) -> tuple[dict[str, Table], FrameCounts]:
     """Tables "`prefix`:ATTITUDE" (just "ATTITUDE" without a prefix), sorted by name.
 
-    stamp_ns, place: (N,) of the frames. Signatures are passed over, not checked.
+    stamp_ns, place: (N,) of the frames. Signatures are not checked.
     """
     lengths = np.fromiter((len(frame) for frame in frames), dtype=np.int64, count=len(frames))
     data = np.frombuffer(b"".join(frames), dtype=np.uint8)
@@ -282,7 +288,7 @@ def tables_by_message(
     stamp_ns: NDArray[np.int64],
     place: NDArray[np.int64],
 ) -> dict[str, Table]:
-    """One table for each message; rows keep the order of the frames."""
+    """One table per message. Rows keep the order of the frames."""
     if not len(kind):
         return {}
     order = np.argsort(kind, kind="stable")
@@ -296,6 +302,6 @@ def tables_by_message(
 
 
 def unknown_numbers(frames: FrameHeaders, unknown: NDArray[np.bool_]) -> dict[int, int]:
-    """Number of frames by message number that no dialect has."""
+    """Number of frames for each message number that no dialect has."""
     found, count = np.unique(frames.number[unknown], return_counts=True)
     return dict(zip(found.tolist(), count.tolist(), strict=True))

@@ -20,7 +20,7 @@ Value = int | float | str | bytes
 
 @dataclass(frozen=True, slots=True)
 class Information:
-    """A named value: of I, M, P or Q."""
+    """A named value of an I, M, P or Q record."""
 
     key: str
     value: Value
@@ -28,7 +28,7 @@ class Information:
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """From here on, rows with the number `msg_id` are those of instance `multi_id` of the message `name`."""
+    """From this record on, rows with the number `msg_id` belong to instance `multi_id` of the message `name`."""
 
     multi_id: int
     msg_id: int
@@ -37,30 +37,33 @@ class Subscription:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """level: MAVLink's severity, 0 emergency to 7 debug. tag: of its source, None without."""
+    """A logged text."""
 
     level: int
+    """MAVLink severity, 0 emergency to 7 debug."""
     tag: int | None
+    """Source; None if there is none."""
     stamp_us: int
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Flags:
-    """appended: places at which data begins that was written behind the end later, as by a crash handler."""
+    """Flags of the file."""
 
     compatible: bytes
     incompatible: bytes
     appended: tuple[int, ...]
+    """Offsets of data that was appended after the end, for example by a crash handler."""
 
     @property
     def unknown(self) -> bool:
-        """Whether a bit says that this version of the format is another one."""
+        """Whether a bit marks an incompatible version of the format."""
         return bool(self.incompatible[0] & ~INCOMPATIBLE_APPENDED) or any(self.incompatible[1:])
 
 
 def parse_information(content: bytes) -> Information | None:
-    """Of I and P; None where the content is none."""
+    """Parse an I or P record; None if the content is invalid."""
     if not content or len(content) < 1 + content[0]:
         return None
     match = _KEY.fullmatch(content[1 : 1 + content[0]])
@@ -104,5 +107,5 @@ def parse_flags(content: bytes) -> Flags | None:
 
 
 def decoded(stored: bytes) -> str:
-    """Text up to the zeros at its end, as UTF-8; bytes that are none are left out."""
+    """Text up to the zeros at its end, as UTF-8; invalid bytes are omitted."""
     return stored.decode("utf-8", "ignore").rstrip("\0")

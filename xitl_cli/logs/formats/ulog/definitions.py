@@ -1,4 +1,4 @@
-"""What a ULog says of its own rows: a format gives types and names of fields, and may nest other formats."""
+"""Description of rows in a ULog: a format gives types and names of fields, and may nest other formats."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ _LONGEST_ROW = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class FormatField:
-    """A field as a format writes it. count: of an array, 0 for a single value."""
+    """A field as written in a format."""
 
     type_name: str
     count: int
+    """Length of an array, 0 for a single value."""
     name: str
 
 
@@ -40,12 +41,14 @@ class MessageFormat:
 
 @dataclass(frozen=True, slots=True)
 class RowField:
-    """One column. at: its first byte in a row, behind the number of the subscription. items: of an array, else 1."""
+    """One column."""
 
     name: str
     type_name: str
     at: int
+    """Offset of its first byte in a row, behind the number of the subscription."""
     items: int
+    """Length of an array, else 1."""
     array: bool
 
     @property
@@ -59,23 +62,24 @@ class RowField:
 
 @dataclass(frozen=True, slots=True)
 class RowLayout:
-    """Fields of a row. shortest, longest: bytes of a row without and with the padding at its end, which is not always
-    written. why: why rows cannot be read; then there are no fields.
-    """
+    """Fields of a row."""
 
     fields: tuple[RowField, ...]
     shortest: int
+    """Bytes of a row without the padding at its end, which is not always written."""
     longest: int
+    """Bytes of a row with the padding."""
     why: str = ""
+    """Reason why rows cannot be read; then there are no fields."""
 
     @property
     def time(self) -> RowField | None:
-        """The column that tells when a row was written, in microseconds."""
+        """Column with the time of a row, in microseconds."""
         return next((f for f in self.fields if f.name == "timestamp" and f.type_name == "uint64_t"), None)
 
 
 def parse_format(content: bytes) -> MessageFormat | None:
-    """Format from the content of its record; None where that is none."""
+    """Format from the content of its record; None if the content is invalid."""
     try:
         name, colon, rest = content.decode("ascii").partition(":")
     except UnicodeDecodeError:

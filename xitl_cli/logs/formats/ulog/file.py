@@ -1,4 +1,4 @@
-"""A ULog as tables, one a message; its parameters, texts and dropouts are tables as well."""
+"""A ULog as tables, one per message. Its parameters, texts and dropouts are tables as well."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ _EARLIEST_UTC_NS = 1_000_000_000_000_000_000  # 2001
 
 
 class UlogLog(Log):
-    """Implements `Log`. Opening finds all records; columns are read when they are asked for.
+    """Implements `Log`. Opening finds all records; columns are read on first use.
 
     Tables that are no messages: `parameters` (name, value, default), `logged_messages` (level, tag, message) and
-    `dropouts` (duration). Raises LogError when the file cannot be read or is no ULog.
+    `dropouts` (duration). Raises LogError if the file cannot be read or is no ULog.
     """
 
     format: Format = "ulog"
@@ -87,9 +87,9 @@ class UlogLog(Log):
 
     @cached_property
     def _rows_of(self) -> list[NDArray[np.int64]]:
-        """Numbers of the rows of each subscription."""
+        """Indices of the rows of each subscription."""
         counts = np.bincount(self._records.kind, minlength=len(self._records.kinds))
-        order = np.argsort(self._records.kind.astype(np.uint16), kind="stable")  # of 16 bits: sorted by radix
+        order = np.argsort(self._records.kind.astype(np.uint16), kind="stable")  # 16 bits use radix sort
         return list(np.split(order, np.cumsum(counts)[:-1]))
 
     def _part(self, layout: RowLayout, kinds: Sequence[int]) -> RowPart:
@@ -154,7 +154,7 @@ class UlogLog(Log):
 
     @cached_property
     def information(self) -> Mapping[str, Value]:
-        """What the log says by I records, by key (`sys_name`, `ver_hw`, `ver_sw_release` …); the last of each."""
+        """Information (I records) by key (`sys_name`, `ver_hw`, `ver_sw_release` …); the last value of each."""
         return MappingProxyType({each.content.key: each.content.value for each in self._records.information})
 
     @property
@@ -167,7 +167,7 @@ class UlogLog(Log):
         return MappingProxyType(shown)
 
     def attachment(self, name: str) -> bytes | None:
-        """The first information of this name that is in several records, such as `boot_console_output`, joined."""
+        """First information of this name that spans several records, such as `boot_console_output`, joined."""
         parts: list[bytes] = []
         for continued, information in self._records.continued:
             if information.key != name:
@@ -179,7 +179,7 @@ class UlogLog(Log):
         return b"".join(parts) if parts else None
 
     def _placed(self, found: Sequence[Placed]) -> tuple[Stamps, NDArray[np.int64]]:
-        """Stamps of the rows before these records, and where the records are."""
+        """Stamps of the rows before these records, and the offsets of the records."""
         rows = np.array([each.rows for each in found], np.int64)
         return self._times.before(rows), np.array([each.place for each in found], np.int64)
 
@@ -198,7 +198,7 @@ class UlogLog(Log):
             "value": np.array([_double(each.content.value) for each in found]),
         }
         if defaults:
-            # A default is only logged where the value differs from it.
+            # A default is only logged if the value differs from it.
             first = {each.content.key: _double(each.content.value) for each in reversed(found)}
             values["default"] = np.array([defaults.get(name, first[name]) for name in names])
         return MadeTable(PARAMETERS, stamps, place, values)
@@ -209,7 +209,7 @@ class UlogLog(Log):
             return None
         stamps, place = self._placed(found)
         told = np.array([min(each.content.stamp_us, 1 << 53) for each in found]) * 1_000
-        # Believed where they fit in between the rows.
+        # They are accepted if they fit between the rows.
         near = np.abs(told - stamps) < 10_000_000_000
         tags = [each.content.tag for each in found]
         values: dict[str, NDArray[Any]] = {
@@ -239,5 +239,5 @@ class UlogLog(Log):
 
 
 def _double(value: Value) -> float:
-    """The shortest decimal number that is stored as this real number of four bytes."""
+    """Shortest decimal number that is stored as this single-precision number."""
     return float(str(np.float32(value))) if isinstance(value, float) else float(value)

@@ -1,8 +1,8 @@
-"""The chain of records of a ULog: a head of three bytes (size of the content and type), then the content.
+"""The chain of records of a ULog: a header of three bytes (size of the content and type), then the content.
 
-A record ends where the next one begins, and there is no checksum. Rows (`D`) are recognised by the number of their
-subscription and its length, all rows of a window of the file at once. The chain runs along them, and every other record
-is parsed on the way. Where it breaks, it goes on at the next record that is followed by another one.
+A record ends at the beginning of the next, and there is no checksum. Rows (`D`) are recognised by the number of their
+subscription and its length, all rows of a window of the file at once. The chain follows them, and every other record is
+parsed on the way. If it breaks, it resumes at the next record that is followed by another.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES = 16
 HEAD_BYTES = 3
 ROW_HEAD_BYTES = 5
-"""Head of a record and number of the subscription."""
+"""Header of a record and number of the subscription."""
 
 _ROW = ord("D")
 _WINDOW = 1 << 20
@@ -49,7 +49,7 @@ _NO_SIZE = _NUMBERS
 
 @dataclass(frozen=True, slots=True)
 class RowKind:
-    """Rows of one subscription. layout: by the formats that were known when it began."""
+    """Rows of one subscription. layout: by the formats known at the beginning of the subscription."""
 
     subscription: Subscription
     layout: RowLayout
@@ -57,36 +57,42 @@ class RowKind:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """The parsed content of a record that is no row. place: in the file. rows: how many rows were before it."""
+    """Parsed content of a record that is no row."""
 
     place: int
+    """Offset in the file."""
     rows: int
+    """Number of rows before it."""
     content: Any
 
 
 @dataclass(slots=True)
 class UlogRecords:
-    """All records of a log.
-
-    place, kind: (N,) of each row its first byte in the file and its index in `kinds`, in the order of the file.
-    information, parameters, defaults, texts, dropouts: by record. defaults, continued: with the first byte of their
-    content, which says of what. unknown: rows of subscriptions that nothing describes, by number.
-    """
+    """All records of a log."""
 
     place: Places
+    """(N,) first byte of each row, in the order of the file."""
     kind: NDArray[np.int32]
+    """(N,) index of each row in `kinds`."""
     kinds: list[RowKind]
     formats: dict[str, MessageFormat]
     start_us: int = 0
     version: int = 0
     flags: Flags | None = None
     information: list[Placed] = field(default_factory=list)
+    """By record."""
     continued: list[tuple[bool, Information]] = field(default_factory=list)
+    """With the first byte of the content, which gives the kind of the record."""
     parameters: list[Placed] = field(default_factory=list)
+    """By record."""
     defaults: list[tuple[int, Information]] = field(default_factory=list)
+    """With the first byte of the content, which gives the kind of the record."""
     texts: list[Placed] = field(default_factory=list)
+    """By record."""
     dropouts: list[Placed] = field(default_factory=list)
+    """By record."""
     unknown: dict[int, int] = field(default_factory=dict)
+    """Rows of subscriptions without a description, by number."""
     foreign: dict[str, int] = field(default_factory=dict)
     redefined: int = 0
     others: int = 0
@@ -94,21 +100,20 @@ class UlogRecords:
 
 
 def read_records(data: Bytes) -> UlogRecords:
-    """Find all records; never raises on what is in the file, `losses` says what could not be read."""
+    """Find all records. Never raises on the content of the file; `losses` reports unreadable parts."""
     return _Chain(data).read()
 
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Rows that begin before byte `until`, whether or not the chain reaches them.
-
-    place, number, end: (n,) by place. last: indices of those behind which another one does not follow at once.
-    """
+    """Rows that begin before byte `until`, even if the chain does not reach them."""
 
     place: Places
+    """(n,) sorted; `number` and `end` have the same order."""
     number: NDArray[np.int64]
     end: Places
     last: NDArray[np.intp]
+    """Indices of rows that are not directly followed by another."""
     until: int
 
 
@@ -173,7 +178,7 @@ class _Chain:
             place = self._take_other(place, end) if after == place else after
 
     def _take_rows(self, place: int, end: int) -> int:
-        """Take the rows from `place` on that follow each other; where the last one ends, or `place` without one."""
+        """Take consecutive rows from `place` on. Return the end of the last, or `place` if there is none."""
         if place + HEAD_BYTES > end or self._data[place + 2] != _ROW:
             return place
         window = self._window_at(place, end)
@@ -208,7 +213,7 @@ class _Chain:
         return _Rows(place, number, after, np.flatnonzero(broken), until)
 
     def _take_other(self, place: int, end: int) -> int:
-        """Take the record at `place`, or skip what cannot be one; where the next one begins."""
+        """Take the record at `place`, or skip bytes that cannot be a record. Return the offset of the next."""
         found = self._parsed(place, end)
         if found is not None:
             after, content = found
@@ -228,7 +233,7 @@ class _Chain:
         return after
 
     def _end_of(self, place: int, end: int) -> int | None:
-        """Where the record at `place` ends by its size; None when that is beyond `end`."""
+        """End of the record at `place` by its size; None if that is beyond `end`."""
         if place + HEAD_BYTES > end:
             return None
         size = int(self._data[place]) | int(self._data[place + 1]) << 8
@@ -236,7 +241,7 @@ class _Chain:
         return after if size and after <= end else None
 
     def _parsed(self, place: int, end: int) -> tuple[int, Any] | None:
-        """End and content of a record that is no row; None when its type is another one or its content is wrong."""
+        """End and content of a record that is no row; None if its type is another one or its content is wrong."""
         after = self._end_of(place, end)
         if after is None or (parser := self._parsers.get(int(self._data[place + 2]))) is None:
             return None
@@ -254,11 +259,11 @@ class _Chain:
         return int(self._data[place + 3]) | int(self._data[place + 4]) << 8
 
     def _is_head(self, place: int, end: int) -> bool:
-        """Whether a record that is known begins at `place`, or the data ends there."""
+        """Whether a known record begins at `place`, or the data ends there."""
         return place == end or self._is_row(place, end) or self._parsed(place, end) is not None
 
     def _skip(self, place: int, after: int) -> None:
-        """Count a record that cannot be read, and behind which the chain goes on."""
+        """Count an unreadable record behind which the chain continues."""
         letter = int(self._data[place + 2])
         if letter == _ROW and after - place >= ROW_HEAD_BYTES and self._kind_of[self._number(place)] < 0:
             number = self._number(place)
@@ -272,7 +277,7 @@ class _Chain:
             self._found.losses.note(place, after - place, "the content of this record is damaged")
 
     def _is_cut_off(self, place: int, end: int) -> bool:
-        """Whether the record at `place` can be one that was still being written when the data ended."""
+        """Whether the record at `place` may have been incomplete when writing stopped."""
         if end - place < HEAD_BYTES:
             return True
         if self._end_of(place, end) is not None or not int(self._data[place]) | int(self._data[place + 1]) << 8:
@@ -290,7 +295,7 @@ class _Chain:
         return self._resume(place, end) < end
 
     def _resume(self, place: int, end: int) -> int:
-        """The next place from `place` on where a record begins that another one follows; else `end`."""
+        """Next offset from `place` with a record that is followed by another; else `end`."""
         while place < end:
             until = min(place + _SEARCHED_BYTES, end)
             for candidate in self._candidates(place, until, end):
@@ -302,7 +307,7 @@ class _Chain:
         return end
 
     def _candidates(self, begin: int, until: int, end: int) -> Iterator[int]:
-        """Places from `begin` to `until` that have a known type and, of rows, a known number with its length."""
+        """Offsets from `begin` to `until` with a known type and, for rows, a known number with its length."""
         letters = self._data[begin + 2 : min(until + 2, end)]
         rows = self._find_rows(begin, end, until).place
         others = begin + np.flatnonzero(np.isin(letters, list(self._parsers)))
@@ -350,7 +355,7 @@ class _Chain:
 def _parse_led(
     parse: Callable[[bytes], Information | None], first: tuple[int, ...]
 ) -> Callable[[bytes], tuple[int, Information] | None]:
-    """Parser of a content behind one byte, which has to be one of `first`."""
+    """Parser of a content that follows one byte. The byte must be one of `first`."""
 
     def parsed(content: bytes) -> tuple[int, Information] | None:
         if not content or content[0] not in first:

@@ -1,4 +1,4 @@
-"""The tables of a ULog: rows of a message by strided views on the file, and records that are no rows as made tables."""
+"""The tables of a ULog: rows of a message as strided views on the file, and other records as tables in memory."""
 
 from __future__ import annotations
 
@@ -22,19 +22,22 @@ INSTANCE = "multi_id"
 
 @dataclass(frozen=True, slots=True)
 class RowPart:
-    """Rows of one layout. place: (n,) first bytes; number: (n,) of these rows among all of the log; multi_id: (n,)."""
+    """Rows of one layout."""
 
     layout: RowLayout
     place: Places
+    """(n,) first bytes."""
     number: NDArray[np.int64]
+    """(n,) indices of these rows among all rows of the log."""
     multi_id: NDArray[np.uint8]
+    """(n,)"""
 
 
 class UlogTable(Table):
     """Implements `Table`: the rows of all instances of a message.
 
-    It has a column `multi_id` where there are several instances. A column is what the first layout makes of it; where
-    another layout lacks it, it is NaN or empty.
+    It has a column `multi_id` if there are several instances. The first layout defines the columns. A column that
+    another layout lacks is NaN or empty there.
     """
 
     def __init__(self, name: str, data: Bytes, parts: Sequence[RowPart], stamps: Callable[[], Stamps]) -> None:
@@ -56,7 +59,7 @@ class UlogTable(Table):
 
     @cached_property
     def _order(self) -> NDArray[np.intp] | None:
-        """Of the rows of all parts, one behind the other; None when there is one."""
+        """Order of the concatenated rows of all parts; None if there is one part."""
         if len(self._parts) == 1:
             return None
         return np.argsort(np.concatenate([part.place for part in self._parts]), kind="stable")
@@ -96,7 +99,7 @@ class UlogTable(Table):
         return values if raw or divisor == 1.0 else np.asarray(values / divisor)
 
     def read(self, *, raw: bool = False) -> dict[str, NDArray[Any]]:
-        """All columns, row by row, which is faster than column by column."""
+        """Read all columns row by row, which is faster than column by column."""
         found: dict[str, list[NDArray[Any]]] = {name: [] for name in self.columns}
         for part in self._parts:
             stored = _whole_rows(self._data, part)
@@ -138,7 +141,7 @@ def _column(message: str, field: RowField) -> Column:
 
 
 def _finished(stored: NDArray[Any], field: RowField) -> NDArray[Any]:
-    """Values of stored bytes (n,), in the kind and shape of the column."""
+    """Values of stored bytes (n,), with the type and shape of the column."""
     count = len(stored)
     if field.is_text:
         return decode_text(np.ascontiguousarray(stored).view(f"S{field.items}").reshape(count))
@@ -151,7 +154,7 @@ def _missing(column: Column, count: int) -> NDArray[Any]:
 
 
 class MadeTable(Table):
-    """Implements `Table` with columns that are in memory. place: (n,) of the records in the file."""
+    """Implements `Table` with columns in memory. place: (n,) of the records in the file."""
 
     def __init__(self, name: str, stamp_ns: Stamps, place: Places, values: Mapping[str, NDArray[Any]]) -> None:
         self.name = name

@@ -1,8 +1,8 @@
-"""When the rows of a ULog were written.
+"""Times of the rows of a ULog.
 
-A row tells when its topic was published. What a topic held when logging began can be much older, and some topics
-never say when (0). Such a row gets the latest stamp of the rows before it in the file. So does one with an impossible
-time, which is counted as damage. The column `timestamp` keeps what is stored.
+A row has the publication time of its topic. The value of a topic at the start of logging can be much older, and some
+topics have no time (0). Such a row gets the latest stamp of the rows before it in the file. So does a row with an
+impossible time, which is counted as damage. The column `timestamp` keeps the stored value.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ _EARLY_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class RowTimes:
-    """stamp_ns: (N,) of the rows in the order of the file. replaced: rows with an impossible time."""
+    """Times of the rows."""
 
     stamp_ns: Stamps
+    """(N,) in the order of the file."""
     start_ns: int
     replaced: int = 0
+    """Rows with an impossible time."""
     back_in_time: int = 0
 
     def before(self, rows: NDArray[np.int64]) -> Stamps:
@@ -34,7 +36,10 @@ class RowTimes:
 
 
 def row_times(stored_us: NDArray[np.uint64], kind: NDArray[np.int32], start_us: int) -> RowTimes:
-    """stored_us: (N,) of each row, 0 where it has none. kind: (N,) its subscription. start_us: of the file's head."""
+    """Determine the times of all rows.
+
+    stored_us: (N,) of each row, 0 if it has none. kind: (N,) its subscription. start_us: from the file's header.
+    """
     stored = stamps_ns(stored_us, 1_000)
     previous = _previous(stored, kind)
     first = previous < 0
@@ -52,28 +57,28 @@ def row_times(stored_us: NDArray[np.uint64], kind: NDArray[np.int32], start_us: 
         good = stored > 0
     start_ns = _start(start_us * 1_000, stored[good])
     level = np.maximum.accumulate(np.where(good, stored, start_ns))
-    # Of the first rows of topics those are believed that fit in.
+    # The first rows of topics are accepted if they fit in.
     good |= first & (stored >= start_ns - _EARLY_NS) & (stored <= level + FAR_NS)
     damaged = wrong & ((stored > level) | (stored < previous))
     return _mended(stored, kind, good, start_ns, int(damaged.sum()))
 
 
 def _mended(stored: Stamps, kind: NDArray[np.int32], good: Flags, start_ns: int, replaced: int) -> RowTimes:
-    """With every row that is not good stamped as the latest good one before it."""
+    """Times in which every row that is not good has the stamp of the latest good row before it."""
     stamps = np.where(good, stored, np.maximum.accumulate(np.where(good, stored, start_ns)))
     back = int(np.count_nonzero(stamps < _previous(stamps, kind)))
     return RowTimes(stamps, min(start_ns, int(stamps.min())), replaced, back)
 
 
 def _start(told_ns: int, stamps: Stamps) -> int:
-    """When logging began: as the head of the file says, where the first rows agree."""
+    """Start of logging: the time in the file's header, if the first rows agree."""
     level = int(np.median(stamps[:100]))
     return told_ns if abs(level - told_ns) < FAR_NS else int(stamps[:100].min())
 
 
 def _previous(stamps: Stamps, kind: NDArray[np.int32]) -> Stamps:
-    """(N,) the stamp of the row before of the same subscription, -1 for its first."""
-    order = np.argsort(kind.astype(np.uint16), kind="stable")  # of 16 bits: sorted by radix
+    """(N,) stamp of the previous row of the same subscription, -1 for its first."""
+    order = np.argsort(kind.astype(np.uint16), kind="stable")  # 16 bits use radix sort
     sorted_kind, sorted_ns = kind[order], stamps[order]
     earlier = np.full(len(stamps), -1, np.int64)
     if len(stamps) > 1:

@@ -1,6 +1,6 @@
-"""Units of the columns of PX4's messages. A ULog names none; these are those of PX4's message definitions (msg/*.msg).
+"""Units of the columns of PX4's messages. A ULog has no units; these are from PX4's message definitions (msg/*.msg).
 
-Suffixes name the unit of a field (`_us`, `_rad`, `_v` …). The fields of the messages that analyses use are listed.
+Suffixes give the unit of a field (`_us`, `_rad`, `_v` …). The fields of the messages that analyses use are listed.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """divisor: from the stored number, which is in raw_unit, to one in unit."""
+    """Unit of a field."""
 
     unit: str = ""
     raw_unit: str = ""
     divisor: float = 1.0
+    """From the stored number, in raw_unit, to a number in unit."""
 
 
 _SUFFIXES: Mapping[str, str] = {
@@ -35,7 +36,7 @@ _WHOLE_FIX = {
     **dict.fromkeys(("lat", "lon"), Measure("deg", "1e-7 deg", 1e7)),
     **dict.fromkeys(("alt", "alt_ellipsoid"), Measure("m", "mm", 1e3)),
 }
-"""Until 1.14 a fix was in whole numbers."""
+"""Until 1.14, a fix was in whole numbers."""
 _FIX = dict.fromkeys(("eph", "epv"), "m")
 _BY_MESSAGE: Mapping[str, Mapping[str, str]] = {
     "vehicle_local_position": _LOCAL,
@@ -59,7 +60,7 @@ _BY_MESSAGE: Mapping[str, Mapping[str, str]] = {
 
 
 def measure_of(message: str, field: str, *, whole: bool = False) -> Measure:
-    """Nothing where it is not known. whole: of whole numbers."""
+    """Measure of a field; empty if unknown. whole: the field has whole numbers."""
     if whole and message in ("vehicle_gps_position", "sensor_gps") and field in _WHOLE_FIX:
         return _WHOLE_FIX[field]
     unit = _unit(message, field)
