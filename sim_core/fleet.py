@@ -175,7 +175,7 @@ class FleetState:
 
 
 def initial(fleet: Fleet, north_east_m: Array, yaw_rad: Array, rng: Generator) -> FleetState:
-    """Place vessels at rest at (M, 2) positions and (M,) headings, in their order. Draw the environment once for all."""
+    """Place vessels at rest at (M, 2) positions and (M,) headings, in order. Draw the environment once for all."""
     environment = surroundings_model.initial(fleet.environment, 1, rng)
     batches = []
     for simulation, members in zip(fleet.batches, fleet.members, strict=True):

@@ -153,7 +153,7 @@ def ardupilot_ned(origin: GeodeticPoint, geodetic: Array) -> Array:
 
 
 def ardupilot_geodetic(origin: GeodeticPoint, ned_m: Array) -> Array:
-    """Convert (N, 3) NED about `origin`, in ArduPilot's metres, to (N, 3) latitude, longitude (deg) and altitude (m)."""
+    """Convert (N, 3) NED about `origin`, in ArduPilot's metres, to (N, 3) latitude, longitude (deg), altitude (m)."""
     latitude = origin[0] + ned_m[:, 0] / ARDUPILOT_M_PER_DEG
     east_scale = np.cos(np.radians(0.5 * (latitude + origin[0])))
     longitude = origin[1] + ned_m[:, 1] / (ARDUPILOT_M_PER_DEG * east_scale)

@@ -201,7 +201,7 @@ def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, t
 def _around(
     simulation: Simulation, held: tuple[Array, Array], motion: Kinematics, time_s: float, drift_frd_n: Array | None
 ) -> Surroundings:
-    """Return the surroundings of the vessels. drift_frd_n: the held (N, 2) mean force of the waves, None to compute it."""
+    """Return the surroundings of the vessels. drift_frd_n: the held (N, 2) mean wave force, None to compute it."""
     current, wind = held
     surface = simulation.hull_waves.sample(time_s, motion.pos_ned_m, motion.rot_ned_frd)
     water = current + surface.orbital_ned_mps

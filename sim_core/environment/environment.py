@@ -32,7 +32,7 @@ class Environment:
         return cls(spec.water, make_current(spec.current), waves, make_wind(spec.wind))
 
     def surface_ned_z_m(self, time_s: float, pos_ne_m: Array) -> Array:
-        """Return the (...,) down coordinate of the water surface at (..., 2) positions, for scenes and range sensors."""
+        """Return the (...,) down coordinate of the surface at (..., 2) positions, for scenes and range sensors."""
         return -(self.water.level_m + self.waves.elevation_m(time_s, pos_ne_m))
 
 

@@ -188,7 +188,7 @@ def pierson_moskowitz(omega_radps: Array, significant_height_m: float, peak_peri
 
 
 def jonswap(omega_radps: Array, significant_height_m: float, peak_period_s: float, gamma: float = 3.3) -> Array:
-    """JONSWAP density, normalised to Hs numerically. DNV-RP-C205 3.5.5 has the same shape with an approximate factor."""
+    """JONSWAP density, numerically normalised to Hs. DNV-RP-C205 3.5.5 has an approximate factor instead."""
 
     def shape(omega: Array) -> Array:
         peak_radps = 2.0 * np.pi / peak_period_s
@@ -214,7 +214,7 @@ def wave_density(
 
 
 def wave_number(omega_radps: Array, depth_m: float) -> Array:
-    """Return the root k of omega^2 = g k tanh(k d), in rad/m. Newton's method starts at Eckart's (1952) approximation."""
+    """Return the root k of omega^2 = g k tanh(k d), in rad/m. Newton's method starts from Eckart (1952)."""
     alpha = omega_radps**2 * depth_m / GRAVITY_MPS2
     kd = alpha / np.sqrt(np.tanh(alpha))
     for _ in range(8):  # quadratic convergence from a start within 5 %: 4 steps reach rounding, 4 more are margin
@@ -253,7 +253,7 @@ class HullSurface:
 
     @property
     def turn_frd_radps(self) -> Array:
-        """Return the (N, 3) roll and pitch rate of the plane fitted to the water's vertical velocities; the third is 0."""
+        """Return the (N, 3) roll and pitch rate of the plane fitted to the vertical velocities; the third is 0."""
         return self.over_hull[:, 6:9]
 
     @property

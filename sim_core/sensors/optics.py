@@ -241,7 +241,7 @@ class WaterSeen:
 
 
 def _first_under(along: Array32, depth_m: Array32) -> Array32:
-    """Return the (n,) position at which each row of depths first becomes positive, between the samples; inf for never."""
+    """Return the (n,) position at which each row of depths becomes positive, between the samples; inf for never."""
     under = depth_m > 0.0
     rows = np.arange(len(along))
     at = np.argmax(under, axis=1)

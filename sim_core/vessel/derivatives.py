@@ -43,7 +43,7 @@ class Derivative(NamedTuple):
 
     @property
     def own_order(self) -> int:
-        """Order 1 to 3 of the damping of a velocity along its own component, such as Y_v, Y_vv and Y_vvv; 0 for others."""
+        """Order 1 to 3 of damping of a velocity along its own component, such as Y_v, Y_vv and Y_vvv; 0 for others."""
         own = {index for index, _ in self.factors} == {self.component}
         odd = len(self.factors) - sum(magnitude for _, magnitude in self.factors)
         return len(self.factors) if own and odd % 2 == 1 else 0

@@ -50,7 +50,7 @@ class MeanDrift:
     def from_parts(
         cls, model: VesselSpec, waves: WaveField, water: Water, depth_m: float, linear_damping: Array
     ) -> MeanDrift:
-        """Compute the constants. depth_m: depth of the body's origin at rest below the surface. linear_damping: (6, 6)."""
+        """Compute the constants. depth_m: depth of the body's origin at rest. linear_damping: (6, 6)."""
         quadratic = model.damping_quadratic
         share = waves.amplitude_m**2 / np.sum(waves.amplitude_m**2)
         wave_number = np.hypot(*waves.wave_vector_radpm.T)

@@ -296,7 +296,7 @@ class Shafts:
         return cls(down, up - down, np.ones_like(up), -np.ones_like(up))
 
     def spin(self, speed: Array, command: Array) -> Array:
-        """Return the (N, P) speeds one step later, for (N, P) commands, clamped to [-1, 1]; exact for a held command."""
+        """Return the (N, P) speeds one step later, for (N, P) commands, clamped to [-1, 1]. Exact for held commands."""
         wanted = np.minimum(np.maximum(command, self.full_astern), self.full)
         faster = np.abs(wanted) > np.abs(speed)
         gain = self.gain_down + faster * self.gain_extra
@@ -305,7 +305,7 @@ class Shafts:
 
 
 def _along(direction: Array, place_frd_m: tuple[float, float, float]) -> Array:
-    """Return (6,): force and moment of a newton. Its product with (v, w) is the speed of the place along the direction."""
+    """Return (6,): force and moment of a newton. Its product with (v, w) is the speed along the direction."""
     return np.concatenate([direction, np.cross(place_frd_m, direction)])
 
 

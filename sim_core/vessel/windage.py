@@ -26,7 +26,7 @@ class WindDrag:
 
     @classmethod
     def from_spec(cls, model: VesselSpec, waterline_down_m: float) -> WindDrag:
-        """Compute the constants from the vessel's windage. waterline_down_m: still water level below the body's origin."""
+        """Compute the constants from the vessel's windage. waterline_down_m: water level below the body's origin."""
         wind = model.wind
         down_m = waterline_down_m - wind.centre_height_m
         drag = 0.5 * AIR_DENSITY_KGPM3 * wind.surge_coefficient * wind.frontal_area_m2
