@@ -109,7 +109,7 @@ KEPT_GYRO = 512
 """Number of kept samples that propagate a late estimate."""
 STALE_ESTIMATE_NS = 1_000_000_000
 VELOCITY_DEVIATION_MPS, POSITION_DEVIATION_M = 0.1, 1.0
-"""Deviation of the estimate if the autopilot does not report it."""
+"""Deviations of the estimate if the autopilot does not report them."""
 RATE_DEVIATION_RADPS = 0.01
 _STAMP = struct.Struct("<iI")
 _HEADER_BYTES = 4
@@ -501,8 +501,7 @@ class VesselConversion:
         return RosMessage(named, "" if named.of_all else self.name, serialize(message), stamp_ns)
 
     def _moved(self, stamp_ns: int, pose: Any, origin_map_m: Array | None = None) -> RosMessage:
-        """Return `odom` → `base_link`, and `map` → `odom` if it moves; origin_map_m: position of `odom` in `map` (3,).
-        """
+        """Return `odom` → `base_link`, and `map` → `odom` if it moves; origin_map_m: position of `odom` in `map` (3,)."""
         place = pose.position
         transform = TransformStamped(
             header=self._header(stamp_ns, self._framed(ODOM_FRAME)),

@@ -28,7 +28,7 @@ NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class FixedFrame:
-    """A frame that stays where it is in another: its place there in metres, and the turn from it into that one."""
+    """A frame with a constant pose in its parent."""
 
     parent: str
     name: str
@@ -49,8 +49,7 @@ def rangefinder_frame(number: int) -> str:
 
 
 def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
-    """Yield the frame of each sensor of the profile, in `base_link`, at its mounting place; names without the vessel's.
-    """
+    """Yield the frame of each sensor of the profile, in `base_link`, at its mounting place; names without the vessel's."""
     sensors = profile.sensors
     if sensors is None:
         return

@@ -26,7 +26,7 @@ from xitl_cli.run.operator.node import OperatorNode
 SOURCE = "ros"
 OPENING_S = 60.0
 HAND_OVER_HZ = 100.0
-"""Interval of transfers to the process, in simulation time."""
+"""Rate of transfers to the process, in simulation time."""
 HAND_OVER_S = 0.008
 """Interval by wall clock time: a run faster than real time would otherwise make many small batches."""
 SILENT_S = 5.0
@@ -34,7 +34,7 @@ SILENT_S = 5.0
 END_S = 5.0
 MOST_REFUSALS = 50  # reported refusals, each once
 MOST_IN_PIPE_BYTES = 1 << 20
-"""Share of the queue's limit in the pipe: data in the pipe can no longer be dropped."""
+"""Limit of queued data in the pipe: data in the pipe can no longer be dropped."""
 
 
 class LiveRosNode(RunNode):

@@ -20,7 +20,7 @@ SPDP_WRITER, SPDP_READER = bytes.fromhex("000100c2"), bytes.fromhex("000100c7")
 PUBLICATIONS_WRITER, PUBLICATIONS_READER = bytes.fromhex("000003c2"), bytes.fromhex("000003c7")
 SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER = bytes.fromhex("000004c2"), bytes.fromhex("000004c7")
 WRITER_KIND, READER_KIND = b"\x03", b"\x04"
-"""Kind of a user-defined entity without a key."""
+"""Kinds of user-defined entities without a key."""
 PID_SENTINEL, PID_LEASE, PID_TOPIC, PID_TYPE = 0x01, 0x02, 0x05, 0x07
 PID_VERSION, PID_VENDOR, PID_RELIABILITY, PID_DURABILITY, PID_USER_DATA = 0x15, 0x16, 0x1A, 0x1D, 0x2C
 PID_UNICAST, PID_DEFAULT_UNICAST, PID_META_UNICAST = 0x2F, 0x31, 0x32
