@@ -39,7 +39,7 @@ class Way:
 
 
 def ways(emulated: str | None, real: str | None) -> Iterator[Way]:
-    """Yield the runs. emulated: name of a running emulated board. real: URL of an agent on a board. Raises UserError."""
+    """Yield the runs. emulated: name of a running emulated board. real: URL of a board's agent. Raises UserError."""
     yield Way("in process", "sitl")
     yield Way("loopback", "hitl-beaglebone-loopback")
     if emulated is not None:

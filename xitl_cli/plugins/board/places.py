@@ -50,7 +50,7 @@ class EmulatedBoard:
 
     @property
     def address(self) -> str:
-        """Address of its ports: of this machine if they are forwarded, otherwise the board's address in its namespace."""
+        """Address of its ports: of this machine if they are forwarded, otherwise of the board in its namespace."""
         return BOARD_ADDRESS if self.network == NAMESPACE else "127.0.0.1"
 
     @property

@@ -1,4 +1,4 @@
-"""Program for fakeroot: unpacks packages with root as owner, writes dpkg's database, and makes an ext4 of the result."""
+"""Program for fakeroot: unpacks packages with root as owner, writes dpkg's database, and makes an ext4 of it."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class RunPoint:
     seed: int
 
     def key(self, base: str) -> str:
-        """Return the key by which a resumed campaign identifies the run; base: digest of the profile without the axes."""
+        """Return the key that identifies the run in a resumed campaign; base: digest of the profile without axes."""
         text = json.dumps([base, sorted(self.values.items()), self.seed], default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

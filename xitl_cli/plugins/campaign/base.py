@@ -60,7 +60,7 @@ class BaseProfile:
 
     @classmethod
     def load(cls, name: str, written: Entry | None, fixed: Entry | None, folder: Path) -> BaseProfile:
-        """Load the profile with the plan's values. Raises ProfileError, and UserError for a profile that does not run."""
+        """Load the profile with the plan's values. Raises ProfileError, and UserError for an unusable profile."""
         origin = written.origin if written is not None else Origin(name)
         try:
             path = find_profile(name, beside=folder)

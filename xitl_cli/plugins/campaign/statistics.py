@@ -295,7 +295,7 @@ def paired_rates(
 
 
 def _sign_change_p_value(differences: Counts) -> float:
-    """Return the share of all changes of sign of integers (G,) with a sum at least as far from zero as the given one."""
+    """Return the share of all changes of sign of integers (G,) with a sum at least as far from zero as theirs."""
     sizes = np.abs(differences[differences != 0])
     found = abs(int(differences.sum()))
     middle = int(sizes.sum())

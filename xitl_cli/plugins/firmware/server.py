@@ -80,7 +80,7 @@ def published_version(folder: FirmwareFolder, read_text: ReadText) -> PublishedV
 
 
 def list_releases(base: str, vehicle: str, read_text: ReadText) -> list[str]:
-    """Return all numbered releases, the newest first; empty if the server does not list them. Raises UnreachableError."""
+    """Return all numbered releases, the newest first; empty if the server has no list. Raises UnreachableError."""
     found = {release[1] for name in _listed(_top(base, vehicle), read_text) if (release := _RELEASE.fullmatch(name))}
     return sorted(found, key=lambda release: [int(part) for part in release.split(".")], reverse=True)
 

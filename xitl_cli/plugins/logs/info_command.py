@@ -1,4 +1,4 @@
-"""A summary of a log as lines of at most 80 columns. It avoids rich, which takes longer to import than reading a log."""
+"""A summary of a log as lines of at most 80 columns. It avoids rich: its import takes longer than reading a log."""
 
 from __future__ import annotations
 

@@ -188,7 +188,7 @@ def hiding_parameter(name: str, wanted: Mapping[str, float], present: Mapping[st
 def absent_parameter(
     name: str, value: float, wanted: Mapping[str, float], present: Mapping[str, float]
 ) -> AbsentParameter:
-    """Return why the vehicle has no parameter of this name. `wanted`: all wanted ones. `present`: all its parameters."""
+    """Return why the vehicle has no parameter of this name. `wanted`: all wanted ones. `present`: all existing ones."""
     rename = other_name(name, present)
     if rename is not None:
         has = rename.new if rename.old == name else rename.old

@@ -278,6 +278,6 @@ def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
 
 
 def topic_token(name: str) -> str:
-    """Return a name in the form of a ROS topic: `GPS[1]` is /GPS_1, `/link/agent/rx:ATTITUDE` /link/agent/rx_ATTITUDE."""
+    """Convert a name to a ROS topic: `GPS[1]` is /GPS_1, `/link/agent/rx:ATTITUDE` /link/agent/rx_ATTITUDE."""
     parts = [re.sub(r"[^A-Za-z0-9]+", "_", part).strip("_") for part in name.split("/")]
     return "/" + "/".join(part if part[:1].isalpha() else f"m{part}" for part in parts if part)

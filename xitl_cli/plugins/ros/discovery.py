@@ -24,7 +24,7 @@ PREFIX_BYTES, GUID_BYTES = 12, 16
 
 
 def discovery_range(spec: RosSpec) -> DiscoveryRange:
-    """Return `ros.discovery`, else the environment's value, else LOCALHOST. Raises UserError for an invalid variable."""
+    """Return `ros.discovery`, else the environment's value, else LOCALHOST. Raises UserError for a wrong one."""
     if spec.discovery is not None:
         return "LOCALHOST" if spec.discovery == "localhost" else "SUBNET"
     if os.environ.get(LOCAL_VARIABLE) == "1":

@@ -49,7 +49,7 @@ def rangefinder_frame(number: int) -> str:
 
 
 def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
-    """Yield the frame of each sensor of the profile, in `base_link`, at its mounting place; names without the vessel's."""
+    """Yield the frame of each sensor of the profile, in `base_link`, at its mounting place. Names omit the vessel's."""
     sensors = profile.sensors
     if sensors is None:
         return

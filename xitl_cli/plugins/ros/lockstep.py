@@ -75,7 +75,7 @@ class RosLockstepNode(RunNode):
             self._stand(step.now_ns, self._keys.timeout_s)
 
     def _stand(self, now_ns: int, timeout_s: float) -> None:
-        """Wait until each node has answered, `timeout_s` at most. A missing node is waited for once it answers again."""
+        """Wait until each node has answered, `timeout_s` at most. A missing node counts again after its next answer."""
         answers_ns = self._nodes.answers_ns
         self._given_up = {node: told for node, told in self._given_up.items() if answers_ns.get(node, -1) == told}
         self._unanswered.update(self._given_up.keys())

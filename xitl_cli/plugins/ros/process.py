@@ -115,7 +115,7 @@ class RosBridge:
             self._middleware.close()
 
     def ask(self, action: Mapping[str, Any]) -> str | None:
-        """Request an action of the run and return the refusal, None for none. Called from a handler of the middleware."""
+        """Request an action of the run. Return the refusal, None for none. Called from the middleware's handlers."""
         number, answered = next(self._requests), threading.Event()
         refusal: list[str | None] = []
         self._answers[number] = answered, refusal

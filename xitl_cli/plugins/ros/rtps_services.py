@@ -311,7 +311,7 @@ class RtpsServices:
                 self._beat(remote)
 
     def _announce(self) -> None:
-        """Announce to the group, and to each known participant, which may not receive the group: its lease would end."""
+        """Announce to the group, and to each known participant, which may not receive the group."""
         base = 7400 + 250 * self._domain
         self._send([(GROUP, base)], [self._announcement()])
         to = dict.fromkeys(place for remote in self._remotes.values() for place in remote.meta)

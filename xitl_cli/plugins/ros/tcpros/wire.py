@@ -53,7 +53,7 @@ def parse_header(data: bytes) -> Header:
 
 
 def receive_exactly(connection: socket.socket, size: int) -> bytes | None:
-    """Return `size` bytes; None if the peer closed before the first. Raises TcprosError for fewer bytes, and OSError."""
+    """Return `size` bytes; None if the peer closed before the first. Raises TcprosError for less, and OSError."""
     parts, left = list[bytes](), size
     while left:
         part = connection.recv(min(left, 1 << 16))

@@ -92,7 +92,7 @@ class TimeBaseFit:
 
 @dataclass(frozen=True, slots=True)
 class LoopSide:
-    """One of the two runs. Times are in seconds: since the mission began for speed, yaw and outputs, else of its clock."""
+    """One of the two runs. Times are in seconds: from the mission start for speed, yaw and outputs, else its clock."""
 
     name: str
     path_m: Floats

@@ -49,7 +49,7 @@ _RESTORE = "compare the file with docs/vehicles.md, or give your vessel a name o
 
 
 def advice(figure: ValidatedFigure) -> str:
-    """Return the importance of a difference and the key to change, in plain sentences; empty for a figure that agrees."""
+    """Return the importance of a difference and the key to change, in sentences; empty for a figure that agrees."""
     if figure.agrees is not False or figure.reference is None:
         return ""
     source = figure.reference.source

@@ -183,7 +183,7 @@ def _vertex(time_s: Array, values: Array, index: int) -> tuple[float, float]:
 
 
 def response(phase_rad: Array, values: Array) -> Array:
-    """Return (W,) complex amplitudes c of waves with phases (K, W) in a series (K,): mean + Re(sum of c exp(i phase))."""
+    """Fit (W,) complex amplitudes c of waves with phases (K, W) to a series (K,): mean + Re(sum of c exp(i phase))."""
     columns = np.hstack([np.cos(phase_rad), -np.sin(phase_rad), np.ones((len(phase_rad), 1))])
     found = np.linalg.lstsq(columns, values, rcond=None)[0]
     waves = phase_rad.shape[1]

@@ -25,7 +25,7 @@ from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spre
 
 THROTTLES = (0.25, 0.5, 0.75, 1.0)
 _STEP_S = (0.01, 0.005, 0.0025, 0.001, 0.0005)
-"""Largest step. The step is the longest one that follows the vessel's fastest motion, because these motions are slow.
+"""Possible steps. The check uses the longest one that follows the vessel's fastest motion, because its runs are slow.
 """
 _STEPS_PER_RADIAN = 8.0
 _LONGEST_S = 240.0
@@ -275,8 +275,9 @@ def _number(values: dict[str, Value], key: str) -> float:
 
 
 SMALL_GM_OF_WIDTH = 0.03
-"""Limit of a small metacentric height, as a share of the width. Merchant ships have 0.04 and more (Rawson and Tupper 2001, ch. 4), small craft several times
-that.
+"""Limit of a small metacentric height, as a share of the width.
+
+Merchant ships have 0.04 and more (Rawson and Tupper 2001, ch. 4), small craft several times that.
 """
 
 
