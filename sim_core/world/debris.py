@@ -258,15 +258,15 @@ class Figures:
     masses_kg: Array
     """Masses along and across, added mass included, (B, 2)."""
     drag_kgpm: Array
-    """As in `Body`, (B, 2)."""
+    """Value of `Body`, (B, 2)."""
     inertia_kgm2: Array
     """Yaw inertia, (B,)."""
     half_axis_m: Array
-    """As in `Body`, (B,)."""
+    """Value of `Body`, (B,)."""
     radius_m: Array
-    """As in `Body`, (B,)."""
+    """Value of `Body`, (B,)."""
     draught_m: Array
-    """As in `Body`, (B,)."""
+    """Value of `Body`, (B,)."""
     middle_m: Array
     """Depth of the middle below the surface, (B,)."""
     swim_mps: Array

@@ -27,7 +27,7 @@ NOT_MONOTONE_BELOW = 0.01
 
 
 class Outcome(StrEnum):
-    """How a search over an axis ended."""
+    """Outcome of a search over an axis."""
 
     FOUND = "found"
     PASSES = "passes throughout"

@@ -306,7 +306,7 @@ def read_tasks(files: VehicleFiles, url: str, again_s: float = _ASK_AGAIN_S) -> 
 
 
 def _width() -> int | None:
-    """Return the columns of the terminal; None for other outputs, where lines are not folded."""
+    """Return the columns of the terminal; None for other outputs, which are not folded."""
     if not sys.stdout.isatty():
         return None
     try:

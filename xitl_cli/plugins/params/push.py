@@ -106,7 +106,7 @@ def _injects_sensors(wanted: Mapping[str, float], changes: Mapping[str, PushedPa
 
 
 def _set_all(vehicle: VehicleConnection, wanted: Mapping[str, float], changes: dict[str, PushedParameter]) -> bool:
-    """Set differing parameters, and those that appear then, into `changes`. Return True if anything was set."""
+    """Set differing parameters, and newly visible ones, into `changes`. Return True if anything was set."""
     set_some = False
     for _ in range(MOST_ROUNDS):
         present = vehicle.read_all()

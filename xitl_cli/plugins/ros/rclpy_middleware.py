@@ -152,7 +152,7 @@ class RclpyMiddleware:
         return None
 
     def _unlisted(self, topic: str, no_mangle: bool = False) -> str | None:
-        """Return a publisher that may not command, else one that may; None if there is none."""
+        """Return a publisher without permission to command, else any other publisher, else None."""
         endpoints = self._node.get_publishers_info_by_topic(topic, no_mangle)
         names = [full_node_name(one.node_namespace, one.node_name) for one in endpoints]
         return min(names, key=self._commanders.listed, default=None)

@@ -116,7 +116,7 @@ class TcprosMiddleware:
 
     @property
     def node(self) -> str:
-        """Its name at the master."""
+        """Name of the node at the master."""
         return self._registrar.node
 
     def losses(self) -> MiddlewareLosses:

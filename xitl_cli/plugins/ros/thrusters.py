@@ -18,7 +18,7 @@ class ThrusterLink:
 
     name: str
     frame: FixedFrame
-    """Its link at angle zero."""
+    """Link at angle zero."""
     propeller: Propeller | None
     speed: int | None
     """Index of its share of full speed in the rotor's state, None without one."""

@@ -27,7 +27,7 @@ class Helm:
     by: Literal["rudder", "gear", "difference of thrust", "nothing"]
     """Means of steering."""
     ahead: Array
-    """Command of each propeller at full throttle, (P,), 0 for one that pushes sideways."""
+    """Command of each propeller at full throttle, (P,), 0 for a propeller that pushes sideways."""
     turning_m: Array
     """Lever of each propeller's thrust ahead about the centre of gravity, (P,), positive for the bow to starboard."""
     most_deg: Array

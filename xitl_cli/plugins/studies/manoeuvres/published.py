@@ -41,7 +41,7 @@ class PublishedFigure:
     """Key in the manoeuvre."""
     value: float
     tolerance: float
-    """As a share of the value."""
+    """Tolerance as a share of the value."""
     source: str
     disputed: str = ""
     """Reason why the vessel does not follow it, if its sources contradict each other."""

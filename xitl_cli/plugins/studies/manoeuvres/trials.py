@@ -42,7 +42,7 @@ RELEASES = {2: ("heave", 0.05, "of the draft"), 3: ("roll", 1.0, "deg"), 4: ("pi
 
 
 class SeaTrials:
-    """All manoeuvres of a vessel; each is a section of figures and plots. Raises ValueError for one that sinks."""
+    """All manoeuvres of a vessel; each is a section of figures and plots. Raises ValueError for a vessel that sinks."""
 
     def __init__(self, model: VesselSpec, water: Water, step_s: float | None = None) -> None:
         """Prepare the vessel. step_s: step of the simulation; None for the longest one that follows the vessel's

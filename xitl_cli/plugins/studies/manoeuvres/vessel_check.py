@@ -25,7 +25,7 @@ from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spre
 
 THROTTLES = (0.25, 0.5, 0.75, 1.0)
 _STEP_S = (0.01, 0.005, 0.0025, 0.001, 0.0005)
-"""Possible steps. The check uses the longest one that follows the vessel's fastest motion, because its runs are slow.
+"""Possible steps. The check uses the longest step that follows the vessel's fastest motion: its runs are slow.
 """
 _STEPS_PER_RADIAN = 8.0
 _LONGEST_S = 240.0
