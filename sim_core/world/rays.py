@@ -138,10 +138,10 @@ class Scene:
 
 
 def make_caster(scene: Scene, backend: Backend = "embree") -> RayCaster:
-    """Make a caster for the scene: Embree, or numpy, which is slow and needs no extra package.
+    """A caster for the scene: Embree, or numpy, which is slow and needs nothing else.
 
     Raises:
-        WorldError: embree is selected and not installed.
+        WorldError: embree is wanted and not installed.
     """
     if backend == "numpy":
         from sim_core.world.primitive_rays import PrimitiveCaster

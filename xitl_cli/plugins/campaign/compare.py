@@ -144,7 +144,10 @@ def compare_sides(
 def _judged(
     pairs: Sequence[tuple[Row, Row]], verdicts: Sequence[str], confidence: float
 ) -> tuple[VerdictComparison, ...]:
-    """Compare pass rates of each verdict and of all verdicts. Verdicts with equal outcomes are one test."""
+    """Compare pass rates of each verdict and of all verdicts together.
+
+    Verdicts with the same outcome in all pairs are one test.
+    """
     alike: dict[tuple[tuple[Any, Any], ...], list[str]] = {}
     for verdict in (*verdicts, PASSED) if len(verdicts) != 1 else verdicts:
         ran = _ran_and_known(pairs, verdict)

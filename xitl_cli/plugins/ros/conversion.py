@@ -501,7 +501,10 @@ class VesselConversion:
         return RosMessage(named, "" if named.of_all else self.name, serialize(message), stamp_ns)
 
     def _moved(self, stamp_ns: int, pose: Any, origin_map_m: Array | None = None) -> RosMessage:
-        """Return `odom` → `base_link`, and `map` → `odom` if it moves; origin_map_m: position of `odom` in `map` (3,)."""
+        """Return `odom` → `base_link`, and `map` → `odom` if it moves.
+
+        origin_map_m: position of `odom` in `map` (3,).
+        """
         place = pose.position
         transform = TransformStamped(
             header=self._header(stamp_ns, self._framed(ODOM_FRAME)),

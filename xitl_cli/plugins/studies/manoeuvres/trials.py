@@ -45,8 +45,9 @@ class SeaTrials:
     """All manoeuvres of a vessel; each is a section of figures and plots. Raises ValueError for a vessel that sinks."""
 
     def __init__(self, model: VesselSpec, water: Water, step_s: float | None = None) -> None:
-        """Prepare the vessel. step_s: step of the simulation; None for the longest one that follows the vessel's
-        fastest motion.
+        """Prepare the vessel.
+
+        step_s: step of the simulation; None for the longest step that follows the vessel's fastest motion.
         """
         self.rest = AtRest(model, water)
         self.model, self.water, self.helm = model, water, self.rest.helm
