@@ -1,12 +1,12 @@
-"""Vessels of any models in one water: one sea, one wind and one current for all, and hulls that run into each other.
+"""Vessels of any models in one body of water, with a common sea, wind and current, and collisions between hulls.
 
 fleet = Fleet.from_spec(models, environment, dt_s, waterway, names=("leader", "follower"))
 state = initial(fleet, north_east_m, yaw_rad, rng)
 state = step(fleet, state, fleet.by_model(commands), rng)
-alone = state_of(fleet, state, 1)  # of simulation fleet.of(1)
+alone = state_of(fleet, state, 1)  # a state of simulation fleet.of(1)
 
-Vessels of equal models are the rows of one `Simulation`, and are stepped together. What fluctuates is drawn once for
-all; waves, and a current across a channel, go by the place of each.
+Vessels of equal models are the rows of one `Simulation` and take their steps together. Random fluctuations are drawn
+once for all vessels. Waves, and a current across a channel, depend on each vessel's position.
 """
 
 from __future__ import annotations
@@ -49,21 +49,22 @@ from sim_core.world.waterway import OPEN_WATER, Afloat, StepTimes, Waterway
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fleet:
-    """Everything that does not change during a run; made by `from_spec`.
-
-    batches: one simulation a model, all of one environment and waterway. members: of each batch, the numbers of its
-    vessels in the order of its rows. rows: of each vessel, its batch and its row there. names: of the vessels.
-    traffic: the scripted ones. hulls: of all vessels, batch by batch, then of the scripted ones. shapes: in the same
-    order, what of them is seen.
-    """
+    """All constants of a run; made by `from_spec`."""
 
     batches: tuple[Simulation, ...]
+    """One simulation per model, all with the same environment and waterway."""
     members: tuple[Numbers, ...]
+    """For each batch, the numbers of its vessels in the order of its rows."""
     rows: tuple[tuple[int, int], ...]
+    """For each vessel, its batch and its row in the batch."""
     names: tuple[str, ...]
+    """Names of the vessels."""
     traffic: tuple[ScriptedVessel, ...]
+    """The scripted vessels."""
     hulls: Hulls
+    """Hulls of all vessels, batch by batch, then of the scripted vessels."""
     shapes: tuple[SeenHull, ...]
+    """Visible shapes, in the order of `hulls`."""
 
     @classmethod
     def from_spec(
@@ -75,9 +76,9 @@ class Fleet:
         names: Sequence[str] = (),
         traffic: Sequence[ScriptedVessel] = (),
     ) -> Fleet:
-        """One model a vessel; their numbers stand for names that are not given.
+        """Build a fleet from one model per vessel. Without names, the vessels' numbers are their names.
 
-        Raises ValueError for no vessels, for names that are not one a vessel and all different, and as
+        Raises ValueError for no vessels, for a wrong number of names or equal names, and for the reasons of
         `Simulation.from_spec`.
         """
         names = tuple(names) or tuple(str(number) for number in range(len(models)))
@@ -86,7 +87,7 @@ class Fleet:
             raise ValueError("a fleet has no vessels; give at least one model")
         if len(names) != len(models) or len(set(called)) != len(called):
             raise ValueError(f"{len(models)} vessels are called {', '.join(called)}; give each a name of its own")
-        if waterway is OPEN_WATER:  # there are others to run into
+        if waterway is OPEN_WATER:  # other vessels can be hit even in open water
             waterway = Waterway(Capsules.joined(()))
         kinds: list[VesselSpec] = []
         batch = []
@@ -118,63 +119,63 @@ class Fleet:
         )
 
     def in_environment(self, environment: Environment) -> Fleet:
-        """The same vessels in another environment of the same water."""
+        """Return the same vessels in another environment of the same water."""
         return replace(self, batches=tuple(simulation.in_environment(environment) for simulation in self.batches))
 
     @property
     def environment(self) -> Environment:
-        """Of all vessels."""
+        """Environment of all vessels."""
         return self.batches[0].environment
 
     @property
     def waterway(self) -> Waterway:
-        """Of all vessels."""
+        """Waterway of all vessels."""
         return self.batches[0].waterway
 
     @property
     def dt_s(self) -> float:
-        """Length of a step."""
+        """Length of a step in s."""
         return self.batches[0].dt_s
 
     @property
     def dt_ns(self) -> int:
-        """Length of a step."""
+        """Length of a step in ns."""
         return self.batches[0].dt_ns
 
     def of(self, number: int) -> Simulation:
-        """What a vessel is and what surrounds it: goes with its `state_of`."""
+        """Return the simulation of a vessel's batch. It accepts the vessel's `state_of`."""
         return self.batches[self.rows[number][0]]
 
     def place_of(self, number: int) -> int:
-        """Of a vessel among `hulls` and `shapes`."""
+        """Return the index of a vessel in `hulls` and `shapes`."""
         batch, row = self.rows[number]
         return sum(len(members) for members in self.members[:batch]) + row
 
     def by_model(self, commands: Sequence[Sequence[float]]) -> list[Array]:
-        """Commands by vessel (C,) as those that `step` takes: an array (N, C) a batch."""
+        """Convert commands (C,) per vessel to the form of `step`: an array (N, C) per batch."""
         return [np.array([commands[vessel] for vessel in each.tolist()], dtype=np.float64) for each in self.members]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FleetState:
-    """The world at time_ns. batches: the states of the fleet's batches, with what their vessels touched.
-
-    environment: one draw for all; in the batches' own it has one row too. close: which hulls may meet.
-    """
+    """The world at time_ns."""
 
     time_ns: int
     batches: tuple[SimulationState, ...]
+    """States of the fleet's batches, with the contacts of their vessels."""
     environment: EnvironmentState
+    """One draw for all vessels; the environment states in `batches` have one row too."""
     close: CloseHulls = NOBODY_CLOSE
+    """Pairs of hulls that may touch."""
 
     @property
     def debris(self) -> DebrisState:
-        """What drifts."""
+        """State of the drifting bodies."""
         return self.batches[0].afloat.debris
 
 
 def initial(fleet: Fleet, north_east_m: Array, yaw_rad: Array, rng: Generator) -> FleetState:
-    """Vessels at rest at (M, 2) places and (M,) headings, in their order; environment drawn once for all."""
+    """Place vessels at rest at (M, 2) positions and (M,) headings, in order. Draw the environment once for all."""
     environment = surroundings_model.initial(fleet.environment, 1, rng)
     batches = []
     for simulation, members in zip(fleet.batches, fleet.members, strict=True):
@@ -184,7 +185,7 @@ def initial(fleet: Fleet, north_east_m: Array, yaw_rad: Array, rng: Generator) -
 
 
 def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Generator) -> FleetState:
-    """One dt_s later, under (N, C) commands in [-1, 1] a batch, as `Fleet.by_model` makes them."""
+    """Return the state one dt_s later, under (N, C) commands in [-1, 1] per batch, as `Fleet.by_model` makes them."""
     lead = fleet.batches[0]
     environment = state.environment
     if state.time_ns % lead.drift_ns == 0:
@@ -208,7 +209,10 @@ def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Genera
 
 
 def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | None = None) -> SimulationState:
-    """The world as one vessel meets it: arrays of one row, and what it touched itself. motion: its own, if at hand."""
+    """Return the world of one vessel: arrays of one row, with only this vessel's contacts.
+
+    motion: the vessel's motion, if the caller has it already.
+    """
     batch, row = fleet.rows[number]
     together, rows = state.batches[batch], slice(row, row + 1)
     if len(fleet.members[batch]) == 1:
@@ -237,7 +241,7 @@ def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | 
 
 
 def contacts_of(fleet: Fleet, state: FleetState, number: int) -> Contacts:
-    """What one vessel touched itself."""
+    """Return the contacts of one vessel."""
     batch, row = fleet.rows[number]
     contacts = state.batches[batch].contacts
     if not len(contacts) or len(fleet.members[batch]) == 1:
@@ -247,14 +251,14 @@ def contacts_of(fleet: Fleet, state: FleetState, number: int) -> Contacts:
 
 
 def kinematics_of(fleet: Fleet, state: FleetState, number: int) -> Kinematics:
-    """True motion of one vessel: arrays of one row."""
+    """Return the true motion of one vessel: arrays of one row."""
     batch, row = fleet.rows[number]
     motion = state.batches[batch].vessel.motion
     return motion if len(fleet.members[batch]) == 1 else _row(motion, slice(row, row + 1))
 
 
 def launch(fleet: Fleet, state: FleetState, body: Launch) -> FleetState:
-    """With one body more in the water, whatever its `at_ns`. Raises ValueError for an impossible length."""
+    """Add one drifting body now, regardless of its `at_ns`. Raises ValueError for an impossible length."""
     lead = fleet.batches[0]
     water = simulations.water_motion(lead, state.environment, state.time_ns)
     debris = waterways.launch_body(state.debris, body, water)
@@ -263,7 +267,7 @@ def launch(fleet: Fleet, state: FleetState, body: Launch) -> FleetState:
 
 
 def held(fleet: Fleet, state: FleetState, before: FleetState, numbers: Sequence[int]) -> FleetState:
-    """`state` with the vessels of these numbers still as they were `before`."""
+    """Return `state` with the vessels of these numbers unchanged since `before`."""
     batches = list(state.batches)
     for batch in {fleet.rows[number][0] for number in numbers}:
         rows = [fleet.rows[number][1] for number in numbers if fleet.rows[number][0] == batch]
@@ -275,7 +279,7 @@ def held(fleet: Fleet, state: FleetState, before: FleetState, numbers: Sequence[
 
 
 def with_condition(fleet: Fleet, state: FleetState, number: int, condition: Condition | None) -> FleetState:
-    """`state` with one vessel in this condition (N = 1) from now on; None: nothing is wrong with it."""
+    """Return `state` with one vessel in this condition (N = 1) from now on; None for no fault."""
     batch, row = fleet.rows[number]
     batches = list(state.batches)
     vessel = vessel_motion.with_condition(fleet.batches[batch].vessel, batches[batch].vessel, condition, row)
@@ -284,7 +288,7 @@ def with_condition(fleet: Fleet, state: FleetState, number: int, condition: Cond
 
 
 def joined_motion(fleet: Fleet, state: FleetState) -> Kinematics:
-    """Of all vessels, batch by batch, then of the scripted ones: in the order of `Fleet.hulls`."""
+    """Return the motion of all vessels, batch by batch, then of the scripted vessels: the order of `Fleet.hulls`."""
     motions = [one.vessel.motion for one in state.batches]
     if fleet.traffic:
         motions.append(scripted_motion(fleet.traffic, state.time_ns * 1e-9))
@@ -297,7 +301,7 @@ _MOTION = tuple(field.name for field in fields(Kinematics))
 
 
 def drifting_bodies(fleet: Fleet, state: FleetState, but: int | None = None) -> Bodies:
-    """What drifts and the hulls of all vessels, scripted ones too, for ray casting, without that of vessel `but`."""
+    """Return drifting bodies and the hulls of all vessels, scripted ones too, without vessel `but`, for ray casting."""
     motion = joined_motion(fleet, state)
     others = _others(fleet, but)
     hulls = Bodies(
@@ -311,7 +315,7 @@ def drifting_bodies(fleet: Fleet, state: FleetState, but: int | None = None) -> 
 
 
 def hull_walls(fleet: Fleet, state: FleetState, but: int, within_m: float) -> Walls:
-    """The sides of the hulls of all vessels within a range of vessel `but`, without its own, for range sensors."""
+    """Return the hull sides of all vessels within a range of vessel `but`, without its own hull, for range sensors."""
     motion = joined_motion(fleet, state)
     others = _others(fleet, but)
     between = motion.pos_ned_m[others, :2] - motion.pos_ned_m[fleet.place_of(but), :2]
@@ -325,13 +329,13 @@ def hull_walls(fleet: Fleet, state: FleetState, but: int, within_m: float) -> Wa
 
 
 def _others(fleet: Fleet, but: int | None) -> Numbers:
-    """Places in `Fleet.hulls` of all vessels but one."""
+    """Return the indices in `Fleet.hulls` of all vessels but one."""
     everybody = np.arange(len(fleet.shapes))
     return everybody if but is None else np.delete(everybody, fleet.place_of(but))
 
 
 def _touched(fleet: Fleet, state: FleetState, environment: EnvironmentState) -> tuple[CloseHulls, list[Afloat]]:
-    """What is close, and of each batch what its vessels touch."""
+    """Return the close hulls, and the contacts of each batch."""
     lead, close = fleet.batches[0], state.close
     look = state.time_ns % lead.drift_ns == 0
     afloat = [one.afloat for one in state.batches]
@@ -368,7 +372,7 @@ def _touched(fleet: Fleet, state: FleetState, environment: EnvironmentState) -> 
 
 
 def _pressed(afloat: Afloat, contacts: Contacts, wrench: Array) -> Afloat:
-    """With contacts and their wrench beside its own."""
+    """Add contacts and their wrench to the existing ones."""
     if len(afloat.contacts):
         contacts = joined_contacts([afloat.contacts, contacts])
     return replace(
@@ -395,12 +399,12 @@ def _battery_row(battery: BatteryState, rows: slice) -> BatteryState:
 
 
 def _own(values: Array, rows: slice) -> Array:
-    """Of what is one row for all, or one a vessel."""
+    """Select rows of an array with one row per vessel; return an array with one row for all unchanged."""
     return values if len(values) == 1 else values[rows]
 
 
 def _mixed(now: VesselState, then: VesselState, rows: Sequence[int]) -> VesselState:
-    """`now`, with these rows from `then`. What changed their velocities last is that of now: they start anew."""
+    """Return `now` with these rows from `then`. The latest changes of velocity come from `now`: they restart."""
 
     def kept(new: Array, old: Array) -> Array:
         mixed = new.copy()

@@ -1,4 +1,4 @@
-"""Frames and attitudes; the only place that converts between them.
+"""Frames and attitudes. Only this module converts between them.
 
 Conventions of the whole package: positions and velocities in NED (north, east, down), body axes FRD (forward, right,
 down), quaternions `(w, x, y, z)` that turn body FRD into NED, Euler angles `(roll, pitch, yaw)` in the z-y-x order.
@@ -65,7 +65,7 @@ def flu_to_frd(v_flu: Array) -> Array:
 
 
 def quat_ned_frd_to_enu_flu(quat_ned_frd: Array) -> Array:
-    """(..., 4) attitude FRD -> NED rewritten as FLU -> ENU, for tools that draw in ENU (REP 103)."""
+    """Convert a (..., 4) attitude FRD -> NED to FLU -> ENU, for tools that draw in ENU (REP 103)."""
     quat_enu_flu: Array = quat_ned_frd @ _QUAT_ENU_FLU
     return quat_enu_flu
 
@@ -92,7 +92,7 @@ def quat_conjugate(quat: Array) -> Array:
 
 
 def quat_normalize(quat: Array) -> Array:
-    """(..., 4) scaled to unit length."""
+    """Scale (..., 4) quaternions to unit length."""
     unit: Array = quat / np.sqrt(np.vecdot(quat, quat))[..., None]
     return unit
 
@@ -110,7 +110,7 @@ def matrix_to_quat(matrix: Array) -> Array:
     m = matrix.reshape(-1, 3, 3)
     diagonal = m[:, (0, 1, 2), (0, 1, 2)]
     trace = diagonal.sum(axis=1)
-    # 4 q_i q_j for all i, j; the row with the largest diagonal is q times a number that is not small.
+    # 4 q_i q_j for all i, j. The row with the largest diagonal is q times a number that is not small.
     k = np.empty((len(m), 4, 4))
     k[:, 0, 0] = 1.0 + trace
     k[:, (1, 2, 3), (1, 2, 3)] = 1.0 - trace[:, None] + 2.0 * diagonal

@@ -1,4 +1,4 @@
-"""WGS84: local tangent-plane NED to and from latitude, longitude and height, and normal gravity; ArduPilot's sphere.
+"""WGS84 geodesy: local tangent-plane NED, latitude, longitude and height, normal gravity; and ArduPilot's sphere.
 
 Constants and formulas: NIMA TR8350.2, Department of Defense World Geodetic System 1984, 3rd edition.
 """
@@ -25,7 +25,7 @@ _EQUATOR_GRAVITY_MPS2 = 9.7803253359
 _SOMIGLIANA_K = 0.00193185265241
 _CENTRIFUGAL_RATIO = 0.00344978650684  # m = omega^2 a^2 b / GM
 
-# Arrays without dimensions: at N = 1 numpy multiplies by these in half the time it takes to convert a Python float.
+# Arrays without dimensions: at N = 1, numpy multiplies by them in half the time of a Python float.
 _DEG_PER_RAD = np.array(180.0 / math.pi)
 _RAD_PER_DEG = np.array(math.pi / 180.0)
 _ONE = np.array(1.0)
@@ -87,13 +87,14 @@ class LocalFrame:
         """
         x, y, z = (pos_ned_m.dot(self._ned_ecef) + self._origin_ecef_m).T
         p = np.hypot(x, y)
-        # Angles as the two legs of a triangle, not as a tangent: nothing breaks at the poles.
+        # Angles as the two legs of a triangle, not as a tangent: the formula holds at the poles.
         rise = _STRETCH * z
         side = np.hypot(rise, p)
         sin_u, cos_u = rise / side, p / side  # of the parametric latitude u
         rise = z + _RISE_M * (sin_u * sin_u * sin_u)
         run = p - _RUN_M * (cos_u * cos_u * cos_u)
-        # p cos + z sin - a sqrt(1 - e^2 sin^2), with the sine and cosine of the latitude still times their hypotenuse.
+        # p cos + z sin - a sqrt(1 - e^2 sin^2). The sine and cosine of the latitude still contain the hypotenuse as a
+        # factor.
         height: Array = p * run + z * rise - np.hypot(_A_M * run, _B_M * rise)
         return (
             np.arctan2(rise, run) * _DEG_PER_RAD,
@@ -134,14 +135,16 @@ def normal_gravity_mps2(latitude_deg: float, altitude_m: float = 0.0) -> float:
 
 
 ARDUPILOT_M_PER_DEG = math.radians(6_378_100.0)
-"""Metres in a degree of latitude as ArduPilot counts them (AP_Common/Location): those of a sphere of 6378.1 km, and of
-longitude that times the cosine of the latitude midway. A degree of the ellipsoid is up to 0.7 % shorter near the
-equator, 0.3 % longer near the poles: what ArduPilot calls 150 m north of its origin near the equator is 149 m on the
-Earth."""
+"""Metres per degree of latitude in ArduPilot (AP_Common/Location), on a sphere of 6378.1 km.
+
+A degree of longitude is this times the cosine of the latitude midway. A degree of the ellipsoid is up to 0.7 % shorter
+near the equator and 0.3 % longer near the poles. For example, 150 m north of the origin in ArduPilot is 149 m on the
+Earth near the equator.
+"""
 
 
 def ardupilot_ned(origin: GeodeticPoint, geodetic: Array) -> Array:
-    """(N, 3) NED in ArduPilot's metres about `origin` of (N, 3) latitude, longitude (deg) and altitude (m)."""
+    """Convert (N, 3) latitude, longitude (deg) and altitude (m) to (N, 3) NED about `origin`, in ArduPilot's metres."""
     latitude, longitude, altitude = geodetic.T
     east_scale = np.cos(np.radians(0.5 * (latitude + origin[0])))
     turns = (longitude - origin[1] + 180.0) % 360.0 - 180.0
@@ -150,7 +153,7 @@ def ardupilot_ned(origin: GeodeticPoint, geodetic: Array) -> Array:
 
 
 def ardupilot_geodetic(origin: GeodeticPoint, ned_m: Array) -> Array:
-    """(N, 3) latitude, longitude (deg) and altitude (m) of (N, 3) NED in ArduPilot's metres about `origin`."""
+    """Convert (N, 3) NED about `origin`, in ArduPilot's metres, to (N, 3) latitude, longitude (deg), altitude (m)."""
     latitude = origin[0] + ned_m[:, 0] / ARDUPILOT_M_PER_DEG
     east_scale = np.cos(np.radians(0.5 * (latitude + origin[0])))
     longitude = origin[1] + ned_m[:, 1] / (ARDUPILOT_M_PER_DEG * east_scale)

@@ -1,12 +1,12 @@
-"""Keys of a specification: fields of a frozen dataclass whose annotations say what a value means and may be.
+"""Keys of a specification: fields of a frozen dataclass. Annotations give the meaning and bounds of each value.
 
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Hull(Specification):
         length_m: Annotated[Positive, "of each hull"]
         strips: Annotated[int, Bounds(at_least=2), "of each hull"] = 6
 
-A name carries its unit. Bounds are checked wherever a specification is made; whoever reads it from a file finds names,
-types, bounds, defaults and meanings here too. No numpy: a file is checked without it.
+A name carries its unit. Every constructor checks the bounds. File readers take names, types, bounds, defaults and
+meanings from here too. This module does not import numpy, so that a file check does not need it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_orig
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Which numbers are allowed."""
+    """Allowed range of numbers."""
 
     above: float | None = None
     at_least: float | None = None
@@ -31,7 +31,7 @@ class Bounds:
     at_most: float | None = None
 
     def problem(self, value: float) -> str | None:
-        """What is wrong with a value and what to use, to follow `key = value`; None for an allowed one."""
+        """Return the problem of a value and its fix, as text after `key = value`; None for an allowed value."""
         if self.above is not None and not value > self.above:
             return f"is too small; use a value above {self.above:g}"
         if self.at_least is not None and not value >= self.at_least:
@@ -45,14 +45,15 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Items:
-    """How many entries a list has; why: what limits them."""
+    """Allowed number of entries of a list."""
 
     at_least: int = 0
     at_most: int | None = None
     why: str = ""
+    """Reason for the limits."""
 
     def problem(self, value: tuple[object, ...]) -> str | None:
-        """As of `Bounds`, for a list."""
+        """Return the problem of a list's length, like `Bounds.problem`."""
         if len(value) < self.at_least:
             return f"is too short; give at least {self.at_least}"
         if self.at_most is not None and len(value) > self.at_most:
@@ -62,17 +63,18 @@ class Items:
 
 @dataclass(frozen=True, slots=True)
 class ValueProblem:
-    """A rule of its own, in place of the type's: what is wrong with a value, None for an allowed one."""
+    """A special rule that replaces the rule of the type."""
 
     problem: Callable[[object], str | None]
+    """Returns the problem of a value, None for an allowed value."""
 
 
 class Required:
-    """Marks a key that a profile has to give, although the class has a neutral default."""
+    """Marks a key that a profile must give, although the class has a neutral default."""
 
 
 class AmongVessels:
-    """Marks a key that says something among several vessels only: by default it is not written out for one alone."""
+    """Marks a key that matters only with several vessels. By default, files for a single vessel do not include it."""
 
 
 Positive: TypeAlias = Annotated[float, Bounds(above=0)]
@@ -84,16 +86,16 @@ Seed: TypeAlias = Annotated[int, Bounds(at_least=0)]
 Place: TypeAlias = tuple[float, float]
 """North and east."""
 Vector: TypeAlias = tuple[float, float, float]
-"""Three numbers along the axes the key's name says (ned or frd)."""
+"""Three numbers along the axes in the key's name (ned or frd)."""
 Size: TypeAlias = tuple[Positive, Positive, Positive]
 MESH_FORMATS = ("stl", "dae", "obj", "ply", "gltf", "glb")
-"""Endings of mesh files that can be read."""
+"""Extensions of supported mesh files."""
 
 
 class SpecificationError(ValueError):
-    """A key that does not go with the others of its group.
+    """A key that conflicts with the other keys of its group.
 
-    path: of the key within the group; text: the rest of the sentence, after the key.
+    path: path of the key within the group. text: the rest of the sentence, after the key.
     """
 
     def __init__(self, path: tuple[str | int, ...], text: str) -> None:
@@ -103,9 +105,9 @@ class SpecificationError(ValueError):
 
 
 class Specification:
-    """A group of keys. Raises ValueError for a value out of its bounds, naming class, key, value and fix.
+    """A group of keys. Raises ValueError for a value out of its bounds, with class, key, value and fix.
 
-    What keys must fulfil together is for `check` of the class to say, as a SpecificationError.
+    A subclass checks conditions between its keys in `check`, which raises SpecificationError.
     """
 
     __slots__ = ()
@@ -115,7 +117,7 @@ class Specification:
         self.check()
 
     def check(self) -> None:
-        """Raises SpecificationError when keys do not go together."""
+        """Raises SpecificationError when keys conflict."""
 
 
 def check_values(instance: object) -> None:
@@ -128,14 +130,14 @@ def check_values(instance: object) -> None:
 
 @lru_cache(maxsize=256)
 def key_annotations(group: type) -> dict[str, Any]:
-    """The annotation of each key of a dataclass, in order."""
+    """Return the annotation of each key of a dataclass, in order."""
     hints = get_type_hints(group, include_extras=True)
     return {field.name: hints[field.name] for field in dataclasses.fields(group) if field.init}
 
 
 @lru_cache(maxsize=256)
 def required_keys(group: type) -> tuple[str, ...]:
-    """Those that have to be given."""
+    """Return the required keys."""
     known, absent = key_annotations(group), dataclasses.MISSING
     return tuple(
         field.name
@@ -146,7 +148,7 @@ def required_keys(group: type) -> tuple[str, ...]:
 
 
 def unpacked(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
-    """The type within an annotation, and its markers and meaning."""
+    """Return the type within an annotation, and its markers and meaning."""
     if get_origin(annotation) is Annotated:
         kind, *markers = get_args(annotation)
         return kind, tuple(markers)
@@ -154,12 +156,12 @@ def unpacked(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def marks(annotation: Any) -> tuple[type, ...]:
-    """The kinds of the markers of a key."""
+    """Return the classes of the markers of a key."""
     return tuple(type(marker) for marker in unpacked(annotation)[1])
 
 
 def alternatives(annotation: Any) -> list[tuple[Any, tuple[Any, ...]]]:
-    """The types that a value may have, each with its markers; without None."""
+    """Return the types that a value may have, each with its markers, without None."""
     kind, markers = unpacked(annotation)
     if get_origin(kind) not in (Union, UnionType):
         return [] if kind is type(None) else [(kind, markers)]
@@ -167,19 +169,19 @@ def alternatives(annotation: Any) -> list[tuple[Any, tuple[Any, ...]]]:
 
 
 def optional(annotation: Any) -> bool:
-    """Whether null is allowed."""
+    """Return True if null is allowed."""
     kind, _ = unpacked(annotation)
     return get_origin(kind) in (Union, UnionType) and type(None) in get_args(kind)
 
 
 def entries(kind: Any, count: int) -> tuple[Any, ...]:
-    """The annotations of `count` entries of a tuple type; as many as it has where that is fixed."""
+    """Return the annotations of `count` entries of a tuple type, or of all entries if their number is fixed."""
     arguments = get_args(kind)
     return arguments[:1] * count if arguments[-1] is Ellipsis else arguments
 
 
 def problems(value: Any, annotation: Any, unit: str = "") -> Iterator[tuple[Any, str]]:
-    """Values at and below `value` that are not allowed, with what is wrong with each; groups check themselves."""
+    """Yield the disallowed values at and below `value`, each with its problem. Groups check themselves."""
     if value is None and optional(annotation):
         return
     if (rule := own_rule(annotation)) is not None:
@@ -200,17 +202,17 @@ def problems(value: Any, annotation: Any, unit: str = "") -> Iterator[tuple[Any,
 
 
 def own_rule(annotation: Any) -> ValueProblem | None:
-    """The rule that stands in place of the type's."""
+    """Return the special rule that replaces the rule of the type."""
     return next((marker for marker in unpacked(annotation)[1] if isinstance(marker, ValueProblem)), None)
 
 
 def meaning_of(annotation: Any) -> str:
-    """What a key means, empty where its name says it."""
+    """Return the meaning of a key, empty if its name is sufficient."""
     return next((marker for marker in unpacked(annotation)[1] if isinstance(marker, str)), "")
 
 
 def length_problem(value: tuple[object, ...], kind: Any, markers: tuple[Any, ...]) -> str | None:
-    """What is wrong with the length of a list."""
+    """Return the problem of a list's length."""
     fixed = len(entries(kind, len(value)))
     if len(value) < fixed:
         return "is too short; give every entry, as in the shipped profiles"
@@ -220,7 +222,7 @@ def length_problem(value: tuple[object, ...], kind: Any, markers: tuple[Any, ...
 
 
 def value_problem(value: object, kind: Any, markers: tuple[Any, ...], unit: str = "") -> str | None:
-    """What is wrong with a scalar and what to write instead, to follow `key = value`; None where it is allowed."""
+    """Return the problem of a scalar and its fix, as text after `key = value`; None for an allowed value."""
     inside = f" in {unit}" if unit else ""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if get_origin(kind) is Literal:
@@ -281,5 +283,5 @@ UNITS = {
 
 
 def unit_of(key: str) -> str:
-    """The unit at the end of a key's name, empty where there is none."""
+    """Return the unit at the end of a key's name, empty if there is none."""
     return UNITS.get(key.rsplit("_", 1)[-1], "") if "_" in key else ""

@@ -1,4 +1,4 @@
-"""The true motion of the vessels: what the sensors measure and the recorder writes."""
+"""True motion of the vessels. The sensors measure it and the recorder writes it."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """True motion of the body's origin of N vessels.
-
-    pos_ned_m, vel_ned_mps, acc_ned_mps2: (N, 3) position, velocity and its time derivative (gravity not
-        included: a vessel at rest has zero acceleration), NED axes.
-    quat_ned_frd: (N, 4) unit quaternion (w, x, y, z) turning body FRD into NED; rot_ned_frd: (N, 3, 3) the same
-        as a matrix, `v_ned = rot_ned_frd @ v_frd`.
-    gyro_frd_radps, angular_acc_frd_radps2: (N, 3) angular velocity against NED and its derivative, body axes.
-    """
+    """True motion of the body origin of N vessels."""
 
     pos_ned_m: NDArray[float64]
+    """Position, (N, 3), NED axes."""
     vel_ned_mps: NDArray[float64]
+    """Velocity, (N, 3), NED axes."""
     acc_ned_mps2: NDArray[float64]
+    """Time derivative of the velocity, (N, 3), NED axes, without gravity: zero for a vessel at rest."""
     quat_ned_frd: NDArray[float64]
+    """Unit quaternion (w, x, y, z) that turns body FRD into NED, (N, 4)."""
     rot_ned_frd: NDArray[float64]
+    """The same rotation as a matrix, (N, 3, 3): `v_ned = rot_ned_frd @ v_frd`."""
     gyro_frd_radps: NDArray[float64]
+    """Angular velocity relative to NED, (N, 3), body axes."""
     angular_acc_frd_radps2: NDArray[float64]
+    """Time derivative of the angular velocity, (N, 3), body axes."""

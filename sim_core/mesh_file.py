@@ -15,11 +15,11 @@ LARGEST_BYTES = 512 << 20
 
 
 class MeshFileError(Exception):
-    """What is wrong with a mesh and what to do, to follow the file's name."""
+    """Problem of a mesh file and its fix, as text after the file name."""
 
 
 def read_triangles(path: Path) -> tuple[Array, NDArray[int32]]:
-    """Vertices (V, 3) and faces (F, 3), of all that the file holds.
+    """Read the vertices (V, 3) and faces (F, 3) of everything in the file.
 
     Raises:
         MeshFileError: no such file, another format, a damaged one, or trimesh is not installed.
@@ -36,14 +36,14 @@ def read_triangles(path: Path) -> tuple[Array, NDArray[int32]]:
     except ImportError:
         raise MeshFileError("needs trimesh, which is not installed; pip install 'xitl[perception]'") from None
     try:
-        # Processed, vertices that are not numbers would go, and their triangles with them, unsaid.
+        # Processing would silently remove vertices that are not numbers, together with their triangles.
         loaded = trimesh.load_scene(path, process=False).to_mesh()
         vertices, faces = np.asarray(loaded.vertices, dtype=float64), np.asarray(loaded.faces, dtype=int32)
-    except ImportError as error:  # it tries other readers on a damaged file, too
+    except ImportError as error:  # for a damaged file, trimesh tries other readers too
         raise MeshFileError(
             f"cannot be read as {kind}: it is damaged, or of a kind that needs more ({error}); export it again"
         ) from error
-    except Exception as error:  # its readers raise whatever a damaged file leads them to
+    except Exception as error:  # a damaged file can raise any error in the readers
         raise MeshFileError(f"cannot be read as {kind} ({error}); export it again") from error
     if vertices.ndim != 2 or faces.ndim != 2:
         return np.empty((0, 3)), np.empty((0, 3), dtype=int32)

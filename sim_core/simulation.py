@@ -26,21 +26,21 @@ from sim_core.world.debris import DebrisState, Launch, bodies_at
 from sim_core.world.rays import Bodies
 from sim_core.world.waterway import OPEN_WATER, STILL, Afloat, StepTimes, WaterMotion, Waterway
 
-# Current, gusts and the waves' mean force change over seconds and are sampled exactly at any step: 50 Hz is plenty.
+# Current, gusts and the waves' mean force change over seconds and are sampled exactly at any step. 50 Hz is sufficient.
 DRIFT_NS = 20_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """Everything that does not change during a run; made by `from_spec`."""
+    """All constants of a run; made by `from_spec`."""
 
     vessel: Vessel
     environment: Environment
     hull_waves: HullWaves | StillHull
-    wave_drift_ne_mps: Array  # (2,) of the water, over the vessel's draft
+    wave_drift_ne_mps: Array  # (2,) drift of the water, over the vessel's draft
     dt_s: float
     dt_ns: int
-    drift_ns: int  # a whole number of steps: how long current, gusts and the mean force of the waves are held
+    drift_ns: int  # update period of current, gusts and the waves' mean force; a whole number of steps
     outline: Outline
     waterway: Waterway = OPEN_WATER
 
@@ -48,7 +48,7 @@ class Simulation:
     def from_spec(
         cls, model: VesselSpec, environment: Environment, dt_s: float, waterway: Waterway = OPEN_WATER
     ) -> Simulation:
-        """Raises ValueError when dt_s is no whole number of nanoseconds or the vessel does not float upright."""
+        """Raises ValueError if dt_s is not a whole number of nanoseconds or the vessel does not float upright."""
         dt_ns = round(dt_s * 1e9)
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
@@ -60,7 +60,7 @@ class Simulation:
         )
 
     def in_environment(self, environment: Environment) -> Simulation:
-        """The same vessel in another environment of the same water."""
+        """Return the same vessel in another environment of the same water."""
         if environment.waves is self.environment.waves:
             return replace(self, environment=environment)
         vessel = self.vessel.in_waves(environment.waves, environment.water)
@@ -71,55 +71,55 @@ class Simulation:
 
 
 def _waves_at(vessel: Vessel, waves: WaveField | FlatWater) -> tuple[HullWaves | StillHull, Array]:
-    """What the hull meets of a sea, and how this carries the water, (2,) over the draft."""
+    """Return the sampler of a sea at the hull, and the (2,) wave drift of the water over the draft."""
     hulls = vessel.buoyancy
     return waves.at_hull(hulls.points_frd_m, hulls.point_share), waves.shear_drift_ne_mps(vessel.rest.draft_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulationState:
-    """The world at time_ns.
-
-    What the last step felt at the vessels' places: current_ned_mps (N, 3), with the waves' drift and without their
-    orbital motion, wind_ned_mps (N, 3) at the height of their areas, drift_frd_n (N, 2) the mean force of the waves,
-    the surface of the water. afloat: the debris, and what the vessels touched in that step.
-    """
+    """The world at time_ns, with the surroundings of the vessels in the last step."""
 
     time_ns: int
     vessel: VesselState
     environment: EnvironmentState
     current_ned_mps: Array
+    """Current at the vessels, (N, 3), with the waves' drift and without their orbital motion."""
     wind_ned_mps: Array
+    """Wind at the height of the vessels' wind areas, (N, 3)."""
     drift_frd_n: Array
+    """Mean force of the waves, (N, 2)."""
     surface: HullSurface
+    """The water surface at the hulls."""
     afloat: Afloat = STILL
+    """The debris, and the contacts of the vessels in the last step."""
 
     @property
     def debris(self) -> DebrisState:
-        """What drifts."""
+        """State of the drifting bodies."""
         return self.afloat.debris
 
     @property
     def contacts(self) -> Contacts:
-        """What the vessels touched in the last step."""
+        """Contacts of the vessels in the last step."""
         return self.afloat.contacts
 
 
 def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Generator) -> SimulationState:
-    """Vessels at rest at (N, 2) places and (N,) headings; environment drawn from its stationary state."""
+    """Place vessels at rest at (N, 2) positions and (N,) headings. Draw the environment from its stationary state."""
     vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad)
     return at_start(simulation, vessel, surroundings_model.initial(simulation.environment, len(north_east_m), rng))
 
 
 def at_start(simulation: Simulation, vessel: VesselState, environment: EnvironmentState) -> SimulationState:
-    """Time 0."""
+    """Return the state at time 0."""
     held = _held(simulation, environment, vessel.motion, 0.0)
     around = _around(simulation, held, vessel.motion, 0.0, None)
     return SimulationState(0, vessel, environment, *held, around.drift_frd_n, around.surface)
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
-    """One dt_s later, under (N, C) commands in [-1, 1], (1, C) for the same on all vessels: see VesselSpec."""
+    """Return the state one dt_s later, under (N, C) commands in [-1, 1], (1, C) for all vessels: see VesselSpec."""
     environment = state.environment
     long_step = state.time_ns % simulation.drift_ns == 0
     if long_step:
@@ -141,30 +141,32 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
 
 
 def elevation_m(simulation: Simulation, state: SimulationState) -> Array:
-    """(N,) of the waves at the vessels, up positive over the still level."""
+    """Return the (N,) elevation of the waves at the vessels, up positive above the still level."""
     places = state.vessel.motion.pos_ned_m[:, :2]
     return simulation.environment.waves.elevation_m(state.time_ns * 1e-9, places)
 
 
 def drifting_bodies(state: SimulationState) -> Bodies:
-    """What drifts, where it is at the state's instant, for ray casting."""
+    """Return the drifting bodies at the state's instant, for ray casting."""
     return bodies_at(state.afloat.debris, state.time_ns)
 
 
 def launch(simulation: Simulation, state: SimulationState, body: Launch) -> SimulationState:
-    """With one body more in the water, whatever its `at_ns`. Raises ValueError for an impossible length."""
+    """Add one drifting body now, regardless of its `at_ns`. Raises ValueError for an impossible length."""
     water = water_motion(simulation, state.environment, state.time_ns)
     debris = waterways.launch_body(state.afloat.debris, body, water)
     return replace(state, afloat=replace(state.afloat, debris=debris))
 
 
 def with_condition(simulation: Simulation, state: SimulationState, condition: Condition | None) -> SimulationState:
-    """`state` with its one vessel in this condition from now on; None: nothing is wrong with it."""
+    """Return `state` with its one vessel in this condition from now on; None for no fault."""
     return replace(state, vessel=vessel_motion.with_condition(simulation.vessel, state.vessel, condition))
 
 
 def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) -> WaterMotion:
-    """What carries bodies: all of them the current of the first vessel, which varies in time alone between vessels."""
+    """Return the water motion at the bodies. All bodies use the first vessel's current, which differs only in time
+    between vessels.
+    """
     environment, varies = simulation.environment, state.current[:1]
     return WaterMotion(
         lambda places: environment.current.velocity_ned_mps(varies, places),
@@ -176,8 +178,9 @@ def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) 
 def feel(
     simulation: Simulation, state: SimulationState, environment: EnvironmentState
 ) -> tuple[tuple[Array, Array], Surroundings]:
-    """Current and air, which are held for a while, and what the vessels feel in this step of an environment that has
-    gone on already.
+    """Return current and air, which are held for a period, and the surroundings of the vessels in this step.
+
+    environment: the environment state after its step.
     """
     motion, time_s = state.vessel.motion, state.time_ns * 1e-9
     if state.time_ns % simulation.drift_ns == 0:
@@ -188,7 +191,7 @@ def feel(
 
 
 def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float) -> tuple[Array, Array]:
-    """(N, 3), (N, 3) velocities of the current and of the air at the vessels' areas: what is held for a while."""
+    """Return the (N, 3) velocities of the current and of the air at the vessels' areas, which are held for a period."""
     environment = simulation.environment
     current = environment.current.velocity_ned_mps(state.current, motion.pos_ned_m)
     current[:, :2] += simulation.wave_drift_ne_mps
@@ -198,7 +201,7 @@ def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, t
 def _around(
     simulation: Simulation, held: tuple[Array, Array], motion: Kinematics, time_s: float, drift_frd_n: Array | None
 ) -> Surroundings:
-    """drift_frd_n: (N, 2) mean force of the waves, where that is held too."""
+    """Return the surroundings of the vessels. drift_frd_n: the held (N, 2) mean wave force, None to compute it."""
     current, wind = held
     surface = simulation.hull_waves.sample(time_s, motion.pos_ned_m, motion.rot_ned_frd)
     water = current + surface.orbital_ned_mps

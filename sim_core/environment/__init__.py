@@ -1,1 +1,1 @@
-"""What surrounds the vessels: water, current, waves, wind. Null objects stand for what is absent."""
+"""The surroundings of the vessels: water, current, waves, wind. Null objects represent absent ones."""

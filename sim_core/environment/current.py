@@ -2,7 +2,7 @@
 
     current = make_current(spec)
 
-The state of a current is (N,): the speed's deviation from its mean.
+The state of a current is the (N,) deviation of its speed from the mean.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from sim_core.noise import GaussMarkov
 
 
 class Current(Protocol):
-    """A current: how its state evolves and what velocity it has where the vessels are."""
+    """A current: evolution of its state and its velocity at the vessels' positions."""
 
     def initial(self, vessels: int, rng: Generator) -> Array:
-        """(N,) initial state."""
+        """Return the (N,) initial state."""
         ...
 
     def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
-        """(N,) state one step later."""
+        """Return the (N,) state one step later."""
         ...
 
     def velocity_ned_mps(self, state: Array, pos_ned_m: Array) -> Array:
-        """(N, 3) velocity of the water at (N, 3) positions."""
+        """Return the (N, 3) velocity of the water at (N, 3) positions."""
         ...
 
 
@@ -51,7 +51,7 @@ class StillWater:
 
 @dataclass(frozen=True, slots=True)
 class UniformCurrent:
-    """The same current everywhere; its speed a first-order Gauss-Markov process (Fossen 2021, eq 10.117)."""
+    """The same current everywhere. Its speed is a first-order Gauss-Markov process (Fossen 2021, eq 10.117)."""
 
     spec: CurrentSpec
     direction_ned: Array = field(init=False, repr=False, compare=False)  # (3,) unit vector of the flow
@@ -75,7 +75,7 @@ class UniformCurrent:
 
 @dataclass(frozen=True, slots=True)
 class ChannelCurrent:
-    """A uniform current that slackens toward two straight banks: see CurrentSpec. Its channel has a width."""
+    """A uniform current that slackens toward two straight banks, see CurrentSpec. The channel has a finite width."""
 
     uniform: UniformCurrent
 
@@ -99,7 +99,7 @@ class ChannelCurrent:
 
 
 def make_current(spec: CurrentSpec) -> Current:
-    """The kind of current that the specification asks for."""
+    """Return the kind of current that the specification defines."""
     if not spec.speed_mps and not spec.deviation_mps:
         return StillWater()
     uniform = UniformCurrent(spec)

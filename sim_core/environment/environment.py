@@ -1,4 +1,4 @@
-"""The environment as a whole: water, current, waves and wind, and their state."""
+"""The environment: water, current, waves and wind, and their state."""
 
 from __future__ import annotations
 
@@ -27,30 +27,32 @@ class Environment:
 
     @classmethod
     def from_spec(cls, spec: EnvironmentSpec, rng: Generator) -> Environment:
-        """What the specification describes, its waves with phases drawn from `rng`."""
+        """Return the environment of a specification. `rng` draws the phases of the waves."""
         waves = realise_waves(spec.waves, spec.water, rng, spec.current.mean_ne_mps)
         return cls(spec.water, make_current(spec.current), waves, make_wind(spec.wind))
 
     def surface_ned_z_m(self, time_s: float, pos_ne_m: Array) -> Array:
-        """(...,) down coordinate of the water's surface at (..., 2) positions, for scenes and range sensors."""
+        """Return the (...,) down coordinate of the surface at (..., 2) positions, for scenes and range sensors."""
         return -(self.water.level_m + self.waves.elevation_m(time_s, pos_ne_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnvironmentState:
-    """What fluctuates, (N, ...): `current` as the current's own state, `wind` as the wind's."""
+    """State of the random fluctuations of N vessels."""
 
     current: Array
+    """State of the current, (N, ...)."""
     wind: WindState
+    """State of the wind, (N, ...)."""
 
 
 def initial(environment: Environment, vessels: int, rng: Generator) -> EnvironmentState:
-    """Drawn from the stationary distributions."""
+    """Draw the state from the stationary distributions."""
     return EnvironmentState(environment.current.initial(vessels, rng), environment.wind.initial(vessels, rng))
 
 
 def step(environment: Environment, state: EnvironmentState, dt_s: float, rng: Generator) -> EnvironmentState:
-    """One step later."""
+    """Return the state one step later."""
     return EnvironmentState(
         environment.current.step(state.current, dt_s, rng), environment.wind.step(state.wind, dt_s, rng)
     )

@@ -1,13 +1,14 @@
-"""An environment that goes over into another: wind, current and waves of both, by shares that add up to one.
+"""Transition between two environments: wind, current and waves of both, with weights that add up to one.
 
     transition = Transition(before, after, start_s)
     fluctuation = transition.begun(fluctuation, vessels, rng)
-    environment = transition.environment(time_s)  # of that fluctuation, until transition.is_over(time_s)
+    environment = transition.environment(time_s)  # for that fluctuation, until transition.is_over(time_s)
     fluctuation = transition.ended(fluctuation)
 
-The share of the new one rises as p^2 (3 - 2 p) of the part p of the time that has passed, so that it neither begins nor
-ends with a jerk. Velocities of air and water are means of both by these shares, and so are the waves' amplitudes, each
-sea with its own components: on the way neither is exceeded. What both have in common is left alone.
+The weight of the new environment is p^2 (3 - 2 p), with p the elapsed part of the transition time. Its rate is zero at
+both ends.
+Velocities of air and water are weighted means of both environments. The wave amplitudes are weighted too, and each sea
+keeps its components. No intermediate value exceeds both environments. Parts that are equal in both stay unchanged.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ LENGTH_S = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MixedCurrent:
-    """Two currents; the state (N, 2) holds that of each."""
+    """Weighted mean of two currents. The state is (N, 2), with one column for each current."""
 
     before: Current
     after: Current
-    share: float  # of `after`
+    share: float  # weight of `after`
 
     def initial(self, vessels: int, rng: Generator) -> Array:
         return np.stack([self.before.initial(vessels, rng), self.after.initial(vessels, rng)], axis=1)
@@ -48,7 +49,7 @@ class MixedCurrent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MixedWindState(WindState):
-    """Of two winds."""
+    """States of two winds."""
 
     before: WindState
     after: WindState
@@ -56,11 +57,11 @@ class MixedWindState(WindState):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MixedAir:
-    """Two winds; its states are MixedWindState."""
+    """Weighted mean of two winds. The states are MixedWindState."""
 
     before: Air
     after: Air
-    part: float  # of `after`
+    part: float  # weight of `after`
 
     def initial(self, vessels: int, rng: Generator) -> WindState:
         return _of_both(self.before.initial(vessels, rng), self.after.initial(vessels, rng))
@@ -83,7 +84,7 @@ def _of_both(before: WindState, after: WindState) -> MixedWindState:
 
 
 def mixed_waves(before: WaveField | FlatWater, after: WaveField | FlatWater, share: float) -> WaveField | FlatWater:
-    """The components of both seas, with their share (of `after`) of the amplitude, each carried by its own current."""
+    """Return the components of both seas. `share`: weight of `after`. Each sea keeps its current."""
     parts = [
         replace(sea, amplitude_m=part * sea.amplitude_m)
         for sea, part in ((before, 1.0 - share), (after, share))
@@ -103,7 +104,7 @@ def mixed_waves(before: WaveField | FlatWater, after: WaveField | FlatWater, sha
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transition:
-    """From one environment to another in the same water, from start_s of simulation time on."""
+    """Transition from one environment to another in the same water. It begins at start_s of simulation time."""
 
     before: Environment
     after: Environment
@@ -111,16 +112,16 @@ class Transition:
     length_s: float = LENGTH_S
 
     def share(self, time_s: float) -> float:
-        """Of `after`, from 0 to 1."""
+        """Return the weight of `after`, from 0 to 1."""
         passed = min(max((time_s - self.start_s) / self.length_s, 0.0), 1.0)
         return passed * passed * (3.0 - 2.0 * passed)
 
     def is_over(self, time_s: float) -> bool:
-        """Whether only `after` is left."""
+        """Return True when only `after` remains."""
         return self.share(time_s) >= 1.0
 
     def environment(self, time_s: float) -> Environment:
-        """At an instant; its fluctuation is one that has `begun`."""
+        """Return the environment at an instant. Its fluctuation comes from `begun`."""
         before, after, share = self.before, self.after, self.share(time_s)
         return Environment(
             before.water,
@@ -130,7 +131,7 @@ class Transition:
         )
 
     def begun(self, state: EnvironmentState, vessels: int, rng: Generator) -> EnvironmentState:
-        """The fluctuation of `before`, with one of `after` beside it, drawn from its stationary distribution."""
+        """Add to the fluctuation of `before` a fluctuation of `after`, drawn from its stationary distribution."""
         current, wind = state.current, state.wind
         if not self._keeps_current:
             current = np.stack([current, self.after.current.initial(vessels, rng)], axis=1)
@@ -139,7 +140,7 @@ class Transition:
         return EnvironmentState(current, wind)
 
     def ended(self, state: EnvironmentState) -> EnvironmentState:
-        """That of `after` alone."""
+        """Return the fluctuation of `after` alone."""
         current, wind = state.current, state.wind
         if not self._keeps_current:
             current = current[:, 1]

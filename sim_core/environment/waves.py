@@ -1,15 +1,17 @@
-"""The sea surface: wave spectra, FlatWater and WaveField, and waves as a hull feels them.
+"""The sea surface: wave spectra, FlatWater and WaveField, and the waves at a hull.
 
-`direction_deg` is where the waves go, clockwise from north. Linear (Airy) theory at the surface, for component i
-theta_i = k_i . x - (omega_i + k_i . U) t + phase_i: elevation `a cos theta`, up positive. omega_i, which goes with k_i
-by the dispersion of still water, is what the water feels; the mean current U carries the pattern past a fixed place
-(Peregrine 1976; the Doppler term). Spectra are one-sided densities S(omega)
-in m^2 s/rad of the angular frequency in rad/s; the integral over omega is Hs^2 / 16.
+`direction_deg` is the direction that the waves travel to, clockwise from north. Linear (Airy) theory at the surface,
+for component i:
+theta_i = k_i . x - (omega_i + k_i . U) t + phase_i, with elevation `a cos theta`, up positive. omega_i is the frequency
+in the moving water. It follows from k_i by the dispersion relation of still water. The mean current U carries the
+pattern past a fixed position (Peregrine 1976; the Doppler term).
+Spectra are one-sided densities S(omega) in m^2 s/rad of the angular frequency in rad/s; the integral over omega is Hs^2
+/ 16.
 
-A hull of S points and a sea of W components need N S W cosines a step. The phase at each vessel's origin is reduced
-to one turn in double precision; what a point's lever adds, a few radians, is one product of the attitude with a
-constant matrix; the cosines are then taken in single precision, which costs 1e-6 of the wave's amplitude and a
-twentieth of the time.
+A hull of S points and a sea of W components need N S W cosines a step. The code reduces the phase at each vessel's
+origin to one turn in double precision. The phase difference of a hull point is a few radians. It is one product of the
+attitude with a constant matrix. The cosines are then computed in single precision. This costs 1e-6 of the wave
+amplitude and takes a twentieth of the time.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from numpy.random import Generator
 from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
 from sim_core.frames import Array, Array32
 
-LOWEST_OF_PEAK = 0.5  # band of the realised field in units of the peak frequency; the energy outside goes inside
+LOWEST_OF_PEAK = 0.5  # lower limit of the band, in units of the peak frequency; the energy outside moves into the band
 HIGHEST_OF_PEAK = 3.0
 
 
@@ -34,15 +36,15 @@ class FlatWater:
     """No waves."""
 
     def elevation_m(self, time_s: float, pos_ne_m: Array) -> Array:
-        """(...,) zero at (..., 2) positions."""
+        """Return zeros (...,) at (..., 2) positions."""
         return np.zeros(np.shape(pos_ne_m)[:-1])
 
     def shear_drift_ne_mps(self, draft_m: float) -> Array:
-        """(2,) zero."""
+        """Return zeros (2,)."""
         return np.zeros(2)
 
     def at_hull(self, points_frd_m: Array, share: Array | None = None) -> StillHull:
-        """Sampler for a hull of (S, 3) points."""
+        """Return a sampler for a hull of (S, 3) points."""
         return StillHull(len(points_frd_m))
 
 
@@ -51,49 +53,52 @@ FLAT_WATER = FlatWater()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaveField:
-    """A realised sea of W components, the same for every vessel; each array (W,), wave vectors (W, 2) north, east.
-
-    omega_radps: the frequency that the water feels. The pattern goes with a current_ne_mps of the water, (2,), or
-    (W, 2) where each component has its own.
-    """
+    """A realised sea of W components, the same for every vessel."""
 
     amplitude_m: Array
+    """Amplitudes, (W,)."""
     omega_radps: Array
+    """Angular frequencies in the moving water, (W,)."""
     wave_vector_radpm: Array
+    """Wave vectors, (W, 2) north and east."""
     phase_rad: Array
+    """Phases at the NED origin at time 0, (W,)."""
     current_ne_mps: Array = field(default_factory=lambda: np.zeros(2))
+    """Current that carries the pattern: (2,), or (W, 2) with a row for each component."""
 
     @property
     def apparent_omega_radps(self) -> Array:
-        """(W,) frequency at a fixed place, omega + k . U: negative where the current carries crests back."""
+        """Return the (W,) frequency at a fixed position, omega + k . U. It is negative if the current carries crests
+        back.
+        """
         current = self.current_ne_mps
         carried = self.wave_vector_radpm @ current if current.ndim == 1 else np.vecdot(self.wave_vector_radpm, current)
         apparent: Array = self.omega_radps + carried
         return apparent
 
     def carried_on(self, current_ne_mps: Array, time_s: float) -> WaveField:
-        """The same pattern at time_s, from then on carried by another current (2,)."""
+        """Return the same pattern at time_s, carried from then on by another current (2,)."""
         moved_m = (self.current_ne_mps - current_ne_mps) * time_s
         phase_rad = self.phase_rad - np.vecdot(self.wave_vector_radpm, moved_m)
         return replace(self, phase_rad=phase_rad, current_ne_mps=current_ne_mps)
 
     def phase_at(self, time_s: float, pos_ne_m: Array) -> Array:
-        """(..., W) theta in rad at (..., 2) positions."""
+        """Return theta, (..., W) in rad, at (..., 2) positions."""
         phase: Array = pos_ne_m @ self.wave_vector_radpm.T - self.apparent_omega_radps * time_s + self.phase_rad
         return phase
 
     def elevation_m(self, time_s: float, pos_ne_m: Array) -> Array:
-        """(...,) height of the surface over the still level, up positive, at (..., 2) positions."""
+        """Return the (...,) elevation of the surface above the still level, up positive, at (..., 2) positions."""
         elevation: Array = np.cos(self.phase_at(time_s, pos_ne_m)) @ self.amplitude_m
         return elevation
 
     def slope(self, time_s: float, pos_ne_m: Array) -> Array:
-        """(..., 2) derivative of the elevation to north and east."""
+        """Return the (..., 2) derivative of the elevation to north and east."""
         slope: Array = np.sin(self.phase_at(time_s, pos_ne_m)) @ (-self.amplitude_m[:, None] * self.wave_vector_radpm)
         return slope
 
     def orbital_velocity_ned_mps(self, time_s: float, pos_ne_m: Array) -> Array:
-        """(..., 3) velocity of the water at the surface: a omega coth(k d) along the wave, and its rise."""
+        """Return the (..., 3) velocity of the water at the surface: a omega coth(k d) along the wave, and its rise."""
         phase = self.phase_at(time_s, pos_ne_m)
         horizontal = np.cos(phase) @ self.drift_mps
         rise = np.sin(phase) @ (self.amplitude_m * self.omega_radps)
@@ -101,19 +106,22 @@ class WaveField:
 
     @property
     def drift_mps(self) -> Array:
-        """(W, 2) amplitude of the horizontal orbital velocity: a g k / omega = a omega coth(k d)."""
+        """Return the (W, 2) amplitude of the horizontal orbital velocity: a g k / omega = a omega coth(k d)."""
         drift: Array = (GRAVITY_MPS2 * self.amplitude_m / self.omega_radps)[:, None] * self.wave_vector_radpm
         return drift
 
     def at_hull(self, points_frd_m: Array, share: Array | None = None) -> HullWaves:
-        """Sampler for a hull of (S, 3) points; share: (S,) of each in means, None for equal."""
+        """Return a sampler for a hull of (S, 3) points. share: (S,) weight of each point in means, None for equal
+        weights.
+        """
         return HullWaves.bind(self, points_frd_m, share)
 
     def shear_drift_ne_mps(self, draft_m: float) -> Array:
-        """(2,) part of the Stokes drift that comes of the orbital velocity's growth with height, mean over a draft.
+        """Return the (2,) part of the Stokes drift that the growth of the orbital velocity with height causes.
 
-        Half of omega k a^2 in deep water, as exp(2 k z) over the draft. The other half comes of the way to and fro
-        along the wave, and so by itself for whatever is carried that way.
+        It is the mean over a draft: half of omega k a^2 in deep water, times exp(2 k z) averaged over the draft. The
+        other half of the Stokes drift results from the horizontal motion along the wave. A body that the water carries
+        has that half automatically.
         """
         wave_number = np.hypot(*self.wave_vector_radpm.T)
         depth = np.maximum(2.0 * wave_number * draft_m, 1e-9)
@@ -126,10 +134,10 @@ class WaveField:
 def realise_waves(
     spec: WaveSpec, water: Water, rng: Generator, current_ne_mps: tuple[float, float] = (0.0, 0.0)
 ) -> WaveField | FlatWater:
-    """The sea of a specification with random phases, carried by a current; flat water where it has no waves.
+    """Return the sea of a specification with random phases, carried by a current, or flat water without waves.
 
-    A random sea has one component per band, at a random frequency in it, with the band's energy. Bands of equal ratio
-    and frequencies off their centres leave no common period; the amplitudes sum to Hs exactly.
+    A random sea has one component per band, at a random frequency in the band, with the energy of the band. Bands of
+    equal ratio and off-centre frequencies leave no common period; the amplitudes sum to Hs exactly.
     """
     if spec.spectrum == "none" or not spec.significant_height_m:
         return FlatWater()
@@ -167,7 +175,7 @@ def _field(
 
 
 def pierson_moskowitz(omega_radps: Array, significant_height_m: float, peak_period_s: float) -> Array:
-    """Pierson-Moskowitz by significant height and peak: 5/16 Hs^2 wp^4 w^-5 exp(-1.25 (wp/w)^4)."""
+    """Pierson-Moskowitz density from significant height and peak: 5/16 Hs^2 wp^4 w^-5 exp(-1.25 (wp/w)^4)."""
     peak_radps = 2.0 * np.pi / peak_period_s
     density: Array = (
         (5.0 / 16.0)
@@ -180,7 +188,7 @@ def pierson_moskowitz(omega_radps: Array, significant_height_m: float, peak_peri
 
 
 def jonswap(omega_radps: Array, significant_height_m: float, peak_period_s: float, gamma: float = 3.3) -> Array:
-    """JONSWAP, normalised to Hs numerically; DNV-RP-C205 3.5.5 has the same shape with an approximate factor."""
+    """JONSWAP density, numerically normalised to Hs. DNV-RP-C205 3.5.5 has an approximate factor instead."""
 
     def shape(omega: Array) -> Array:
         peak_radps = 2.0 * np.pi / peak_period_s
@@ -197,7 +205,7 @@ def jonswap(omega_radps: Array, significant_height_m: float, peak_period_s: floa
 def wave_density(
     name: str, significant_height_m: float, peak_period_s: float, gamma: float
 ) -> Callable[[Array], Array]:
-    """The density function S(omega) of a spectrum by its name."""
+    """Return the density function S(omega) of a named spectrum."""
     if name == "pierson-moskowitz":
         return lambda omega: pierson_moskowitz(omega, significant_height_m, peak_period_s)
     if name == "jonswap":
@@ -206,10 +214,10 @@ def wave_density(
 
 
 def wave_number(omega_radps: Array, depth_m: float) -> Array:
-    """Root k of omega^2 = g k tanh(k d), in rad/m, by Newton's method from Eckart's (1952) approximation."""
+    """Return the root k of omega^2 = g k tanh(k d), in rad/m. Newton's method starts from Eckart (1952)."""
     alpha = omega_radps**2 * depth_m / GRAVITY_MPS2
     kd = alpha / np.sqrt(np.tanh(alpha))
-    for _ in range(8):  # quadratic convergence from a start within 5 %: 4 steps reach rounding, the rest is margin
+    for _ in range(8):  # quadratic convergence from a start within 5 %: 4 steps reach rounding, 4 more are margin
         tanh = np.tanh(kd)
         kd = kd - (kd * tanh - alpha) / (tanh + kd * (1.0 - tanh * tanh))
     k: Array = kd / depth_m
@@ -217,7 +225,7 @@ def wave_number(omega_radps: Array, depth_m: float) -> Array:
 
 
 def spreading_quantiles(spreading: float, count: int) -> Array:
-    """`count` angles in rad, symmetric about 0, that divide cos^2s(angle / 2) on (-pi, pi) into equal parts."""
+    """Return `count` angles in rad, symmetric about 0, that divide cos^2s(angle / 2) on (-pi, pi) into equal parts."""
     angle = np.linspace(-np.pi, np.pi, 20001)
     density = np.cos(0.5 * angle) ** (2.0 * spreading)
     cumulative = np.concatenate(([0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))))
@@ -226,42 +234,41 @@ def spreading_quantiles(spreading: float, count: int) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HullSurface:
-    """The surface at N hulls of S points; velocities are those of the water without its current.
-
-    point_elevation_m: (N, S) up positive over the still level. over_hull: (N, 15) means over the points, as below.
-    """
+    """The surface at N hulls of S points. Velocities of the water exclude its current."""
 
     point_elevation_m: Array
+    """Elevation above the still level, (N, S), up positive."""
     over_hull: Array
+    """Means over the points of each hull, (N, 15). The properties below are its parts."""
 
     @property
     def orbital_ned_mps(self) -> Array:
-        """(N, 3) velocity of the water."""
+        """Return the (N, 3) velocity of the water."""
         return self.over_hull[:, :3]
 
     @property
     def gradient_ned(self) -> Array:
-        """(N, 3) rise of the surface per metre to north and east, third 0."""
+        """Return the (N, 3) rise of the surface per metre to north and east; the third is 0."""
         return self.over_hull[:, 3:6]
 
     @property
     def turn_frd_radps(self) -> Array:
-        """(N, 3) roll and pitch rate of the plane fitted to the water's vertical velocities, third 0."""
+        """Return the (N, 3) roll and pitch rate of the plane fitted to the vertical velocities; the third is 0."""
         return self.over_hull[:, 6:9]
 
     @property
     def turn_radps2(self) -> Array:
-        """(N, 2) acceleration of that plane in roll and pitch."""
+        """Return the (N, 2) acceleration of that plane in roll and pitch."""
         return self.over_hull[:, 9:11]
 
     @property
     def rise_mps2(self) -> Array:
-        """(N, 1) vertical acceleration of the surface, up positive."""
+        """Return the (N, 1) vertical acceleration of the surface, up positive."""
         return self.over_hull[:, 11:12]
 
     @property
     def slope_frd(self) -> Array:
-        """(N, 3) rise per metre forward and right of the plane fitted to the elevations, third 0."""
+        """Return the (N, 3) rise per metre forward and right of the plane fitted to the elevations; the third is 0."""
         return self.over_hull[:, 12:15]
 
 
@@ -272,16 +279,16 @@ class StillHull:
     points: int
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
-        """All zero."""
+        """Return zeros."""
         return HullSurface(np.zeros((len(pos_ned_m), self.points)), np.zeros((len(pos_ned_m), 15)))
 
 
-_BLOCK = 128  # vessels sampled at once: what they need stays in the processor's cache
+_BLOCK = 128  # vessels per block: the block's arrays stay in the processor's cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HullWaves:
-    """Sampler of a wave field for hulls of S points; made by `bind`, which explains the arrays."""
+    """Sampler of a wave field for hulls of S points. `bind` makes it and explains the arrays."""
 
     turns_per_m: Array  # (2, W)
     turns_per_s: Array  # (W,)
@@ -294,7 +301,7 @@ class HullWaves:
 
     @classmethod
     def bind(cls, waves: WaveField, points_frd_m: Array, share: Array | None = None) -> HullWaves:
-        """Constants of `sample`; see `WaveField.at_hull`."""
+        """Compute the constants of `sample`; see `WaveField.at_hull`."""
         points = len(points_frd_m)
         mean = np.full(points, 1.0 / points) if share is None else share
         amplitude_m, omega = waves.amplitude_m, waves.omega_radps
@@ -325,7 +332,7 @@ class HullWaves:
         )
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
-        """The surface at time_s under N vessels at (N, 3) positions with (N, 3, 3) attitudes."""
+        """Return the surface at time_s under N vessels at (N, 3) positions with (N, 3, 3) attitudes."""
         vessels = len(pos_ned_m)
         if vessels <= _BLOCK:
             return HullSurface(*self._sample(time_s, pos_ned_m, rot_ned_frd))
@@ -339,7 +346,7 @@ class HullWaves:
         lever = rot_ned_frd.reshape(vessels, 9)[:, :6].astype(float32) @ self.lever
         wave = lever.reshape(vessels, -1, components)
         wave += self._phase_at_origin(time_s, pos_ned_m)[:, None, :]
-        rows = wave.reshape(-1, components)  # one product for all vessels takes half the time of one for each
+        rows = wave.reshape(-1, components)  # one product for all vessels takes half the time of a product per vessel
         cosines = (np.cos(rows) @ self.of_cosines).reshape(vessels, -1)
         np.sin(rows, out=rows)
         sines = rows @ self.of_sines
@@ -348,7 +355,7 @@ class HullWaves:
         return cosines[:, :: self.of_cosines.shape[1]].astype(float64), over_hull.astype(float64)
 
     def _phase_at_origin(self, time_s: float, pos_ned_m: Array) -> Array32:
-        """(N, W) theta in (-pi, pi]."""
+        """Return theta (N, W) in (-pi, pi]."""
         turns = pos_ned_m[:, :2] @ self.turns_per_m
         turns += self.turns - self.turns_per_s * time_s
         turns -= np.rint(turns)

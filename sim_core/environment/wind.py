@@ -2,11 +2,11 @@
 
     air = make_wind(spec)
 
-The wind grows with height by a power law (1/7, as measured over flat country and water; Hsu, Meindl and Gilhousen 1994
-have 0.11 over the open sea) or by the logarithmic law of a neutral boundary layer (DNV-RP-C205, 2.3.2).
+The wind speed grows with height by a power law (1/7, as measured over flat country and water; Hsu, Meindl and Gilhousen
+1994 found 0.11 over the open sea) or by the logarithmic law of a neutral boundary layer (DNV-RP-C205, 2.3.2).
 
 A gust is a deviation of the speed from its mean. Gust spectra are one-sided densities S(f) in (m/s)^2/Hz of the
-frequency f in Hz; U in them is the mean at 10 m, at whatever height the gusts are.
+frequency f in Hz. Their U is the mean at 10 m, for gusts at any height.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from sim_core.environment.spec import DiscreteGust, WindSpec
 from sim_core.frames import Array
 from sim_core.noise import GaussMarkov
 
-LOWEST_HZ = 1.0 / 1200.0  # slower than 20 minutes is weather, not gust
-HIGHEST_HZ = 2.0  # faster than this a vessel's windage averages it out
+LOWEST_HZ = 1.0 / 1200.0  # slower variations than 20 minutes are weather, not gusts
+HIGHEST_HZ = 2.0  # a vessel's windage averages out faster variations
 _HARMONICS = 48
 SPECTRA_MEAN_M = 10.0
-"""The height of the mean that gust spectra go by."""
-LOWEST_M = 0.05  # no profile reaches down among the waves: below it is as windy as there
+"""Height of the mean wind speed in gust spectra."""
+LOWEST_M = 0.05  # lowest height of the profile; the wind below it equals the wind at it
 
 
 class Gust(Protocol):
-    """A random gust: how its state evolves and what it adds to the mean speed."""
+    """A random gust: evolution of its state and the speed that it adds to the mean."""
 
     def initial(self, vessels: int, rng: Generator) -> Array:
-        """(N, ...) initial state."""
+        """Return the (N, ...) initial state."""
         ...
 
     def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
-        """(N, ...) state one step later."""
+        """Return the (N, ...) state one step later."""
         ...
 
     def speed_mps(self, state: Array, time_s: float) -> Array:
-        """(N,) deviation from the mean wind speed."""
+        """Return the (N,) deviation from the mean wind speed."""
         ...
 
 
@@ -80,7 +80,7 @@ class OrnsteinUhlenbeckGust:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpectralGust:
-    """A sum of W harmonics that realises a spectrum; the state (N, W) holds each vessel's random phases, in rad."""
+    """A sum of W harmonics that realises a spectrum. The state (N, W) holds each vessel's random phases, in rad."""
 
     frequency_hz: Array
     amplitude_mps: Array
@@ -89,9 +89,9 @@ class SpectralGust:
     def from_spectrum(
         cls, name: str, mean_mps: float, height_m: float, deviation_mps: float | None = None
     ) -> SpectralGust:
-        """Harmonics on logarithmic bands, each with its band's energy; scaled to `deviation_mps` if given.
+        """Return harmonics on logarithmic bands, each with the energy of its band, scaled to `deviation_mps` if given.
 
-        mean_mps: at 10 m; height_m: of the gusts.
+        mean_mps: mean wind speed at 10 m. height_m: height of the gusts.
         """
         density = gust_density(name)
         if not (mean_mps > 0.0 and height_m > 0.0):
@@ -103,7 +103,7 @@ class SpectralGust:
         variance = np.trapezoid(density(fine_hz, mean_mps, height_m), fine_hz, axis=1)
         if deviation_mps is not None:
             variance = variance * (deviation_mps**2 / variance.sum())
-        # Off-centre by the golden ratio: harmonics of no common period, so that the gusts never repeat.
+        # Off-centre by the golden ratio: the harmonics have no common period, so the gusts never repeat.
         position = (np.arange(_HARMONICS) * 0.6180339887498949) % 1.0
         return cls(edges_hz[:-1] * (edges_hz[1:] / edges_hz[:-1]) ** position, np.sqrt(2.0 * variance))
 
@@ -121,14 +121,14 @@ class SpectralGust:
 
 
 def discrete_gust_mps(gust: DiscreteGust, time_s: float) -> float:
-    """Speed that a single gust adds at an instant."""
+    """Return the speed that a single gust adds at an instant."""
     risen = min(max((time_s - gust.start_s) / gust.rise_s, 0.0), 1.0)
     fallen = min(max((time_s - gust.start_s - gust.rise_s - gust.hold_s) / gust.fall_s, 0.0), 1.0)
     return 0.5 * gust.speed_mps * (math.cos(math.pi * fallen) - math.cos(math.pi * risen))
 
 
 def npd_density(frequency_hz: Array, mean_mps: float, height_m: float) -> Array:
-    """Norwegian Petroleum Directorate (NORSOK N-003, ISO 19901-1) of the 1 h mean, at a height."""
+    """Norwegian Petroleum Directorate density (NORSOK N-003, ISO 19901-1) for the 1 h mean, at a height."""
     n = 0.468
     x = 172.0 * frequency_hz * (height_m / 10.0) ** (2.0 / 3.0) * (mean_mps / 10.0) ** -0.75
     density: Array = 320.0 * (mean_mps / 10.0) ** 2 * (height_m / 10.0) ** 0.45 / (1.0 + x**n) ** (5.0 / (3.0 * n))
@@ -136,14 +136,14 @@ def npd_density(frequency_hz: Array, mean_mps: float, height_m: float) -> Array:
 
 
 def harris_density(frequency_hz: Array, mean_mps: float, height_m: float, drag: float = 0.003) -> Array:
-    """Harris (1971) with L = 1800 m: 4 k L U / (2 + x^2)^(5/6), x = L f / U; `drag` is the surface drag k."""
+    """Harris density (1971) with L = 1800 m: 4 k L U / (2 + x^2)^(5/6), x = L f / U; `drag` is the surface drag k."""
     x = 1800.0 * frequency_hz / mean_mps
     density: Array = 4.0 * drag * 1800.0 * mean_mps / (2.0 + x * x) ** (5.0 / 6.0)
     return density
 
 
 def davenport_density(frequency_hz: Array, mean_mps: float, height_m: float, drag: float = 0.003) -> Array:
-    """Davenport (1961) with L = 1200 m: 4 k U^2 x^2 / (f (1 + x^2)^(4/3)), x = L f / U."""
+    """Davenport density (1961) with L = 1200 m: 4 k U^2 x^2 / (f (1 + x^2)^(4/3)), x = L f / U."""
     x = 1200.0 * frequency_hz / mean_mps
     density: Array = 4.0 * drag * mean_mps**2 * x * x / (frequency_hz * (1.0 + x * x) ** (4.0 / 3.0))
     return density
@@ -157,7 +157,7 @@ GUST_DENSITIES: dict[str, Callable[[Array, float, float], Array]] = {
 
 
 def gust_density(name: str) -> Callable[[Array, float, float], Array]:
-    """The density function of a spectrum by its name."""
+    """Return the density function of a named spectrum."""
     if name not in GUST_DENSITIES:
         raise ValueError(f"wind.gust.spectrum = {name!r} is not known; use one of {', '.join(GUST_DENSITIES)}")
     return GUST_DENSITIES[name]
@@ -165,29 +165,31 @@ def gust_density(name: str) -> Callable[[Array, float, float], Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindState:
-    """gust: (N, ...) state of the gust; veer_rad: (N,) deviation of the direction from its mean."""
+    """State of the wind for N vessels."""
 
     gust: Array
+    """State of the gust, (N, ...)."""
     veer_rad: Array
+    """Deviation of the direction from its mean, (N,)."""
 
 
 class Air(Protocol):
-    """The air over the water: how its state evolves and how it moves."""
+    """The air above the water: evolution of its state and its velocity."""
 
     def initial(self, vessels: int, rng: Generator) -> WindState:
-        """Initial state for N vessels."""
+        """Return the initial state for N vessels."""
         ...
 
     def step(self, state: WindState, dt_s: float, rng: Generator) -> WindState:
-        """State one step later."""
+        """Return the state one step later."""
         ...
 
     def velocity_ned_mps(self, state: WindState, time_s: float, height_m: float | None = None) -> Array:
-        """(N, 3) velocity of the air at a height above the water, None for the reference height."""
+        """Return the (N, 3) velocity of the air at a height above the water, None for the reference height."""
         ...
 
     def share(self, height_m: Array | float) -> Array:
-        """Speed at heights above the water over that at the reference height."""
+        """Return the speed at heights above the water, relative to the speed at the reference height."""
         ...
 
 
@@ -210,7 +212,7 @@ class StillAir:
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """A mean wind that veers slowly, with random and discrete gusts along it; a gust never turns the wind round."""
+    """A mean wind that veers slowly, with random and discrete gusts along it. A gust never reverses the wind."""
 
     spec: WindSpec
     _gust: Gust = field(init=False, repr=False, compare=False)
@@ -244,7 +246,7 @@ class Wind:
 
 
 def speed_share(spec: WindSpec, height_m: Array | float) -> Array:
-    """Speed at heights above the water over that at the reference height."""
+    """Return the speed at heights above the water, relative to the speed at the reference height."""
     height, reference = np.maximum(height_m, LOWEST_M), max(spec.reference_height_m, LOWEST_M)
     if spec.profile == "uniform":
         return np.ones_like(height)
@@ -254,7 +256,7 @@ def speed_share(spec: WindSpec, height_m: Array | float) -> Array:
 
 
 def make_gust(spec: WindSpec) -> Gust:
-    """The random gusts that the specification asks for."""
+    """Return the random gusts that the specification defines."""
     gust = spec.gust
     if gust.spectrum == "none":
         return NoGust()
@@ -265,7 +267,7 @@ def make_gust(spec: WindSpec) -> Gust:
 
 
 def make_wind(spec: WindSpec) -> Air:
-    """Still air for no wind at all."""
+    """Return the wind of the specification, or StillAir for no wind."""
     if not spec.mean_mps and spec.gust.spectrum == "none" and not spec.discrete_gusts:
         return StillAir()
     return Wind(spec)

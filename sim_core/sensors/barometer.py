@@ -1,7 +1,7 @@
 """Barometer in the International Standard Atmosphere.
 
-ISO 2533:1975 below 11 km, where temperature falls linearly. Altitude there is geopotential; at the height of a boat the
-difference from the geometric one (16 cm at 1 km) is left out.
+ISO 2533:1975 below 11 km, with a linear decrease of temperature. Its altitude is geopotential. The difference from
+geometric altitude (16 cm at 1 km) is neglected.
 """
 
 from __future__ import annotations
@@ -28,35 +28,36 @@ _ZERO_CELSIUS_K = 273.15
 
 
 def pressure_pa(altitude_m: Array, sea_level_pressure_pa: float = SEA_LEVEL_PRESSURE_PA) -> Array:
-    """Pressure at an altitude above mean sea level, same shape."""
+    """Return the pressure at an altitude above mean sea level, same shape."""
     ratio: Array = (1.0 - (LAPSE_RATE_KPM / SEA_LEVEL_TEMPERATURE_K) * altitude_m) ** PRESSURE_EXPONENT
     return ratio * sea_level_pressure_pa
 
 
 @dataclass(frozen=True, slots=True)
 class BarometerSample:
-    """pressure_pa (N,), temperature_degc (N,) of the air."""
+    """Sample of N barometers."""
 
     pressure_pa: Array
+    """Pressure, (N,)."""
     temperature_degc: Array
+    """Temperature of the air, (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class BarometerState:
-    """drift_pa (N, 1): the slowly varying pressure error."""
+    """State of N barometers."""
 
     drift_pa: Array
+    """Slowly varying pressure error, (N, 1)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Barometer:
-    """White noise, drift and quantisation of the static pressure: see BarometerSpec.
-
-    origin_altitude_m: of NED's origin above mean sea level, within the troposphere.
-    """
+    """White noise, drift and quantisation of the static pressure, see BarometerSpec."""
 
     spec: BarometerSpec
     origin_altitude_m: Annotated[float, Bounds(at_most=11_000)] = 0.0
+    """Altitude of the NED origin above mean sea level, within the troposphere."""
     sea_level_pressure_pa: Positive = SEA_LEVEL_PRESSURE_PA
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _scale: Array = field(init=False, repr=False, compare=False)
@@ -71,13 +72,13 @@ class Barometer:
         put(self, "_output", digitiser(self.spec.resolution_pa))
 
     def initial(self, vessels: int, rng: Generator) -> BarometerState:
-        """`vessels` barometers whose drift is already at its stationary deviation."""
+        """Return the state of `vessels` barometers. The drift has its stationary deviation from the start."""
         return BarometerState(self._drift.initial(rng.standard_normal((vessels, 1))))
 
     def measure(
         self, state: BarometerState, truth: Kinematics, rng: Generator
     ) -> tuple[BarometerState, BarometerSample]:
-        """One sample at the height of `truth`; the returned state is that of the next sample."""
+        """Take one sample at the height of `truth`. The returned state is the state of the next sample."""
         noise = self._scale * rng.standard_normal((len(truth.pos_ned_m), 2))
         altitude = self.origin_altitude_m - truth.pos_ned_m[:, 2]
         error = state.drift_pa[:, 0] + noise[:, 0]

@@ -22,28 +22,34 @@ FIX_3D = 3
 
 @dataclass(frozen=True, slots=True)
 class GnssSample:
-    """Antenna position and velocity, all (N,) but vel_ned_mps (N, 3), with the receiver's own estimate of its errors.
-
-    alt_m is above the WGS84 ellipsoid. The accuracies are the RMS of the whole error: of both horizontal axes, of the
-    vertical, of all three velocity axes. fix_type as in MAVLink's GPS_FIX_TYPE.
-    """
+    """Antenna position and velocity of N receivers, with the receiver's estimate of its errors."""
 
     lat_deg: Array
+    """Latitude, (N,)."""
     lon_deg: Array
+    """Longitude, (N,)."""
     alt_m: Array
+    """Altitude above the WGS84 ellipsoid, (N,)."""
     vel_ned_mps: Array
+    """Velocity, (N, 3)."""
     horizontal_accuracy_m: Array
+    """RMS of the whole error of both horizontal axes, (N,)."""
     vertical_accuracy_m: Array
+    """RMS of the whole error of the vertical, (N,)."""
     speed_accuracy_mps: Array
+    """RMS of the whole error of all three velocity axes, (N,)."""
     fix_type: NDArray[np.int64]
+    """GPS_FIX_TYPE of MAVLink, (N,)."""
     satellites: NDArray[np.int64]
+    """Number of satellites, (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class GnssState:
-    """drift_ned_m (N, 3): slowly varying position error. The rest (N,): the quality it reports, as in the sample."""
+    """State of N receivers. All but drift_ned_m are the reported quality, (N,), as in the sample."""
 
     drift_ned_m: Array
+    """Slowly varying position error, (N, 3)."""
     horizontal_accuracy_m: Array
     vertical_accuracy_m: Array
     speed_accuracy_mps: Array
@@ -53,14 +59,13 @@ class GnssState:
 
 @dataclass(frozen=True, slots=True)
 class Gnss:
-    """White and Gauss-Markov position errors and white velocity errors: see GnssSpec.
-
-    frame: where NED is on the Earth. The velocity is in the axes of that frame, not of the antenna's own horizon
-    (9 millidegrees at 1 km).
-    """
+    """White and Gauss-Markov position errors and white velocity errors, see GnssSpec."""
 
     spec: GnssSpec
     frame: LocalFrame
+    """Position of NED on the Earth. The velocity has the axes of this frame, not of the antenna's horizon (9
+    millidegrees at 1 km).
+    """
     _scale: Array = field(init=False, repr=False, compare=False)
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _antenna_frd_m: Array | None = field(init=False, repr=False, compare=False)
@@ -82,7 +87,7 @@ class Gnss:
         put(self, "_cross", cross_matrix(self.spec.antenna_frd_m))
 
     def initial(self, vessels: int, rng: Generator) -> GnssState:
-        """`vessels` receivers whose drift is already at its stationary deviation."""
+        """Return the state of `vessels` receivers. The drift has its stationary deviation from the start."""
         return GnssState(
             drift_ned_m=self._drift.initial(rng.standard_normal((vessels, 3))),
             horizontal_accuracy_m=np.full(
@@ -95,7 +100,7 @@ class Gnss:
         )
 
     def measure(self, state: GnssState, truth: Kinematics, rng: Generator) -> tuple[GnssState, GnssSample]:
-        """One fix of the motion `truth`; the returned state is that of the next fix."""
+        """Take one fix of the motion `truth`. The returned state is the state of the next fix."""
         noise = self._scale * rng.standard_normal((len(truth.pos_ned_m), 9))
         position = truth.pos_ned_m + state.drift_ned_m + noise[:, :3]
         velocity = truth.vel_ned_mps + noise[:, 3:6]

@@ -21,39 +21,40 @@ from sim_core.sensors.measurement import (
 from sim_core.sensors.spec import ImuSpec
 
 TEMPERATURE_DEGC = 25.0
-"""Of the unit."""
+"""Temperature of the unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
-    """gyro_frd_radps (N, 3), accel_frd_mps2 (N, 3) specific force, temperature_degc (N,)."""
+    """Sample of N units."""
 
     gyro_frd_radps: Array
+    """Angular velocity, (N, 3), body axes."""
     accel_frd_mps2: Array
+    """Specific force, (N, 3), body axes."""
     temperature_degc: Array
+    """Temperature of the unit, (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImuState:
-    """Errors that outlive a sample, (N, 6) as gyro x, y, z in rad/s, then accelerometer x, y, z in m/s^2.
-
-    turn_on_bias: drawn once; drifting_bias: Gauss-Markov. temperature_degc: (N,).
-    """
+    """Errors that outlast a sample: (N, 6) as gyro x, y, z in rad/s, then accelerometer x, y, z in m/s^2."""
 
     turn_on_bias: Array
+    """Bias at switch-on, drawn once."""
     drifting_bias: Array
+    """Gauss-Markov bias."""
     temperature_degc: Array
+    """Temperature of the unit, (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Imu:
-    """White noise, drifting and turn-on bias, quantisation and range: see ImuSpec.
-
-    gravity_mps2: local, see `geodesy.normal_gravity_mps2`.
-    """
+    """White noise, drifting and turn-on bias, quantisation and range, see ImuSpec."""
 
     spec: ImuSpec
     gravity_mps2: float = 9.80665
+    """Local gravity, see `geodesy.normal_gravity_mps2`."""
     _scale: Array = field(init=False, repr=False, compare=False)
     _turn_on: Array = field(init=False, repr=False, compare=False)
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
@@ -87,7 +88,7 @@ class Imu:
         put(self, "_centripetal", centripetal_matrix(spec.position_frd_m))
 
     def initial(self, vessels: int, rng: Generator) -> ImuState:
-        """Biases of `vessels` units as they are switched on."""
+        """Draw the biases of `vessels` units at switch-on."""
         normals = rng.standard_normal((vessels, 12))
         return ImuState(
             turn_on_bias=self._turn_on * normals[:, :6],
@@ -96,7 +97,7 @@ class Imu:
         )
 
     def measure(self, state: ImuState, truth: Kinematics, rng: Generator) -> tuple[ImuState, ImuSample]:
-        """One sample of the motion `truth`; the returned state is that of the next sample."""
+        """Take one sample of the motion `truth`. The returned state is the state of the next sample."""
         noise = self._scale * rng.standard_normal((len(truth.acc_ned_mps2), 12))
         error = state.turn_on_bias + state.drifting_bias + noise[:, :6]
         gyro = truth.gyro_frd_radps + error[:, :3]
@@ -110,7 +111,9 @@ class Imu:
         return ImuState(state.turn_on_bias, drifting_bias, state.temperature_degc), sample
 
     def _specific_force_frd_mps2(self, truth: Kinematics) -> Array:
-        """(N, 3) `R^T (a - g) + alpha x r + w x (w x r)`, the acceleration of the sensor's own point less gravity."""
+        """Return the (N, 3) acceleration of the sensor's position less gravity: `R^T (a - g) + alpha x r + w x (w x
+        r)`.
+        """
         force: Array = ((truth.acc_ned_mps2 - self._gravity_ned_mps2)[:, None, :] @ truth.rot_ned_frd)[:, 0, :]
         if self._cross is None:
             return force
@@ -120,5 +123,5 @@ class Imu:
 
 
 def _six(gyro: float, accel: float) -> Array:
-    """(1, 6), the shape that a single vessel's row multiplies without broadcasting."""
+    """Return (1, 6), a shape that multiplies the row of a single vessel without broadcasting."""
     return np.array([[gyro, gyro, gyro, accel, accel, accel]])

@@ -1,13 +1,14 @@
-"""A lidar over turbid water: rays of one frame, each from where the sensor is at its instant, and what comes back.
+"""A lidar over turbid water: the rays of one frame, each from the sensor's position at its instant, and their returns.
 
-The range equation with the maker's figures: a diffuse target of 10 % square to the beam is seen to
-`range_at_10_percent_m`, others as far as reflectivity times cosine of incidence over the square of the range is as
-much, less what air takes on both ways (Beer-Lambert). Water returns light that its silt scatters back, through the
-surface twice (Fresnel), which at grazing angles is hardly any. Nothing under the surface is seen.
+The range equation uses the manufacturer's figures. The lidar sees a diffuse target of 10 % square to the beam up to
+`range_at_10_percent_m`. It sees other targets if reflectivity times cosine of incidence over the square of the range is
+as large. The attenuation of air on both ways reduces this signal (Beer-Lambert).
+Water returns the light that its silt scatters back, twice through the surface (Fresnel). At grazing angles this is
+almost nothing. The lidar sees nothing under the surface.
 
-Two wedge prisms that turn in opposite senses at rates of no simple ratio draw a rosette that does not repeat, so that
-the share of the view that has been seen grows with time (Livox Mid-40/Mid-70 point cloud characteristics; small angles
-of prisms add as vectors: Risley prisms, Marshall 1999, "Risley prism scan patterns", eq 1).
+Two wedge prisms rotate in opposite directions at rates of no simple ratio. They draw a rosette that does not repeat, so
+the covered share of the view grows with time (Livox Mid-40/Mid-70 point cloud characteristics). Small deflections of
+prisms add as vectors (Risley prisms, Marshall 1999, "Risley prism scan patterns", eq 1).
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ MID_70_WEDGE_DEG = (17.6, 17.6)
 
 @dataclass(frozen=True, slots=True)
 class Rosette:
-    """The pattern of a Mid-70 at `points_hz` points a second.
+    """The pattern of a Mid-70 at `points_hz` points per second.
 
     Directions are in the sensor's axes: forward along the middle of the view, right, down.
     """
@@ -46,15 +47,16 @@ class Rosette:
 
     @property
     def half_view_rad(self) -> float:
-        """From the axis to the rim of the view."""
+        """Angle from the axis to the rim of the view."""
         return math.radians(sum(MID_70_WEDGE_DEG))
 
     def directions(self, first: int, count: int) -> Array32:
-        """(3, count) forward, right and down of unit vectors: of the points first, first + 1, ... since the start.
+        """Return (3, count) forward, right and down of unit vectors, for the points first, first + 1, ... since the
+        start.
 
-        The deflection, right and down, is d1 (cos a1, sin a1) + d2 (cos a2, sin a2), an angle from the axis.
+        The deflection to the right and down is d1 (cos a1, sin a1) + d2 (cos a2, sin a2), an angle from the axis.
         """
-        # Whole turns come off in double precision: after an hour there are 4e5 of them.
+        # Remove whole turns in double precision: after an hour there are 4e5 of them.
         start_s = first / self.points_hz
         later_s = np.arange(count, dtype=float32) * float32(1.0 / self.points_hz)
         directions = np.zeros((3, count), dtype=float32)
@@ -74,23 +76,26 @@ class Rosette:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyTrack:
-    """Where a body was at K >= 2 instants of one frame, from its start to its end.
+    """Pose of a body at K >= 2 instants of one frame, from its start to its end.
 
-    stamps_ns (K,); pos_ned_m (K, 3); rot_ned_frd (K, 3, 3). Between two instants both are interpolated linearly: for
-    steps of milliseconds a matrix between two is a rotation to 1e-6.
+    Poses between two instants are interpolated linearly. For steps of milliseconds, an interpolated matrix is a
+    rotation to 1e-6.
     """
 
     stamps_ns: NDArray[int64]
+    """Instants, (K,)."""
     pos_ned_m: Array
+    """Positions, (K, 3)."""
     rot_ned_frd: Array
+    """Attitudes, (K, 3, 3)."""
 
     @property
     def duration_s(self) -> float:
-        """From the first instant to the last."""
+        """Time from the first instant to the last."""
         return float(self.stamps_ns[-1] - self.stamps_ns[0]) * 1e-9
 
     def poses(self, later_s: Array) -> tuple[Array, Array]:
-        """Place (k, 3) and attitude (k, 3, 3) later_s (k,) after the start."""
+        """Return positions (k, 3) and attitudes (k, 3, 3) at later_s (k,) after the start."""
         known_s = (self.stamps_ns - self.stamps_ns[0]) * 1e-9
         leg = np.clip(np.searchsorted(known_s, later_s, side="right") - 1, 0, len(known_s) - 2)
         share = ((later_s - known_s[leg]) / (known_s[leg + 1] - known_s[leg]))[:, None]
@@ -101,24 +106,28 @@ class BodyTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """n rays: origins and unit directions (n, 3), later_s (n,) after the start of the frame."""
+    """n rays."""
 
     origin_ned_m: Array32
+    """Origins, (n, 3)."""
     direction_ned: Array32
+    """Unit directions, (n, 3)."""
     later_s: Array32
+    """Times after the start of the frame, (n,)."""
 
     def select(self, rows: NDArray[np.intp]) -> Rays:
-        """Some of them."""
+        """Return the rays of some rows."""
         return Rays(self.origin_ned_m.take(rows, 0), self.direction_ned.take(rows, 0), self.later_s[rows])
 
 
 def make_rays(
     track: BodyTrack, position_frd_m: Array, rot_frd_sensor: Array, looking: Array32, first_s: float, interval_s: float
 ) -> Rays:
-    """Rays along looking (3, n), in the sensor's axes, of a sensor at (3,), turned by (3, 3), on the track.
+    """Return rays along looking (3, n), in the axes of a sensor at (3,), rotated by (3, 3), on the track.
 
-    The first goes out first_s after the track's start, each other interval_s later. They go in blocks of about a step
-    of the track; in a block the pose goes linearly from one end to the other, which is two products of matrices.
+    The first ray leaves first_s after the start of the track, and each other ray interval_s later. Blocks of rays span
+    about one step of the track. In a block, the pose changes linearly between the ends, which needs two products of
+    matrices.
     """
     count = looking.shape[1]
     size = min(max(round(track.duration_s / (len(track.stamps_ns) - 1) / interval_s), 1), max(count, 1))
@@ -142,9 +151,9 @@ def make_rays(
 Mask = NDArray[np.bool_]
 
 FULL_SCALE = 150.0  # intensity of a diffuse target of 100 % (Livox Mid-70 user manual, "Reflectivity")
-_FLICKER = 0.1  # deviation of the logarithm of what returns from a target: 5 % in range
-_GLITTER = 0.5  # of what returns from water, by ripples that no wave component has
-_STEEPER = 0.15  # how much waves may add to the cosine of incidence of rays that are worth following
+_FLICKER = 0.1  # deviation of the logarithm of a target's return: 5 % in range
+_GLITTER = 0.5  # the same for returns from water, due to ripples below the shortest wave component
+_STEEPER = 0.15  # possible increase of the cosine of incidence by waves, for rays worth following
 _SPRAY_M = 1.5  # mean range of droplets
 _SPRAY_REFLECTIVITY = 0.05
 _REFLECTIVITY = np.array([material.reflectivity for material in MATERIALS], float32)
@@ -152,44 +161,51 @@ _REFLECTIVITY = np.array([material.reflectivity for material in MATERIALS], floa
 
 @dataclass(frozen=True, slots=True)
 class PointFates:
-    """What became of the points fired in a frame; those returned include what fog, spray and water returned.
-
-    nothing: nothing there; weak: too little came back; near: in the blind zone; water: into the water; dropped: lost
-    at random.
-    """
+    """Numbers of points of a frame by outcome."""
 
     fired: int = 0
+    """All fired points."""
     returned: int = 0
+    """Returned points, including returns from fog, spray and water."""
     nothing: int = 0
+    """Nothing in the way."""
     weak: int = 0
+    """Too weak a return."""
     near: int = 0
+    """In the blind zone."""
     water: int = 0
+    """Lost in the water."""
     dropped: int = 0
+    """Lost at random."""
     from_water: int = 0
+    """Returned by water."""
     from_spray: int = 0
+    """Returned by spray."""
     from_fog: int = 0
+    """Returned by fog."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarScan:
-    """The n returns of a frame: points_frd_m (n, 3) in body axes, each at its own instant.
-
-    offset_s (n,) after stamp_ns; intensity (n,): 150 for a diffuse target of 100 %.
-    """
+    """The n returns of a frame."""
 
     stamp_ns: int
     points_frd_m: Array32
+    """Positions in body axes, (n, 3), each at its own instant."""
     offset_s: Array32
+    """Times after stamp_ns, (n,)."""
     intensity: NDArray[uint8]
+    """Intensities, (n,): 150 for a diffuse target of 100 %."""
     fates: PointFates
 
 
 @dataclass(frozen=True, slots=True)
 class Lidar:
-    """A lidar of a specification, over water of which silt scatters water_reflectivity of the light that is in it."""
+    """A lidar of a specification."""
 
     spec: LidarSpec
     water_reflectivity: Share = 0.05
+    """Share of the light in the water that silt scatters back."""
     air: Atmosphere = field(default_factory=Atmosphere)
     _position: Array = field(init=False, repr=False, compare=False)
     _mount: Array = field(init=False, repr=False, compare=False)
@@ -210,7 +226,9 @@ class Lidar:
         rng: Generator,
         bodies: Bodies = NO_BODIES,
     ) -> LidarScan:
-        """All points from the first instant of the track up to its last; water and bodies are of the first."""
+        """Scan all points from the first instant of the track up to its last. Water and bodies are at the first
+        instant.
+        """
         start_ns, end_ns = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
         interval_s = 1.0 / self._rosette.points_hz
         first = math.ceil(start_ns * 1e-9 / interval_s - 1e-6)
@@ -228,7 +246,7 @@ class Lidar:
             else ~within & False
         )
         kept, measured_m, drowned = self._measured(rays, ends, np.flatnonzero(within & ~dropped), water, rng)
-        nearer = measured_m < self.spec.min_range_m  # the device knows the range that it measures, no other
+        nearer = measured_m < self.spec.min_range_m  # the device knows only the measured range
         if nearer.any():
             kept, measured_m = kept[~nearer], measured_m[~nearer]
 
@@ -254,7 +272,7 @@ class Lidar:
         return LidarScan(start_ns, np.ascontiguousarray(points.T), rays.later_s[kept], intensity, fates)
 
     def _targets(self, rays: Rays, caster: RayCaster, bodies: Bodies, water: WaterSeen, rng: Generator) -> _Ends:
-        """What each ray would end at in empty air."""
+        """Return the target of each ray in clear air."""
         origin, direction, later_s = rays.origin_ned_m, rays.direction_ned, rays.later_s
         still_m = water.distance_m(origin, direction, later_s)
         reach_m = np.minimum(water.certain_m(still_m, direction), float32(self.spec.max_range_m))
@@ -281,13 +299,13 @@ class Lidar:
         return _Ends(range_m, albedo, flicker, still_m, wet, seen, none, none)
 
     def _signal(self, albedo: Array32, range_m: Array32) -> Array32:
-        """(n,) what returns, of what is just enough."""
+        """Return the (n,) signal, relative to the weakest signal that the lidar detects."""
         farthest = albedo * float32(self.spec.range_at_10_percent_m**2 / 0.1)
         signal: Array32 = farthest / np.maximum(range_m * range_m, float32(1e-6)) * self.air.both_ways(range_m)
         return signal
 
     def _in_the_air(self, ends: _Ends, rng: Generator) -> _Ends:
-        """With the rays that fog or spray returns before their targets."""
+        """Return the ends with the rays that fog or spray returns before their targets."""
         count = len(ends.range_m)
         clump_m = self.air.clumps_m(count, rng)
         if clump_m is not None:
@@ -303,9 +321,9 @@ class Lidar:
     def _measured(
         self, rays: Rays, ends: _Ends, kept: NDArray[np.intp], water: WaterSeen, rng: Generator
     ) -> tuple[NDArray[np.intp], Array32, int]:
-        """Of the rays `kept`: those above the water, their ranges with noise, and how many are not above it.
+        """Return the rays of `kept` above the water, their noisy ranges, and the number of rays not above it.
 
-        Noise that puts a return under water is taken back.
+        If noise puts a return under water, the noise is removed.
         """
         range_m = ends.range_m[kept]
         measured_m = range_m + rng.standard_normal(len(kept), dtype=float32) * float32(self.spec.range_noise_m)
@@ -322,22 +340,27 @@ class Lidar:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ends:
-    """What n rays end at, (n,) each: range_m, inf for nothing; albedo toward the sensor; how that flickers.
-
-    still_m: range of the still water. wet: water; seen: returns enough; fog, spray: the ray does not get further.
-    """
+    """Ends of n rays, (n,) each."""
 
     range_m: Array32
+    """Range, inf for nothing."""
     albedo: Array32
+    """Albedo toward the sensor."""
     flicker: Array32
+    """Scintillation of the return."""
     still_m: Array32
+    """Range of the still water."""
     wet: Mask
+    """The end is water."""
     seen: Mask
+    """The return is strong enough."""
     fog: Mask
+    """The ray ends in fog."""
     spray: Mask
+    """The ray ends in spray."""
 
     def cut(self, rows: Mask, range_m: Array32, albedo: float) -> _Ends:
-        """Ended before at range_m (n,) by something of one albedo, and seen."""
+        """Return the ends with some rays cut at range_m (n,) by something of one albedo, and seen."""
         return replace(
             self,
             range_m=np.where(rows, range_m, self.range_m),

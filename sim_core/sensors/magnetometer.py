@@ -1,4 +1,4 @@
-"""Magnetometer, and the Earth's field where it is used."""
+"""Magnetometer, and the Earth's field at a place."""
 
 from __future__ import annotations
 
@@ -20,17 +20,19 @@ _GAUSS_PER_NANOTESLA = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class LocalField:
-    """The Earth's field at one place: ned_gauss, declination east of true north, inclination below the horizon."""
+    """The Earth's field at one place."""
 
     ned_gauss: tuple[float, float, float]
     declination_deg: float
+    """East of true north."""
     inclination_deg: float
+    """Below the horizon."""
 
 
 def local_field_ned_gauss(
     latitude_deg: float, longitude_deg: float, altitude_m: float, decimal_year: float
 ) -> LocalField:
-    """The field of the World Magnetic Model of that year's epoch (NOAA and BGS; 2010.0 up to 2030.0).
+    """Return the field of the World Magnetic Model for the epoch of a year (NOAA and BGS; 2010.0 up to 2030.0).
 
     altitude_m is above the WGS84 ellipsoid. Raises ValueError for a place or a year outside the model.
     """
@@ -55,27 +57,27 @@ def local_field_ned_gauss(
 
 @dataclass(frozen=True, slots=True)
 class MagnetometerSample:
-    """field_frd_gauss (N, 3)."""
+    """Sample of N magnetometers."""
 
     field_frd_gauss: Array
+    """Magnetic field, (N, 3), body axes."""
 
 
 @dataclass(frozen=True, slots=True)
 class MagnetometerState:
-    """drifting_bias_frd_gauss (N, 3): the Gauss-Markov bias."""
+    """State of N magnetometers."""
 
     drifting_bias_frd_gauss: Array
+    """Gauss-Markov bias, (N, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Magnetometer:
-    """White noise, drifting bias, hard iron and quantisation in a uniform field: see MagnetometerSpec.
-
-    field_ned_gauss: the field where the vessel is, see `local_field_ned_gauss`.
-    """
+    """White noise, drifting bias, hard iron and quantisation in a uniform field, see MagnetometerSpec."""
 
     spec: MagnetometerSpec
     field_ned_gauss: tuple[float, float, float]
+    """Field at the vessel, see `local_field_ned_gauss`."""
     _scale: Array = field(init=False, repr=False, compare=False)
     _output: Digitiser = field(init=False, repr=False, compare=False)
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
@@ -95,13 +97,13 @@ class Magnetometer:
         put(self, "_hard_iron_frd_gauss", np.array([self.spec.hard_iron_frd_gauss], dtype=np.float64))
 
     def initial(self, vessels: int, rng: Generator) -> MagnetometerState:
-        """`vessels` magnetometers whose bias is already at its stationary deviation."""
+        """Return the state of `vessels` magnetometers. The bias has its stationary deviation from the start."""
         return MagnetometerState(self._drift.initial(rng.standard_normal((vessels, 3))))
 
     def measure(
         self, state: MagnetometerState, truth: Kinematics, rng: Generator
     ) -> tuple[MagnetometerState, MagnetometerSample]:
-        """One sample at the attitude of `truth`; the returned state is that of the next sample."""
+        """Take one sample at the attitude of `truth`. The returned state is the state of the next sample."""
         noise = self._scale * rng.standard_normal((len(truth.rot_ned_frd), 6))
         error = state.drifting_bias_frd_gauss + noise[:, :3]
         measured = self._field_ned_gauss @ truth.rot_ned_frd + self._hard_iron_frd_gauss + error

@@ -1,4 +1,4 @@
-"""Odometry: pose and velocity from an estimator of its own, a camera's say, that starts at zero and wanders off."""
+"""Odometry: pose and velocity from an independent estimator, for example a camera, that starts at zero and drifts."""
 
 from __future__ import annotations
 
@@ -15,38 +15,44 @@ from sim_core.sensors.spec import OdometrySpec
 
 @dataclass(frozen=True, slots=True)
 class OdometrySample:
-    """Position (N, 3) from the first sample, in axes level and turned to the heading of then; attitude (N, 4) against
-    the same; velocity and angular rate (N, 3) in the body. Deviations of position and heading by now, (N,): that of
-    position without what the error of heading makes of the way.
-    """
+    """Sample of N units. The local frame is level, with the position and heading of the first sample."""
 
     pos_local_m: Array
+    """Position from the first sample, (N, 3)."""
     quat_local_frd: Array
+    """Attitude relative to the local frame, (N, 4)."""
     vel_frd_mps: Array
+    """Velocity in body axes, (N, 3)."""
     gyro_frd_radps: Array
+    """Angular rate in body axes, (N, 3)."""
     position_deviation_m: Array
+    """Present deviation of the position, (N,), without the effect of the heading error."""
     yaw_deviation_rad: Array
+    """Present deviation of the heading, (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryState:
-    """Of the latest sample: where it truly was and where it reckons (N, 3), and how far its heading has drifted (N,).
-
-    start_quat: (N, 4) the heading that it started with, level. samples: so far; before the first nothing else counts.
-    """
+    """State at the latest sample of N units."""
 
     pos_ned_m: Array
+    """True position, (N, 3)."""
     pos_local_m: Array
+    """Estimated position, (N, 3)."""
     start_quat: Array
+    """Initial heading as a level attitude, (N, 4)."""
     drift_yaw_rad: Array
+    """Drift of the heading so far, (N,)."""
     samples: int = 0
+    """Number of samples so far. Before the first sample, the other fields have no meaning."""
 
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """Random walks of position and heading, and white noise: see OdometrySpec.
+    """Random walks of position and heading, and white noise, see OdometrySpec.
 
-    Each step of the way is reckoned by the heading of then: an error of heading bends the way and moves nothing behind.
+    Each step of the path uses the heading of its instant. A heading error bends the path and does not move earlier
+    positions.
     """
 
     spec: OdometrySpec
@@ -59,12 +65,12 @@ class Odometry:
         object.__setattr__(self, "_drift_rad", math.radians(self.spec.yaw_drift_degprts) * per_sample)
 
     def initial(self, vessels: int, rng: Generator) -> OdometryState:
-        """It starts with its first sample."""
+        """Return the state before the first sample, which sets the origin."""
         place = np.zeros((vessels, 3))
         return OdometryState(place, place, np.zeros((vessels, 4)), np.zeros(vessels))
 
     def measure(self, state: OdometryState, truth: Kinematics, rng: Generator) -> tuple[OdometryState, OdometrySample]:
-        """One sample of `truth`; drift goes on between samples."""
+        """Take one sample of `truth`. Drift continues between samples."""
         vessels = len(truth.pos_ned_m)
         if not state.samples:
             heading = np.zeros((vessels, 3))

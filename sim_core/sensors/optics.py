@@ -1,6 +1,6 @@
-"""Light of a laser at 905 nm through air, fog and the surface of water, and that surface as a ray from above meets it.
+"""Light of a laser at 905 nm through air, fog and the water surface, and rays from above that reach the surface.
 
-Waves are summed in single precision about one place and instant: it is for some ten thousand rays a frame.
+The sum of the waves is in single precision about one place and instant, because a frame has some ten thousand rays.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from sim_core.frames import Array32
 WAVELENGTH_NM = 905.0
 WATER_INDEX = 1.328  # of refraction at 905 nm (Hale and Querry 1973)
 FOG_LIDAR_RATIO_SR = 18.0  # extinction over backscatter of water droplets (O'Connor, Illingworth and Hogan 2004)
-PULSE_M = 0.75  # what lies within one pulse of 5 ns returns together
-_CLUMPS = 0.1  # of the optical depth: how often a clump of fog is dense enough to be taken for a target (chosen)
+PULSE_M = 0.75  # targets within one pulse of 5 ns return together
+_CLUMPS = 0.1  # clumps per optical depth that are dense enough to look like a target (chosen)
 
 
 def extinction_per_m(visibility_m: float) -> float:
-    """Of 905 nm where 550 nm is seen to visibility_m: Koschmieder's 3.912 / V, over wavelengths as Kim 2001 has it."""
+    """Return the extinction at 905 nm for a visibility at 550 nm: Koschmieder's 3.912 / V, with the wavelength law of
+    Kim 2001.
+    """
     if math.isinf(visibility_m):
         return 0.0
     km = visibility_m * 1e-3
@@ -35,7 +37,9 @@ def extinction_per_m(visibility_m: float) -> float:
 
 
 def through_surface(cosine: Array32) -> Array32:
-    """(n,) share of unpolarised light that passes from air into water (Fresnel), cosine of incidence given."""
+    """Return the (n,) share of unpolarised light that passes from air into water (Fresnel), from the cosine of
+    incidence.
+    """
     cosine = np.clip(cosine, float32(0.0), float32(1.0))
     refracted = np.sqrt(1.0 - (1.0 - cosine * cosine) * float32(WATER_INDEX**-2))
     index = float32(WATER_INDEX)
@@ -47,7 +51,7 @@ def through_surface(cosine: Array32) -> Array32:
 
 @dataclass(frozen=True, slots=True)
 class Atmosphere:
-    """Air of one visibility, inf for clear. It weakens what passes and, in clumps, returns light itself."""
+    """Air of one visibility, inf for clear. It weakens light and, in clumps, returns light itself."""
 
     visibility_m: float = math.inf
 
@@ -59,21 +63,21 @@ class Atmosphere:
 
     @property
     def extinction_per_m(self) -> float:
-        """Of the laser's light, 1/m."""
+        """Extinction of the laser's light, 1/m."""
         return extinction_per_m(self.visibility_m)
 
     @property
     def reflectivity(self) -> float:
-        """Of a diffuse target that returns as much as the fog within one pulse: pi beta dR."""
+        """Reflectivity of a diffuse target with the same return as the fog within one pulse: pi beta dR."""
         return math.pi * self.extinction_per_m / FOG_LIDAR_RATIO_SR * PULSE_M
 
     def both_ways(self, range_m: Array32) -> Array32 | float32:
-        """(n,) share that is left after range_m and back (Beer-Lambert)."""
+        """Return the (n,) share that remains after range_m and back (Beer-Lambert)."""
         extinction = self.extinction_per_m
         return np.exp(range_m * float32(-2.0 * extinction)) if extinction else float32(1.0)
 
     def clumps_m(self, count: int, rng: Generator) -> Array32 | None:
-        """(count,) how far off the first clump is that can be taken for a target, None in clear air."""
+        """Return the (count,) distance to the first clump that looks like a target, None in clear air."""
         extinction = self.extinction_per_m
         if not extinction:
             return None
@@ -81,7 +85,7 @@ class Atmosphere:
 
 
 _SAMPLES = 8  # along the last metres of a ray that grazes the crests
-_TURNS = 2  # of Newton's method, the first for a level surface; what is a hand off after that is dropped later
+_TURNS = 2  # steps of Newton's method, the first for a level surface; residuals of a hand's width are dropped later
 _GRAZING = 0.02
 _TINY = 1e-6
 _PIECE = 16_384  # rays times components
@@ -90,23 +94,23 @@ _HAIR_M = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterSeen:
-    """Down coordinate of the surface: level_down_m less the waves, which stay within crest_m of it.
-
-    Of W components: to_phase (4, W) from metres north and east of middle_ne_m, seconds after the instant it was made
-    for, and 1; amplitude_m (W,), of the cosines; to_slope (W, 2), from the sines to how the surface falls to north and
-    east.
-    """
+    """Down coordinate of the surface: level_down_m less the waves of W components."""
 
     level_down_m: float
     crest_m: float
+    """Bound of the waves about the still level."""
     middle_ne_m: Array32
+    """Reference position, metres north and east."""
     to_phase: Array32
+    """Phases from metres north and east of middle_ne_m, seconds after the reference instant, and 1: (4, W)."""
     amplitude_m: Array32
+    """Amplitudes of the cosines, (W,)."""
     to_slope: Array32
+    """From the sines to the slope down to north and east, (W, 2)."""
 
     @classmethod
     def around(cls, environment: Environment, time_s: float, pos_ned_m: NDArray[float64]) -> WaterSeen:
-        """About pos_ned_m (3,) at time_s."""
+        """Return the water about pos_ned_m (3,) at time_s."""
         level_down_m, waves, middle = -environment.water.level_m, environment.waves, pos_ned_m[:2]
         if not isinstance(waves, WaveField):
             none = np.zeros(0, float32)
@@ -123,20 +127,22 @@ class WaterSeen:
         )
 
     def down_m(self, place_ned_m: Array32, later_s: Array32) -> Array32:
-        """(n,) down coordinate of the surface under or over (n, 3) places, later_s (n,) after the instant."""
+        """Return the (n,) down coordinate of the surface at (n, 3) places, later_s (n,) after the instant."""
         if not self.crest_m:
             return np.full(len(place_ned_m), self.level_down_m, float32)
         return self._surface(place_ned_m, later_s)[:, 0]
 
     def _surface(self, place_ned_m: Array32, later_s: Array32, slopes: bool = False) -> Array32:
-        """(n, 3) down coordinate of the surface, how it falls to north and to east; these two only if asked for."""
+        """Return the (n, 3) down coordinate of the surface and its slopes down to north and east. `slopes` requests the
+        slopes.
+        """
         rays, components = len(place_ned_m), self.to_phase.shape[1]
         from_there = np.empty((rays, 4), float32)
         np.subtract(place_ned_m[:, :2], self.middle_ne_m, out=from_there[:, :2])
         from_there[:, 2] = later_s
         from_there[:, 3] = 1.0
         surface = np.empty((rays, 3), float32)
-        # In pieces that the allocator keeps: larger ones go back to the system and cost a page fault each 4 kB.
+        # In pieces that the allocator keeps: larger ones return to the system and cost a page fault each 4 kB.
         piece = max(_PIECE // components, 1)
         phases, wave = np.empty((2, min(piece, rays), components), float32)
         for start in range(0, rays, piece):
@@ -150,7 +156,9 @@ class WaterSeen:
         return surface
 
     def distance_m(self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32) -> Array32:
-        """(n,) along the rays to the still level; inf for those that do not go down, 0 from under water."""
+        """Return the (n,) distance along the rays to the still level; inf for rays that do not descend, 0 from under
+        water.
+        """
         above = float32(self.level_down_m) - origin_ned_m[:, 2]
         down = direction_ned[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -162,7 +170,9 @@ class WaterSeen:
         return distance
 
     def certain_m(self, level_m: Array32, direction_ned: Array32) -> Array32:
-        """(n,) where the rays are in the water for sure: below the troughs; level_m is their `distance_m`."""
+        """Return the (n,) distance at which rays are certainly in the water: below the troughs. level_m is their
+        `distance_m`.
+        """
         if not self.crest_m:
             return level_m
         steepness: Array32 = np.maximum(direction_ned[:, 2], float32(_TINY))
@@ -172,10 +182,10 @@ class WaterSeen:
     def hides(
         self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32, range_m: Array32, level_m: Array32
     ) -> Array32:
-        """(n,) where water begins on the way to what was hit at range_m (inf for nothing), inf for nowhere.
+        """Return the (n,) distance at which water begins before the hit at range_m (inf for no hit); inf for no water.
 
-        level_m: `distance_m` of these rays. Only rays that end among the waves are followed through them; of what ends
-        below them, the still level will do.
+        level_m: `distance_m` of these rays. The code follows only rays that end among the waves. For rays that end
+        below the waves, it uses the still level.
         """
         hidden: Array32 = np.where(level_m < range_m, level_m, float32(np.inf))
         if not self.crest_m:
@@ -193,7 +203,7 @@ class WaterSeen:
         return hidden
 
     def _depth_m(self, origin: Array32, direction: Array32, later_s: Array32, along: Array32) -> Array32:
-        """(n, j) how deep under the surface the rays are at along (n, j), negative above."""
+        """Return the (n, j) depth of the rays under the surface at along (n, j), negative above."""
         places = origin[:, None] + direction[:, None] * along[..., None]
         surface = self.down_m(places.reshape(-1, 3), np.repeat(later_s, along.shape[1]))
         depth: Array32 = places[..., 2] - surface.reshape(along.shape)
@@ -202,7 +212,7 @@ class WaterSeen:
     def under(
         self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32, range_m: Array32
     ) -> NDArray[np.bool_]:
-        """(n,) whether the rays are under the surface at range_m."""
+        """Return (n,) True for rays that are under the surface at range_m."""
         places = origin_ned_m + direction_ned * range_m[:, None]
         under: NDArray[np.bool_] = places[:, 2] > self.down_m(places, later_s)
         return under
@@ -210,9 +220,10 @@ class WaterSeen:
     def met(
         self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32, range_m: Array32
     ) -> tuple[Array32, Array32]:
-        """Where n rays into the water meet its surface, sought from range_m on, and the cosine of incidence there.
+        """Return the distance at which n rays into the water reach its surface, and the cosine of incidence there.
 
-        The place is at the surface or a hair above; a ray for which none is found keeps a range under water.
+        The search starts at range_m. The result is at the surface or slightly above. A ray without a result keeps a
+        range under water.
         """
         if not self.crest_m:
             return range_m, direction_ned[:, 2]
@@ -230,7 +241,7 @@ class WaterSeen:
 
 
 def _first_under(along: Array32, depth_m: Array32) -> Array32:
-    """(n,) where each row of depths first is positive, between the samples; inf where none is."""
+    """Return the (n,) position at which each row of depths becomes positive, between the samples; inf for never."""
     under = depth_m > 0.0
     rows = np.arange(len(along))
     at = np.argmax(under, axis=1)

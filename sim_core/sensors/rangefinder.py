@@ -1,4 +1,4 @@
-"""Rangefinder (echo sounder, sonar, laser or radar along one direction) and obstacle scanner (all round in plan)."""
+"""Rangefinder (echo sounder, sonar, laser or radar along one direction) and obstacle scanner (full circle in plan)."""
 
 from __future__ import annotations
 
@@ -19,28 +19,27 @@ from sim_core.sensors.measurement import (
 from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
 from sim_core.world.plan import OPEN_WATER, Walls
 
-_ASIDE = 0.2  # of the beam, that goes out to a side
+_ASIDE = 0.2  # horizontal share of the beam direction above which hulls matter
 
 HullsAround = Callable[[float], Walls]
-"""The sides of what else sails within a range."""
+"""Returns the sides of other vessels within a range."""
 
 
 @dataclass(frozen=True, slots=True)
 class RangefinderSample:
-    """range_m (N,): what is measured, with noise; inf where nothing echoes. Limits of the unit are not applied."""
+    """Sample of N units. Limits of the unit are not applied."""
 
     range_m: Array
+    """Measured range with noise, (N,); inf for no echo."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rangefinder:
-    """Range to what is nearest along the beam, with noise: see RangefinderSpec.
+    """Range to the nearest object along the beam, with noise, see RangefinderSpec.
 
-    Through `water` it meets the level bed at bed_down_m (down coordinate) and walls, through `air` the still surface at
-    surface_down_m and walls. On a level plane the beam answers from its point nearest to the vertical; walls are met by
-    its middle. Limits of the unit are not applied.
-
-    hulls: of others now, within a range of the vessel; None for nobody.
+    In `water`, the beam reaches the level bed at bed_down_m (down coordinate) and walls. In `air`, it reaches the still
+    surface at surface_down_m and walls. On a level plane, the point of the beam nearest to the vertical gives the
+    range. On walls, the middle of the beam gives it. Limits of the unit are not applied.
     """
 
     spec: RangefinderSpec
@@ -48,6 +47,7 @@ class Rangefinder:
     surface_down_m: float = 0.0
     walls: Walls = OPEN_WATER
     hulls: HullsAround | None = None
+    """Hulls of other vessels now, within a range of the vessel; None for no others."""
     _position: Array = field(init=False, repr=False, compare=False)
     _direction: Array = field(init=False, repr=False, compare=False)
     _half_beam: float = field(init=False, repr=False, compare=False)
@@ -61,14 +61,14 @@ class Rangefinder:
         put(self, "_direction", np.array(self.spec.direction_frd) / length)
         put(self, "_half_beam", math.radians(self.spec.beam_deg) / 2)
         put(self, "_output", digitiser(self.spec.resolution_m))
-        if math.hypot(*self.spec.direction_frd[:2]) < _ASIDE * length:  # above or below it nobody sails
+        if math.hypot(*self.spec.direction_frd[:2]) < _ASIDE * length:  # no vessel is above or below another
             put(self, "hulls", None)
 
     def initial(self, vessels: int, rng: Generator) -> None:
-        """It has no state."""
+        """The rangefinder has no state."""
 
     def measure(self, state: None, truth: Kinematics, rng: Generator) -> tuple[None, RangefinderSample]:
-        """One range from where `truth` has the unit."""
+        """Measure one range from the unit's position in `truth`."""
         origin = truth.pos_ned_m + truth.rot_ned_frd @ self._position
         ray = truth.rot_ned_frd @ self._direction
         distance = np.minimum(self._to_plane_m(origin, ray), self.walls.range_m(origin, ray[:, None])[:, 0])
@@ -84,7 +84,7 @@ class Rangefinder:
         return None, RangefinderSample(np.where(nothing, np.inf, read))
 
     def _to_plane_m(self, origin_ned_m: Array, ray_ned: Array) -> Array:
-        """(N,) along the part of the beam nearest to the vertical; 0 for a unit that is itself beyond the plane."""
+        """Return the (N,) range along the part of the beam nearest to the vertical; 0 for a unit beyond the plane."""
         plane_down_m = self.bed_down_m if self.spec.through == "water" else self.surface_down_m
         height_m = np.maximum(plane_down_m - origin_ned_m[:, 2], 0.0)
         tilt_rad = np.arccos(np.clip(ray_ned[:, 2], -1.0, 1.0))
@@ -100,21 +100,20 @@ _RAYS = 5  # a degree apart
 
 @dataclass(frozen=True, slots=True)
 class ScanSample:
-    """range_m (N, 72) to what is nearest in each sector, clockwise, the first about the bow; inf for nothing there."""
+    """Sample of N scanners."""
 
     range_m: Array
+    """Range to the nearest object in each sector, (N, 72), clockwise from the bow sector; inf for nothing there."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObstacleScanner:
-    """The nearest of five rays in each sector of five degrees, with noise; heights, roll and pitch are left out.
-
-    hulls: of others now, within a range of the vessel; None for nobody.
-    """
+    """The nearest of five rays in each sector of five degrees, with noise. It ignores heights, roll and pitch."""
 
     spec: ObstacleScannerSpec
     walls: Walls
     hulls: HullsAround | None = None
+    """Hulls of other vessels now, within a range of the vessel; None for no others."""
     _position: Array = field(init=False, repr=False, compare=False)
     _rays: Array = field(init=False, repr=False, compare=False)
 
@@ -124,10 +123,10 @@ class ObstacleScanner:
         object.__setattr__(self, "_rays", np.radians(degrees))
 
     def initial(self, vessels: int, rng: Generator) -> None:
-        """It has no state."""
+        """The scanner has no state."""
 
     def measure(self, state: None, truth: Kinematics, rng: Generator) -> tuple[None, ScanSample]:
-        """One turn, all at the instant of `truth`."""
+        """Take one scan, all at the instant of `truth`."""
         origin = truth.pos_ned_m + truth.rot_ned_frd @ self._position
         heading = np.arctan2(truth.rot_ned_frd[:, 1, 0], truth.rot_ned_frd[:, 0, 0])
         angle = heading[:, None] + self._rays

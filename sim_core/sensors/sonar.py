@@ -1,16 +1,16 @@
-"""A scanning sonar: one narrow, tall beam that a motor turns, ping by ping.
+"""A scanning sonar: a narrow, tall beam that a motor turns, ping by ping.
 
     echo = sonar.echo(settings, pos_ned_m, rot_ned_frd, below, rng)
 
-Rays fill the beam out to its first nulls. Each brings back what the surface it meets scatters to where it came from
-(Lambert's law), when its range says; what lies behind is in the shadow, as no ray gets there. Levels count from that of
-a rigid wall that fills the beam at 1 m:
+Rays fill the beam out to its first nulls. The surface that a ray reaches scatters power back to the transducer
+(Lambert's law), delayed by the range. Anything behind it is in the shadow, because no ray reaches it. Levels are
+relative to a rigid wall that fills the beam at 1 m:
 
     wall that fills the beam      10 log s - 20 log r - 2 a r       (its lit area grows with the square of the range)
-    small object                  TS - 40 log r - 2 a r             (of the rays, fewer meet it: 20 log r more)
+    small object                  TS - 40 log r - 2 a r             (fewer rays reach it: 20 log r more)
 
 with backscatter s and absorption a. Speckle makes the amplitude of every sample a Rayleigh variable (Urick 1983, ch.
-8). Not modelled: paths by way of surface or bed, side lobes, what the vessel moves while one ping travels.
+8). Not modelled: paths reflected by surface or bed, side lobes, motion of the vessel while one ping travels.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from sim_core.world.rays import NO_BODIES, Bodies, RayCaster
 
 
 def absorption_dbpm(frequency_khz: float, temperature_c: float) -> float:
-    """Absorption one way, dB/m, near the surface of fresh water.
+    """Return the one-way absorption, dB/m, near the surface of fresh water.
 
-    Francois and Garrison 1982, part II: of the three terms of their equation the viscosity of the water alone,
-    as there is neither boric acid nor magnesium sulphate.
+    Francois and Garrison 1982, part II. Only the viscosity term of their equation applies, because fresh water has
+    neither boric acid nor magnesium sulphate.
     """
     coefficients = (
         (4.937e-4, -2.59e-5, 9.11e-7, -1.50e-8) if temperature_c <= 20.0 else (3.964e-4, -1.146e-5, 1.45e-7, -6.5e-10)
@@ -44,7 +44,7 @@ def absorption_dbpm(frequency_khz: float, temperature_c: float) -> float:
 
 
 def sound_speed_mps(temperature_c: float) -> float:
-    """Speed of sound in pure water at atmospheric pressure, 0 to 95 degrees: Marczak 1997."""
+    """Return the speed of sound in pure water at atmospheric pressure, 0 to 95 degrees: Marczak 1997."""
     coefficients = (1402.385, 5.038813, -5.799136e-2, 3.287156e-4, -1.398845e-6, 2.787860e-9)
     return float(np.polynomial.polynomial.polyval(temperature_c, coefficients))
 
@@ -57,51 +57,52 @@ _HALF_POWER = 0.443  # sinc(0.443)^2 = 0.5
 _NULLS_RAD = tuple(math.asin(math.sin(math.radians(0.5 * width)) / _HALF_POWER) for width in BEAM_DEG)
 _RAYS = (5, 96)  # across, up and down
 _CELL_RAD = 2.0 * _NULLS_RAD[1] / _RAYS[1]
-_PARTS = 6  # of what a ray brings back, along its range
-LONGEST_M = 2.0  # of a cell's echo: beyond, a slanted surface is taken to end
+_PARTS = 6  # parts of a ray's echo, along its range
+LONGEST_M = 2.0  # longest extent of a cell's echo along the range; a slanted surface ends there
 
 FLOOR_DB = -92.0  # intensity 0
-SPAN_DB = 85.0  # intensity 255 is so much above
+SPAN_DB = 85.0  # dB from intensity 0 to intensity 255
 GAIN_DB = (-6.0, 0.0, 6.0)
 NOISE_DB = -88.0
 CENTRE_KHZ = 750.0
-BAND_KHZ = 100.0  # off the centre by so much the transducer is 6 dB weaker, out and back
+BAND_KHZ = 100.0  # at this offset from the centre, the transducer is 6 dB weaker, out and back
 WATER_DB = -45.0  # scattered back by a metre of turbid water that fills the beam
 SURFACE_BACKSCATTER = 0.02  # a rough surface seen from below
-RING_DB = 10.0  # the transducer's own ringing, at once
-RING_DBPS = 105_000.0  # and how it dies away
+RING_DB = 10.0  # the transducer's ringing, at once
+RING_DBPS = 105_000.0  # decay of the ringing
 
-# By the number of a material, the last one for no hit, which is -1.
+# By the number of a material. The last entry is for no hit, which is -1.
 _BACKSCATTER = np.array([*(material.backscatter for material in MATERIALS), 0.0])
 
 
 @dataclass(frozen=True, slots=True)
 class PingSettings:
-    """What is set before a ping. angle_grad: of the head, clockwise from its zero, 400 to the turn.
-
-    gain: 0, 1 or 2. The echo is `samples` of sample_period_s each.
-    """
+    """Settings of a ping. The echo is `samples` samples of sample_period_s each."""
 
     angle_grad: int
+    """Angle of the head, clockwise from its zero, 400 to the turn."""
     sample_period_s: float
     samples: int
     pulse_s: float
     frequency_khz: float = CENTRE_KHZ
     gain: int = 1
+    """0, 1 or 2."""
 
     @property
     def listen_s(self) -> float:
-        """From the ping to the last sample."""
+        """Time from the ping to the last sample."""
         return self.sample_period_s * self.samples
 
     def at(self, angle_grad: int) -> PingSettings:
-        """The same in another direction."""
+        """Return the same settings in another direction."""
         return replace(self, angle_grad=angle_grad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Below:
-    """What sound meets: what light does, and the surface about the vessel. Nothing above that is heard."""
+    """Everything that sound can reach: the same objects as for light, and the water surface. Nothing above it is
+    audible.
+    """
 
     caster: RayCaster
     surface_down_m: float
@@ -116,21 +117,23 @@ class ScanningSonar:
 
     @property
     def heading_grad(self) -> int:
-        """Of its zero angle, clockwise from the bow, rounded as the head turns."""
+        """Heading of its zero angle, clockwise from the bow, rounded to whole gradians like the head's steps."""
         return round(self.spec.heading_deg / DEGREES_A_GRAD)
 
     def echo(
         self, settings: PingSettings, pos_ned_m: Array, rot_ned_frd: Array, below: Below, rng: Generator
     ) -> NDArray[uint8]:
-        """Echo intensity (samples,) of a ping from a vessel at pos_ned_m (3,), turned by rot_ned_frd (3, 3)."""
+        """Return the echo intensity (samples,) of a ping from a vessel at pos_ned_m (3,), rotated by rot_ned_frd (3,
+        3).
+        """
         return received(self.scattered(settings, pos_ned_m, rot_ned_frd, below, rng), settings, rng)
 
     def scattered(
         self, settings: PingSettings, pos_ned_m: Array, rot_ned_frd: Array, below: Below, rng: Generator
     ) -> Array:
-        """Mean power (samples,) that comes back in each sample, 1 for that of a rigid wall at 1 m; no receiver yet.
+        """Return the mean power (samples,) of the echo without a receiver, relative to a rigid wall at 1 m.
 
-        Which part of each cell of the beam its ray stands for is drawn.
+        `rng` draws the position of each ray in its cell of the beam.
         """
         power = np.zeros(settings.samples)
         origin = pos_ned_m + rot_ned_frd @ np.array(self.spec.position_frd_m)
@@ -141,7 +144,7 @@ class ScanningSonar:
         rays = beam.direction @ rot_ned_frd.T
         range_m, backscatter, normal = self._met(origin, rays, depth_m, below)
         cosine = np.maximum(np.abs((normal * rays).sum(axis=1)), 1e-3)
-        # What a ray stands for is a cell of the beam: over its height a slanted surface runs so far along the ray.
+        # A ray represents a cell of the beam. Over the cell's height, a slanted surface extends this far along the ray.
         slant = (normal * (beam.upward @ rot_ned_frd.T)).sum(axis=1) / cosine
         with np.errstate(invalid="ignore"):
             length_m = np.minimum(np.abs(slant) * range_m * _CELL_RAD, LONGEST_M)
@@ -159,7 +162,7 @@ class ScanningSonar:
         return np.asarray(power + sample_m * 10.0 ** (0.1 * haze_db) / middle_m**2)
 
     def _met(self, origin: Array, rays: Array, depth_m: float, below: Below) -> tuple[Array, Array, Array]:
-        """What each ray meets first: range (R,), inf for nothing, backscatter (R,) and normal (R, 3)."""
+        """Return the first hit of each ray: range (R,), inf for nothing, backscatter (R,) and normal (R, 3)."""
         direction = rays.astype(np.float32)
         origins = np.repeat(origin.astype(np.float32)[None, :], len(rays), axis=0)
         hits = below.caster.cast(origins, direction, below.bodies)
@@ -174,17 +177,20 @@ class ScanningSonar:
 
 
 class _Beam(NamedTuple):
-    """Rays in body axes: direction (R, 3), upward (R, 3), at right angles to it, and weight (R,), 1 in all."""
+    """Rays in body axes."""
 
     direction: Array
+    """Unit vectors, (R, 3)."""
     upward: Array
+    """Unit vectors at right angles to `direction`, (R, 3)."""
     weight: Array
+    """Weights, (R,), with sum 1."""
 
 
 def _beam(heading_rad: float, rng: Generator) -> _Beam:
-    """One ray drawn in each cell of the beam.
+    """Draw one ray in each cell of the beam.
 
-    Out and back, so the pattern of a line (sinc squared in power) counts twice, across and up and down.
+    Sound goes out and back, so the pattern of a line (sinc squared in power) counts twice, across and up and down.
     """
     count_across, count_up = _RAYS
     across = (np.arange(count_across)[:, None] + rng.random(_RAYS)) / count_across
@@ -201,10 +207,10 @@ def _beam(heading_rad: float, rng: Generator) -> _Beam:
 
 
 def received(power: Array, settings: PingSettings, rng: Generator) -> NDArray[uint8]:
-    """What the receiver makes of the mean power (samples,) of the echo: intensity in decibels, 0 to 255.
+    """Return the receiver's intensity for the mean power (samples,) of the echo, in decibels scaled to 0 to 255.
 
-    Each sample's scatterers add up with phases of their own to a Rayleigh amplitude, over the length of the pulse; then
-    come the ringing of the transducer, the receiver's noise and its gain. No gain that grows with time.
+    The scatterers of each sample have random phases and add up to a Rayleigh amplitude, smoothed over the pulse length.
+    The transducer's ringing, the receiver's noise and its gain follow. There is no time-varying gain.
     """
     noise = rng.standard_normal((4, settings.samples))
     amplitude = np.sqrt(0.5 * power) * (noise[0] + 1j * noise[1])
@@ -219,7 +225,7 @@ def received(power: Array, settings: PingSettings, rng: Generator) -> NDArray[ui
 
 
 def _pulse(settings: PingSettings) -> Array:
-    """How the power of an echo is spread over samples by the length of the pulse, about its middle."""
+    """Return the spread of an echo's power over samples by the length of the pulse, about its middle."""
     length = min(max(settings.pulse_s / settings.sample_period_s, 1.0), float(settings.samples // 2))
     half = math.ceil(0.5 * (length - 1.0))
     place = np.arange(-half, half + 1)
@@ -228,28 +234,27 @@ def _pulse(settings: PingSettings) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Sector:
-    """Directions that a head goes through, to and fro; a whole turn goes round and round.
-
-    start_grad: of the head. span_grad: clockwise from there, 400 for the turn.
-    """
+    """Directions that a head sweeps back and forth. A full circle continues in one direction."""
 
     start_grad: int
+    """First direction of the head."""
     span_grad: int
+    """Angle clockwise from start_grad, 400 for the full circle."""
     step_grad: int
 
     @classmethod
     def from_spec(cls, spec: SonarSpec) -> Sector:
-        """The sector in the head's own directions."""
+        """Return the sector in the directions of the head."""
         first_deg, last_deg = spec.sector_deg
         first_grad = round(first_deg / DEGREES_A_GRAD)
         return cls(first_grad % TURN_GRAD, round(last_deg / DEGREES_A_GRAD) - first_grad, spec.step_grad)
 
     def angle_grad(self, offset_grad: int) -> int:
-        """Direction so far into the sector."""
+        """Return the direction at an offset into the sector."""
         return (self.start_grad + offset_grad) % TURN_GRAD
 
     def after(self, offset_grad: int, forward: bool) -> tuple[int, bool]:
-        """The next offset, and whether the head went clockwise."""
+        """Return the next offset, and True if the head moved clockwise."""
         if self.span_grad + self.step_grad >= TURN_GRAD:
             return (offset_grad + self.step_grad) % TURN_GRAD, True
         if not 0 <= offset_grad + (self.step_grad if forward else -self.step_grad) <= self.span_grad:
@@ -258,12 +263,14 @@ class Sector:
         return (following, forward) if 0 <= following <= self.span_grad else (offset_grad, forward)
 
 
-OVERHEAD_S = 0.016  # of a ping, beside turning and listening
+OVERHEAD_S = 0.016  # of a ping, in addition to turning and listening
 TURN_S = 0.004
-"""Of the head, a gradian: with OVERHEAD_S a turn of 400 takes 9 s at 2 m and 35 s at 50 m, as the maker says."""
+"""Time of the head for one gradian. With OVERHEAD_S, a circle of 400 takes 9 s at 2 m and 35 s at 50 m, as specified by
+the manufacturer.
+"""
 
 
 def turning_s(from_grad: int, to_grad: int) -> float:
-    """How long the head takes from one direction to another, the short way."""
+    """Return the time that the head takes between two directions, the short way."""
     apart = (to_grad - from_grad) % TURN_GRAD
     return TURN_S * min(apart, TURN_GRAD - apart)

@@ -21,30 +21,31 @@ from sim_core.sensors.spec import WindVaneSpec
 
 @dataclass(frozen=True, slots=True)
 class WindSample:
-    """speed_mps (N,) of the air past the mast, direction_rad (N,) it comes from: clockwise from the bow, (-pi, pi]."""
+    """Sample of N units."""
 
     speed_mps: Array
+    """Speed of the air past the mast, (N,)."""
     direction_rad: Array
+    """Direction that the wind comes from, (N,): clockwise from the bow, (-pi, pi]."""
 
 
 @dataclass(frozen=True, slots=True)
 class WindVaneState:
-    """felt_frd_mps (N, 2): the air past the mast as the unit follows it; None before the first sample."""
+    """State of N units."""
 
     felt_frd_mps: Array | None = None
+    """Lagged air velocity past the mast, (N, 2) forward and right; None before the first sample."""
 
 
 @dataclass(frozen=True, slots=True)
 class WindVane:
-    """What of the wind lies in the deck's plane, behind the lag of vane and cups: see WindVaneSpec.
-
-    share_at: speed of the wind at (N,) heights above the still water over that of the air it is given; level_m: of
-    that water.
-    """
+    """Component of the apparent wind in the deck plane, with the lag of vane and cups, see WindVaneSpec."""
 
     spec: WindVaneSpec
     share_at: Callable[[Array], Array] = np.ones_like
+    """Returns the wind speed at (N,) heights above the still water, relative to the air velocity given to `measure`."""
     level_m: float = 0.0
+    """Level of the still water."""
     _cross: Array = field(init=False, repr=False, compare=False)
     _gain: float = field(init=False, repr=False, compare=False)
     _speed: Digitiser = field(init=False, repr=False, compare=False)
@@ -59,13 +60,13 @@ class WindVane:
         put(self, "_direction", digitiser(math.radians(self.spec.direction_resolution_deg)))
 
     def initial(self, vessels: int, rng: Generator) -> WindVaneState:
-        """The vane stands in the wind already at the first sample."""
+        """Return the state before the first sample, which has no lag."""
         return WindVaneState()
 
     def measure(
         self, state: WindVaneState, truth: Kinematics, air_ned_mps: Array, rng: Generator
     ) -> tuple[WindVaneState, WindSample]:
-        """One sample in air that moves with air_ned_mps (N, 3)."""
+        """Take one sample in air that moves with air_ned_mps (N, 3)."""
         height_m = -self.level_m - truth.pos_ned_m[:, 2] - truth.rot_ned_frd[:, 2] @ self.spec.position_frd_m
         relative_ned = air_ned_mps * self.share_at(height_m)[:, None] - truth.vel_ned_mps
         past_frd = (relative_ned[:, None] @ truth.rot_ned_frd)[:, 0] - truth.gyro_frd_radps @ self._cross

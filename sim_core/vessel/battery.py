@@ -1,13 +1,13 @@
-"""A battery that feeds all propellers: voltage, current and charge, and the speed that a low voltage costs.
+"""A battery that feeds all propellers: voltage, current and charge, and the loss of speed at low voltage.
 
     I   = I_h + I_m sum_i w_i |n_i|^3          the power of a propeller at rest goes with the cube of its speed
     V_0 = V_empty + (V_full - V_empty) s       open circuit at the state of charge s
     V   = V_0 - R I
 
 n_i is the speed of propeller i and w_i its share of all thrust at rest. A speed controller sets the voltage at its
-motor as a share of V, so that full command makes less speed at a lower voltage. The thrusts of a vessel's propellers
-hold for its healthy battery: what a fault leaves of the speed is V over the voltage of the healthy battery at the same
-charge and current, and exactly 1 without a fault.
+motor as a share of V. Full command therefore gives less speed at a lower voltage. The thrusts of a vessel's propellers
+are valid for its healthy battery. A fault leaves a share of the speed: V over the voltage of the healthy battery at the
+same charge and current. Without a fault, the share is exactly 1.
 """
 
 from __future__ import annotations
@@ -24,22 +24,26 @@ COULOMB_PER_AH = 3600.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatteryState:
-    """Of N batteries, all (N,): charge taken out so far, voltage at the terminals, current."""
+    """State of N batteries, all (N,)."""
 
     used_as: Array
+    """Charge taken out so far."""
     voltage_v: Array
+    """Voltage at the terminals."""
     current_a: Array
+    """Current."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatteryCondition:
-    """What is wrong with N batteries, all (N,): resistance added in series, share of the cells that still give their
-    voltage, and a drop of the voltage whatever the current.
-    """
+    """Faults of N batteries, all (N,)."""
 
     added_resistance_ohm: Array
+    """Resistance added in series."""
     cell_share: Array
+    """Share of the cells that still have voltage."""
     voltage_drop_v: Array
+    """Voltage drop at any current."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,21 +56,21 @@ class Battery:
 
     @classmethod
     def from_spec(cls, model: VesselSpec, dt_s: float) -> Battery | None:
-        """None for a vessel that gives none."""
+        """Return the battery of a model, None for a model without a battery."""
         if model.battery is None:
             return None
         thrust_n = np.array([propeller.static_thrust_n(1000.0)[0] for propeller in model.propellers])
         return cls(model.battery, thrust_n / thrust_n.sum(), dt_s)
 
     def initial(self, vessels: int) -> BatteryState:
-        """At the spec's initial charge, with the current of everything but the propellers."""
+        """Return the spec's initial charge, with the current of all loads except the propellers."""
         full = np.ones(vessels)
         used_as = full * (1.0 - self.spec.initial_charge) * self.spec.capacity_ah * COULOMB_PER_AH
         current_a = full * self.spec.idle_current_a
         return BatteryState(used_as, self._healthy_v(used_as, current_a), current_a)
 
     def step(self, state: BatteryState, speed: Array, condition: BatteryCondition | None) -> tuple[BatteryState, Array]:
-        """One step on for (N, P) speeds; and what is left of full speed (N, 1)."""
+        """Return the state one step later for (N, P) speeds, and the remaining share of full speed (N, 1)."""
         spec = self.spec
         current_a = spec.idle_current_a + spec.full_current_a * (np.abs(speed) ** 3 @ self.share)
         used_as = state.used_as + current_a * self.dt_s

@@ -1,16 +1,16 @@
 """Buoyancy of any number of hulls, strip by strip, on the local surface of the water.
 
-The lift of a strip is the weight of the water that it displaces, upward. The surface is sampled at each strip, and
-across it has the slope of the plane fitted to all strips.
+The lift of a strip is the weight of its displaced water, upward. The surface is sampled at each strip. Its slope across
+the strip is the slope of the plane fitted to all strips.
 
-Round hulls: pressure on a circular section points at its centre, so the lift acts on the hull's axis whatever the roll,
-and what it amounts to depends on the depth of that axis alone. Along the hull it acts at the centre of buoyancy, taken
-at the draft of rest.
+Round hulls: pressure on a circular section points at its centre. The lift therefore acts on the hull's axis at any roll
+angle, and its amount depends only on the depth of that axis. Along the hull it acts at the centre of buoyancy, taken at
+the draft of rest.
 
-Other sections: polygons, of which the part under the surface is integrated along their edges. With the depth d of a
-point and its gradient g in the plane of the section, the divergence of g d / |g|^2 is 1 where d > 0, so that the area
-under water, and in the same way its moments, are sums over edges of integrals of d where it is positive; the waterline
-itself adds nothing.
+Other sections are polygons. The part under the surface is integrated along their edges. d is the depth of a point and g
+its gradient in the plane of the section. The divergence of g d / |g|^2 is 1 for d > 0. The area under water is
+therefore a sum over edges of integrals of positive d, and its moments are similar sums. The waterline itself adds
+nothing.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from sim_core.vessel.sections import HullStrips, cut_strips
 from sim_core.vessel.spec import DemiHull, VesselSpec
 
 _TINY = 1e-300
-_DEPTHS = 40  # looked at at once
+_DEPTHS = 40  # poses of one search, evaluated together
 
 
 def segment_area_m2(submerged_m: Array, radius_m: Array | float) -> Array:
-    """Area below the surface of a circle whose lowest point is `submerged_m` deep; 0 when dry, pi r^2 when under.
+    """Return the area below the surface of a circle with its lowest point at `submerged_m`; 0 dry, pi r^2 under water.
 
     r^2 acos((r - h) / r) - (r - h) sqrt(2 r h - h^2)
     """
@@ -43,14 +43,14 @@ def segment_area_m2(submerged_m: Array, radius_m: Array | float) -> Array:
 
 
 def _unit_segment(cosine: Array) -> Array:
-    """Segment of the unit circle whose half angle has this cosine."""
+    """Return the segment of the unit circle with this cosine of the half angle."""
     area: Array = np.arccos(cosine)
     area -= cosine * np.sqrt(1.0 - cosine * cosine)
     return area
 
 
 def _lift_wrench() -> Array:
-    """(4, 3, 6) of (lift, lift x position) times the direction of the lift."""
+    """Return (4, 3, 6), the wrench of (lift, lift x position) times the direction of the lift."""
     wrench = np.zeros((4, 3, 6))
     wrench[0, (0, 1, 2), (0, 1, 2)] = 1.0
     for i, j, k, sign in ((0, 1, 2, 1), (1, 2, 0, 1), (2, 0, 1, 1), (0, 2, 1, -1), (2, 1, 0, -1), (1, 0, 2, -1)):
@@ -60,15 +60,14 @@ def _lift_wrench() -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoundHulls:
-    """Constants of round hulls in one water, S strips in all.
-
-    points_frd_m (S, 3): where the surface is sampled, the middle of each strip's axis; point_share (S,): what the strip
-    displaces of all at rest, level. volume_m3: of the hulls.
-    """
+    """Constants of round hulls in one water, S strips in all."""
 
     points_frd_m: Array
+    """Sampling points of the surface, (S, 3): the middle of each strip's axis."""
     point_share: Array
+    """Share of each strip in the displacement at rest, level, (S,)."""
     volume_m3: float
+    """Volume of the hulls."""
     level_m: float
     minus_axes_in_radii: Array  # (3, S)
     per_radius: Array  # (S,)
@@ -77,7 +76,7 @@ class RoundHulls:
 
     @classmethod
     def from_spec(cls, model: VesselSpec, water: Water) -> RoundHulls:
-        """Constants from the vessel's hulls and the water."""
+        """Compute the constants from the vessel's hulls and the water."""
         axes, radii, lengths = (
             np.concatenate(column) for column in zip(*map(_round_strips, model.demi_hulls), strict=True)
         )
@@ -94,7 +93,8 @@ class RoundHulls:
         )
         check_reserve(model, water, hulls.volume_m3)
         submerged = np.clip(upright_depth_m(model, hulls) + axes[:, 2] + radii, 0.0, 2.0 * radii)
-        # The segment's centroid is 2/3 (half width)^3 / area below the axis; the mean over the displaced volume.
+        # The segment's centroid is 2/3 (half width)^3 / area below the axis. This is the mean over the displaced
+        # volume.
         half_width = np.sqrt(submerged * (2.0 * radii - submerged))
         displaced_m3 = lengths * segment_area_m2(submerged, radii)
         wrench = _lift_wrench()
@@ -102,9 +102,9 @@ class RoundHulls:
         return replace(hulls, wrench=wrench.reshape(12, 6), point_share=displaced_m3 / displaced_m3.sum())
 
     def terms(self, pos_ned_m: Array, down_frd: Array, up_frd: Array, surface: HullSurface) -> tuple[Array]:
-        """(N, 12) what the force is linear in, for vessels at (N, 3).
+        """Return the (N, 12) linear terms of the force, for vessels at (N, 3).
 
-        down_frd: (N, 3) the vertical in the body; up_frd: (N, 3) where the lift points.
+        down_frd: (N, 3) vertical in body axes. up_frd: (N, 3) direction of the lift.
         """
         cosine = self._cosine(pos_ned_m, down_frd, surface)
         np.maximum(cosine, -1.0, out=cosine)
@@ -113,12 +113,12 @@ class RoundHulls:
         return ((lift[:, :, None] * up_frd[:, None, :]).reshape(-1, 12),)
 
     def immersion(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> tuple[Array, Array]:
-        """(N,), (N,): shares of the strips that are dry, and that are under water with their deck."""
+        """Return (N,), (N,): the shares of dry strips and of strips with their deck under water."""
         cosine = self._cosine(pos_ned_m, down_frd, surface)
         return (cosine >= 1.0).mean(axis=1), (cosine <= -1.0).mean(axis=1)
 
     def centre_frd_m(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
-        """(N, 3) centre of buoyancy of vessels that displace any water, on level water."""
+        """Return the (N, 3) centre of buoyancy on level water of vessels that displace any water."""
         cosine = np.clip(self._cosine(pos_ned_m, down_frd, surface), -1.0, 1.0)
         lift_n = _unit_segment(cosine) * self.lift_n[:, 0]
         below = (2.0 / 3.0) * (1.0 - cosine**2) ** 1.5 / self.per_radius / np.maximum(_unit_segment(cosine), _TINY)
@@ -129,14 +129,14 @@ class RoundHulls:
         return centre
 
     def _cosine(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
-        """(N, S) height of each strip's axis above the surface in radii."""
+        """Return the (N, S) height of each strip's axis above the surface in radii."""
         cosine: Array = down_frd @ self.minus_axes_in_radii
         cosine -= (surface.point_elevation_m + (pos_ned_m[:, 2:] + self.level_m)) * self.per_radius
         return cosine
 
 
 def _round_strips(hull: DemiHull) -> tuple[Array, Array, Array]:
-    """(S, 3) middles of the strips' axes from stern to bow, (S,) their radii and (S,) their lengths."""
+    """Return (S, 3) middles of the strips' axes from stern to bow, (S,) their radii and (S,) their lengths."""
     assert hull.section is not None
     assert hull.section.radius_m is not None
     along = hull.length_m * ((np.arange(hull.strips) + 0.5) / hull.strips - 0.5)
@@ -147,24 +147,24 @@ def _round_strips(hull: DemiHull) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectionHulls:
-    """Constants of hulls of any cross-sections in one water: S strips in all, each a polygon of C corners.
-
-    points_frd_m (2 S, 3): where the surface is sampled, on the waterline of the level vessel at rest, to port and to
-    starboard of each strip's middle by the standard deviation of its breadth; point_share (2 S,): half of what the
-    strip displaces there of all. volume_m3: of the hulls.
-    """
+    """Constants of hulls of any cross-sections in one water: S strips in all, each a polygon of C corners."""
 
     points_frd_m: Array
+    """Sampling points of the surface, (2 S, 3), on the waterline of the level vessel at rest. They lie to port and
+    starboard of each strip's middle, offset by the standard deviation of its breadth.
+    """
     point_share: Array
+    """Half of each strip's share in the displacement at rest, (2 S,)."""
     volume_m3: float
-    depth: Array  # (4, S (C + 1)): of the corners under the origin's level, from the vertical and the slope across
+    """Volume of the hulls."""
+    depth: Array  # (4, S (C + 1)): corners below the origin's level, from the vertical and the slope across
     per_edge: Array  # (3 S C, 10): see `from_spec`
     wrench: Array  # (12, 6)
     level_m: float
 
     @classmethod
     def from_spec(cls, model: VesselSpec, water: Water) -> SectionHulls:
-        """Constants from the vessel's hulls and the water."""
+        """Compute the constants from the vessel's hulls and the water."""
         parts = [_cut(number, hull) for number, hull in enumerate(model.demi_hulls)]
         most = max(part.corners_m.shape[1] for part in parts)
         corners = np.concatenate([_padded(part.corners_m, most) for part in parts])
@@ -176,9 +176,9 @@ class SectionHulls:
             [np.column_stack([along, middle + side * aside, 0.0 * along]) for side in (-1.0, 1.0)], axis=1
         )
         depth = np.stack([np.broadcast_to(along[:, None], y.shape), y, z, y - middle[:, None]])
-        # Rows: integrals of d, of d times the share of the edge, and of d^2 / 2, over the part of each edge that is
-        # under water. Columns: area, its moments about x, y, z, and the integral of d over it; first for the edge's
-        # extent across, then down.
+        # Rows: integrals of d, of d times the share of the edge, and of d^2 / 2, over the part of each edge under
+        # water. Columns: area, its moments about x, y, z, and the integral of d over it; first for the edge's extent
+        # across, then down.
         across, down = np.diff(y, axis=1), np.diff(z, axis=1)
         same = np.ones_like(across)
         zero = np.zeros_like(across)
@@ -209,22 +209,22 @@ class SectionHulls:
         )
 
     def terms(self, pos_ned_m: Array, down_frd: Array, up_frd: Array, surface: HullSurface) -> tuple[Array]:
-        """As of `RoundHulls`."""
+        """See `RoundHulls.terms`."""
         lift = self._lift_n(pos_ned_m, down_frd, surface)
         return ((lift[:, :, None] * up_frd[:, None, :]).reshape(-1, 12),)
 
     def immersion(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> tuple[Array, Array]:
-        """As of `RoundHulls`."""
+        """See `RoundHulls.immersion`."""
         depth = self._depth_m(pos_ned_m, down_frd, surface)
         return (depth <= 0.0).all(axis=2).mean(axis=1), (depth > 0.0).all(axis=2).mean(axis=1)
 
     def centre_frd_m(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
-        """As of `RoundHulls`."""
+        """See `RoundHulls.centre_frd_m`."""
         lift = self._lift_n(pos_ned_m, down_frd, surface)
         return lift[:, 1:] / lift[:, :1]
 
     def _lift_n(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
-        """(N, 4) lift and its moments about x, y and z."""
+        """Return the (N, 4) lift and its moments about x, y and z."""
         depth = self._depth_m(pos_ned_m, down_frd, surface)
         wet, one, other = _wet_share(depth)
         both = one + other
@@ -242,7 +242,7 @@ class SectionHulls:
         return lift
 
     def _depth_m(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
-        """(N, S, C + 1) of the corners below the surface."""
+        """Return the (N, S, C + 1) depth of the corners below the surface."""
         depth = np.concatenate((down_frd, surface.slope_frd[:, 1:2]), axis=1) @ self.depth
         above = surface.point_elevation_m
         at_strip = 0.5 * (above[:, ::2] + above[:, 1::2]) + (pos_ned_m[:, 2:] + self.level_m)
@@ -251,7 +251,9 @@ class SectionHulls:
 
 
 def _wet_share(depth_m: Array) -> tuple[Array, Array, Array]:
-    """Of edges from corner to corner (..., C + 1): share under water, and the depths of both ends, 0 above it."""
+    """Return the share under water of edges from corner to corner (..., C + 1), and the depths of both ends, 0 above
+    water.
+    """
     under, size = np.maximum(depth_m, 0.0), np.abs(depth_m)
     one, other = under[..., :-1], under[..., 1:]
     return (one + other) / (size[..., :-1] + size[..., 1:] + _TINY), one, other
@@ -268,12 +270,12 @@ def _cut(number: int, hull: DemiHull) -> HullStrips:
 
 
 def _padded(corners_m: Array, count: int) -> Array:
-    """(S, count, 2) with the last corner of each again."""
+    """Pad to (S, count, 2) by repetition of each section's last corner."""
     return np.pad(corners_m, ((0, 0), (0, count - corners_m.shape[1]), (0, 0)), mode="edge")
 
 
 def _breadth(corners_m: Array, area_m2: Array) -> tuple[Array, Array]:
-    """(S,), (S,): mean and standard deviation of y over each polygon's area."""
+    """Return (S,), (S,): mean and standard deviation of y over each polygon's area."""
     y, z = corners_m[..., 0], corners_m[..., 1]
     a, b, down = y[:, :-1], y[:, 1:], np.diff(z, axis=1)
     safe = np.where(area_m2 > 0.0, area_m2, 1.0)
@@ -287,10 +289,12 @@ Buoyancy = RoundHulls | SectionHulls
 
 
 def make_buoyancy(model: VesselSpec, water: Water) -> Buoyancy:
-    """Whichever the vessel's hulls need: one in the middle alone feels the slope across it by its own breadth.
+    """Return the buoyancy model that fits the vessel's hulls.
+
+    A single hull in the middle needs its breadth to feel the slope across it.
 
     Raises:
-        SpecificationError: the hulls cannot carry the vessel, or a mesh cannot be had or is not what its keys say.
+        SpecificationError: the hulls cannot carry the vessel, or a mesh is not available or differs from its keys.
     """
     hulls = model.demi_hulls
     plain = all(hull.section is not None and hull.section.radius_m is not None and hull.prismatic for hull in hulls)
@@ -299,7 +303,7 @@ def make_buoyancy(model: VesselSpec, water: Water) -> Buoyancy:
 
 
 def check_reserve(model: VesselSpec, water: Water, volume_m3: float) -> None:
-    """Raises SpecificationError for a vessel that is heavier than the water its hulls displace when submerged."""
+    """Raises SpecificationError for a vessel that is heavier than the water its submerged hulls displace."""
     carried_kg = water.density_kgpm3 * volume_m3
     if model.mass_kg >= carried_kg:
         count = len(model.demi_hulls)
@@ -312,20 +316,22 @@ def check_reserve(model: VesselSpec, water: Water, volume_m3: float) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlatPoses:
-    """N vessels in still water. depth_m (N,): of the body's origin; down_frd (N, 3): the vertical in the body."""
+    """N vessels in still water."""
 
     hulls: Buoyancy
     depth_m: Array
+    """Depth of the body's origin, (N,)."""
     down_frd: Array
+    """Vertical in body axes, (N, 3)."""
 
     def wrench(self) -> Array:
-        """(N, 6) of the buoyancy in body axes."""
+        """Return the (N, 6) wrench of the buoyancy in body axes."""
         (terms,) = self.hulls.terms(self._pos_ned_m, self.down_frd, -self.down_frd, self._surface)
         wrench: Array = terms @ self.hulls.wrench
         return wrench
 
     def centre_frd_m(self) -> Array:
-        """(N, 3) of buoyancy."""
+        """Return the (N, 3) centre of buoyancy."""
         return self.hulls.centre_frd_m(self._pos_ned_m, self.down_frd, self._surface)
 
     @property
@@ -339,11 +345,11 @@ class FlatPoses:
 
 
 def upright_depth_m(model: VesselSpec, hulls: Buoyancy) -> float:
-    """Depth of the body's origin at which a level vessel displaces its mass."""
+    """Return the depth of the body's origin at which a level vessel displaces its mass."""
     low = -max(hull.keel_frd_m[2] for hull in model.demi_hulls)
     high = -min(hull.keel_frd_m[2] - 2.0 * hull.height_m for hull in model.demi_hulls)
     level = np.tile([0.0, 0.0, 1.0], (_DEPTHS, 1))
-    for _ in range(10):  # down to rounding
+    for _ in range(10):  # converges to rounding
         depth_m = np.linspace(low, high, _DEPTHS)
         light = -FlatPoses(hulls, depth_m, level).wrench()[:, 2] < model.mass_kg * GRAVITY_MPS2
         place = int(np.clip(np.count_nonzero(light), 1, _DEPTHS - 1))

@@ -1,7 +1,7 @@
-"""Condition of actuators and battery: what is fouled, stuck, wired the wrong way round or worn.
+"""Condition of actuators and battery: fouled, stuck, reversed or worn parts.
 
-A propeller that lost thrust turns as it is commanded and gives a share of its force. One wired the wrong way round
-turns against its command. A stuck propeller, gear or rudder goes to a command and stays there, whatever it is told.
+A propeller with lost thrust turns as commanded and gives a share of its force. A propeller with reversed wiring turns
+against its command. A stuck propeller, gear or rudder moves to a fixed command and ignores all others.
 
     condition = make_condition(model, [ActuatorFault("propeller 0", thrust_loss=0.4)], [])
     state = replace(state, condition=condition)
@@ -22,42 +22,42 @@ from sim_core.vessel.spec import VesselSpec
 
 @dataclass(frozen=True, slots=True)
 class ActuatorFault:
-    """What is wrong with one actuator of a vessel.
-
-    actuator: its name (`VesselSpec.command_names`). thrust_loss: share of a propeller's thrust. held_at: the share of
-    full speed or angle that it stays at, None where it obeys. reversed: it does the opposite of its command.
-    """
+    """Fault of one actuator of a vessel."""
 
     actuator: str
+    """Name of the actuator (`VesselSpec.command_names`)."""
     thrust_loss: float = 0.0
+    """Lost share of a propeller's thrust."""
     held_at: float | None = None
+    """Fixed share of full speed or angle, None if the actuator obeys."""
     reversed: bool = False
+    """The actuator does the opposite of its command."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryFault:
-    """What is wrong with a vessel's battery; failed_cells: of those in series."""
+    """Fault of a vessel's battery."""
 
     added_resistance_ohm: float = 0.0
     failed_cells: int = 0
+    """Number of failed cells in series."""
     voltage_drop_v: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Condition:
-    """Of N vessels with C commands and P propellers.
-
-    sign: (N, C) of each command. held_at: (N, C) command in place of what comes, NaN where that counts. thrust_share:
-    (N, P) what is left of each thrust.
-    """
+    """Condition of N vessels with C commands and P propellers."""
 
     sign: Array
+    """Sign of each command, (N, C)."""
     held_at: Array
+    """Command that replaces the received one, (N, C), NaN for none."""
     thrust_share: Array
+    """Remaining share of each thrust, (N, P)."""
     battery: BatteryCondition
 
     def actual(self, command: Array) -> Array:
-        """(N, C): what the actuators follow, for (N, C) or (1, C) commands."""
+        """Return the (N, C) commands that the actuators follow, for (N, C) or (1, C) commands."""
         actual: Array = np.where(np.isnan(self.held_at), self.sign * command, self.held_at)
         return actual
 
@@ -65,10 +65,10 @@ class Condition:
 def make_condition(
     model: VesselSpec, actuators: Sequence[ActuatorFault], batteries: Sequence[BatteryFault]
 ) -> Condition | None:
-    """Of one vessel (N = 1); None where nothing is wrong.
+    """Return the condition of one vessel (N = 1), None for no fault.
 
-    Losses each take their share of what the others leave, of several that hold an actuator the last one counts, and
-    resistances, cells and drops add up. Raises ValueError for an actuator that the vessel does not have.
+    Several losses multiply: each takes its share of the remainder. If several faults hold an actuator, the last one
+    counts. Resistances, cells and drops add up. Raises ValueError for an actuator that the vessel does not have.
     """
     if not actuators and not batteries:
         return None
@@ -94,7 +94,7 @@ def make_condition(
 
 
 def healthy(model: VesselSpec, vessels: int) -> Condition:
-    """Of N vessels with nothing wrong: for those beside one that has."""
+    """Return the condition of N vessels without faults, for batches that contain a faulty vessel."""
     commands, propellers = model.commands, len(model.propellers)
     battery = BatteryCondition(np.zeros(vessels), np.ones(vessels), np.zeros(vessels))
     free = np.full((vessels, commands), math.nan)
@@ -102,7 +102,7 @@ def healthy(model: VesselSpec, vessels: int) -> Condition:
 
 
 def with_row(condition: Condition, row: int, own: Condition) -> Condition:
-    """`condition` of N vessels with that of one in its row."""
+    """Return `condition` of N vessels with one vessel's condition in its row."""
 
     def put(values: Array, value: Array) -> Array:
         changed = values.copy()

@@ -1,4 +1,4 @@
-"""Whether a matrix of a profile is one of a mass or of a damping: without numpy, as the keys are."""
+"""Definiteness check of mass and damping matrices in a profile, without numpy, like the keys."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ _ROUNDING = 1e-9
 
 
 def lacking_diagonal(matrix: Sequence[Sequence[float]]) -> tuple[int, float] | None:
-    """The first row whose diagonal entry lets the symmetric part be indefinite, and what it has to reach.
+    """Return the first row with a diagonal entry too small for a definite symmetric part, and the required minimum.
 
-    None for a matrix whose symmetric part is positive semi-definite. By elimination: with the rows above positive
-    definite, that part is so too if and only if the pivot that is left of the diagonal entry is not negative.
+    Return None if the symmetric part is positive semi-definite. The method is elimination. If the rows above are
+    positive definite, the part remains so if and only if the remaining pivot is not negative.
     """
     size = len(matrix)
     rest = [[0.5 * (matrix[i][j] + matrix[j][i]) for j in range(size)] for i in range(size)]

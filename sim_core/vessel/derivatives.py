@@ -4,10 +4,10 @@ A name is a component of the force (X, Y, Z) or moment (K, M, N), an underscore,
 p, q, r, or one acceleration (`udot`). It is the coefficient of the product of these velocities, with the sign of SNAME
 (1950): damping and added mass are negative.
 
-A magnitude can be written: `Y_|r|v` is |r| v. A second-order name without bars means the term that has sense for a hull
-that is the same to port and starboard (Abkowitz 1964; Fossen 2021, section 6.5): the plain product where that changes
-sign as the component does (`X_vr` v r, `X_vv` v^2, `Y_uv` u v), else with the magnitude of the first factor (`Y_vv`
-|v| v, `Y_rv` |r| v, `N_vr` |v| r, `Z_ww` |w| w); and `X_uu` is |u| u. Third-order names are plain products, such as
+A magnitude can be written explicitly: `Y_|r|v` is |r| v. A second-order name without bars means the term that makes
+sense for a hull with port-starboard symmetry (Abkowitz 1964; Fossen 2021, section 6.5). This is the plain product if it
+changes sign as the component does (`X_vr` v r, `X_vv` v^2, `Y_uv` u v). Otherwise the first factor is a magnitude
+(`Y_vv` |v| v, `Y_rv` |r| v, `N_vr` |v| r, `Z_ww` |w| w). `X_uu` is |u| u. Third-order names are plain products, such as
 `X_uuu` u^3.
 """
 
@@ -22,36 +22,35 @@ _FACTOR = re.compile(r"\|?([uvwpqr])(\|?)")
 
 
 class Derivative(NamedTuple):
-    """Which component, 0 to 5, and the term it is linear in.
-
-    acceleration: index of the acceleration, None for a product of velocities. factors: index of each velocity and
-    whether its magnitude is meant.
-    """
+    """A force or moment component and the term it is linear in."""
 
     component: int
+    """Index of the component, 0 to 5."""
     acceleration: int | None
+    """Index of the acceleration, None for a product of velocities."""
     factors: tuple[tuple[int, bool], ...]
+    """For each factor, the index of the velocity and True for its magnitude."""
 
     @property
     def term(self) -> tuple[int, int | None, tuple[tuple[int, bool], ...]]:
-        """The same for two names of one term, such as X_vr and X_rv."""
+        """Key of the term, equal for two names of one term, such as X_vr and X_rv."""
         return self.component, self.acceleration, tuple(sorted(self.factors))
 
     @property
     def linear(self) -> int | None:
-        """Index of the velocity that it is a plain multiple of, None for any other term."""
+        """Index of the velocity if the term is a plain multiple of it, None for any other term."""
         return self.factors[0][0] if len(self.factors) == 1 and not self.factors[0][1] else None
 
     @property
     def own_order(self) -> int:
-        """1 to 3 for the damping of a velocity along its own component, such as Y_v, Y_vv and Y_vvv; 0 for others."""
+        """Order 1 to 3 of damping of a velocity along its own component, such as Y_v, Y_vv and Y_vvv; 0 for others."""
         own = {index for index, _ in self.factors} == {self.component}
         odd = len(self.factors) - sum(magnitude for _, magnitude in self.factors)
         return len(self.factors) if own and odd % 2 == 1 else 0
 
 
 def parse_derivative(name: str) -> Derivative:
-    """The term that a name stands for. Raises ValueError, with what to write, for what is no such name."""
+    """Return the term of a name. Raises ValueError with a valid form for an invalid name."""
     found = _NAME.fullmatch(name)
     if found is None:
         raise ValueError("is not a derivative; write a name like Y_v, N_vdot, Y_rv, Y_|r|v or X_uuu")
@@ -67,7 +66,7 @@ def parse_derivative(name: str) -> Derivative:
 
 
 def _needs_magnitude(component: str, product: str) -> bool:
-    """Whether the plain product of two velocities would push to the same side whichever way the hull goes."""
+    """Return True if the plain product of two velocities would push to the same side for both directions of motion."""
     if component == "X":
         return product == "uu"
     return set(product) <= set("vpr" if component in "YKN" else "wq")

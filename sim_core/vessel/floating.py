@@ -1,4 +1,4 @@
-"""The vessel at rest in still water: draft, heel, trim and its initial stability."""
+"""The vessel at rest in still water: draft, heel, trim and initial stability."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim_core.vessel.buoyancy import Buoyancy, FlatPoses, make_buoyancy, upright
 from sim_core.vessel.spec import VesselSpec
 
 MOST_INCLINED_DEG = 5.0
-"""Of heel or trim at rest; a vessel that lies with more has its weight in the wrong place."""
+"""Largest heel or trim at rest. A larger inclination means that the weight is in the wrong place."""
 _LONGEST_STEP_RAD = 0.1
 _DIFFERENCE = 1e-5  # m and rad
 _SAME = 1e-10  # m and rad
@@ -22,33 +22,35 @@ _SAME = 1e-10  # m and rad
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloatingPose:
-    """A vessel at rest.
-
-    depth_m: of the body's origin under the surface. heel_rad: to starboard; trim_rad: bow up. draft_m: amidships and in
-    the middle, of the lowest line of all hulls. centre_of_buoyancy_frd_m: (3,). gm_transverse_m, gm_longitudinal_m:
-    height of the metacentres above the centre of gravity.
-
-    stiffness: (3, 3) what the force down and the moments about the body's forward and right axes through its origin
-    lose, weight included, for each m that the origin is deeper and each rad of heel and trim; N and N m.
-    """
+    """A vessel at rest."""
 
     depth_m: float
+    """Depth of the body's origin below the surface."""
     heel_rad: float
+    """Heel to starboard."""
     trim_rad: float
+    """Trim, bow up."""
     draft_m: float
+    """Draft of the lowest line of all hulls, amidships."""
     displacement_m3: float
     centre_of_buoyancy_frd_m: Array
+    """Centre of buoyancy, (3,)."""
     waterplane_area_m2: float
     gm_transverse_m: float
+    """Height of the transverse metacentre above the centre of gravity."""
     gm_longitudinal_m: float
+    """Height of the longitudinal metacentre above the centre of gravity."""
     stiffness: Array
+    """Loss of the force down and of the moments about the body's forward and right axes through its origin, (3, 3). It
+    is per m of depth of the origin and per rad of heel and trim, weight included; N and N m.
+    """
 
 
 def floating_pose(model: VesselSpec, water: Water, hulls: Buoyancy | None = None) -> FloatingPose:
-    """How the vessel lies in still water; hulls: its buoyancy, where it was made before.
+    """Return the pose of the vessel in still water. hulls: its buoyancy, if the caller has it already.
 
     Raises:
-        SpecificationError: the vessel sinks, capsizes, or lies with more than `MOST_INCLINED_DEG` of heel or trim.
+        SpecificationError: the vessel sinks, capsizes, or has more than `MOST_INCLINED_DEG` of heel or trim.
     """
     hulls = make_buoyancy(model, water) if hulls is None else hulls
     level = np.array([upright_depth_m(model, hulls), 0.0, 0.0])
@@ -76,7 +78,7 @@ def floating_pose(model: VesselSpec, water: Water, hulls: Buoyancy | None = None
 
 
 def _newton(model: VesselSpec, hulls: Buoyancy, start: Array) -> Array | None:
-    """(3,) depth, heel and trim without a residual; None where there are none up to 60 degrees."""
+    """Return the (3,) depth, heel and trim without a residual; None if there are none up to 60 degrees."""
     pose = start
     for _ in range(60):
         residual, stiffness = _balance(model, hulls, pose)
@@ -93,7 +95,9 @@ def _newton(model: VesselSpec, hulls: Buoyancy, start: Array) -> Array | None:
 
 
 def _balance(model: VesselSpec, hulls: Buoyancy, pose: Array) -> tuple[Array, Array]:
-    """(3,) force down and moments about the body's forward and right axes, and (3, 3) what they lose with the pose."""
+    """Return the (3,) force down and moments about the body's forward and right axes, and their (3, 3) loss with the
+    pose.
+    """
     steps = _DIFFERENCE * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     poses = pose + steps
     down_frd = _down_frd(poses)
@@ -106,13 +110,13 @@ def _balance(model: VesselSpec, hulls: Buoyancy, pose: Array) -> tuple[Array, Ar
 
 
 def _down_frd(pose: Array) -> Array:
-    """(N, 3) the vertical in the bodies of (N, 3) depths, heels and trims."""
+    """Return the (N, 3) verticals in the body axes of (N, 3) depths, heels and trims."""
     heel, trim = pose[:, 1], pose[:, 2]
     return np.column_stack([-np.sin(trim), np.cos(trim) * np.sin(heel), np.cos(trim) * np.cos(heel)])
 
 
 def _metacentric_heights_m(model: VesselSpec, stiffness: Array) -> tuple[float, float]:
-    """Transverse and longitudinal, where the vessel sinks or rises to keep its displacement."""
+    """Return the transverse and longitudinal heights. The vessel sinks or rises to keep its displacement."""
     turning = stiffness[1:, 1:] - np.outer(stiffness[1:, 0], stiffness[0, 1:]) / stiffness[0, 0]
     transverse_m, longitudinal_m = (np.diag(turning) / (model.mass_kg * GRAVITY_MPS2)).tolist()
     return transverse_m, longitudinal_m
@@ -132,7 +136,7 @@ def _check_stability(model: VesselSpec, transverse_m: float, longitudinal_m: flo
 
 
 def _askew(model: VesselSpec, hulls: Buoyancy, level: Array, pose: Array | None) -> SpecificationError:
-    """What to say of a vessel with its weight far from its buoyancy."""
+    """Return the error for a vessel with its weight far from its buoyancy."""
     path, value = _weight_key(model)
     buoyancy = FlatPoses(hulls, level[:1], _down_frd(level[None])).centre_frd_m()[0]
     apart_m = (np.array(model.centre_of_gravity_frd_m) - buoyancy)[:2]
@@ -150,7 +154,7 @@ def _askew(model: VesselSpec, hulls: Buoyancy, level: Array, pose: Array | None)
 
 
 def _weight_key(model: VesselSpec) -> tuple[tuple[str, ...], str]:
-    """The key that says where the weight lies, and its value."""
+    """Return the key that gives the position of the weight, and its value."""
     if model.hulls_key == "hull" and not any(model.centre_of_gravity_frd_m):
         return ("hull", "keel_below_cg_m"), f"{model.keel_m:g}"
     return ("centre_of_gravity_frd_m",), f"[{', '.join(f'{one:g}' for one in model.centre_of_gravity_frd_m)}]"

@@ -1,4 +1,4 @@
-"""Forces on a vessel in moving water: inertia, added mass, Coriolis terms, damping, cross-flow drag, weight's place.
+"""Forces on a vessel in moving water: inertia, added mass, Coriolis terms, damping, cross-flow drag, weight offset.
 
 Fossen's vectorial form (Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., 2021, ch. 6) about the
 body's origin, with nu_r the velocity relative to the water, solved for the inertial acceleration. With M = M_RB + M_A,
@@ -6,13 +6,14 @@ v_r and w the linear and angular parts of nu_r, and a_f the acceleration of the 
 
     M x = tau - D(nu_r) nu_r - C(nu_r) nu_r + M [w x v_r; 0] + M_A [a_f; 0]
 
-where x holds the acceleration against NED, expressed in the body, and the angular acceleration. In a steady uniform
-current this is his M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau (eq 6.119), since nu_r' = x - [w x v_r; 0].
+x holds the acceleration against NED, expressed in body axes, and the angular acceleration. In a steady uniform current
+this is his M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau (eq 6.119), since nu_r' = x - [w x v_r; 0].
 
-A table's M_A need not be symmetric: M has it as it is, C(nu_r) its symmetric part, which alone has a kinetic energy.
+A table's M_A need not be symmetric. M uses it unchanged. C(nu_r) uses its symmetric part, because only this part has a
+kinetic energy.
 
-What is given per axis (added mass, dampings) acts at the centre of lateral resistance, matrices and derivatives at the
-origin. docs/vessel.md has all terms, and the force at a blunt stern.
+Values per axis (added mass, dampings) act at the centre of lateral resistance, matrices and derivatives at the origin.
+docs/vessel.md has all terms, and the force at a blunt stern.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from sim_core.frames import Array
 from sim_core.vessel.derivatives import Derivative, parse_derivative
 from sim_core.vessel.spec import CrossFlowDrag, Matrix, VesselSpec
 
-# Hoerner, Fluid-Dynamic Drag, 1965: drag of a section in cross-flow over half its width by its draft, in the figures of
-# Fossen's Marine Systems Simulator.
+# Hoerner, Fluid-Dynamic Drag, 1965: drag of a section in cross-flow over half its width by its draft, with the values
+# of Fossen's Marine Systems Simulator.
 _DRAG_OF_SECTIONS = (
     (0.0109, 1.9661), (0.1766, 1.9657), (0.3530, 1.8976), (0.4519, 1.7872), (0.4728, 1.5837), (0.4929, 1.2786),
     (0.4933, 1.2108), (0.5585, 1.0836), (0.6464, 0.9986), (0.8336, 0.8796), (0.9880, 0.8284), (1.3081, 0.7599),
@@ -39,28 +40,28 @@ _DRAG_OF_SECTIONS = (
 
 
 def hoerner_coefficient(width_m: float, draft_m: float) -> float:
-    """Two-dimensional cross-flow drag of a section; that of the curve's ends beyond them."""
+    """Return the two-dimensional cross-flow drag of a section, constant beyond the ends of the curve."""
     ratio, coefficient = np.array(_DRAG_OF_SECTIONS).T
     return float(np.interp(0.5 * width_m / draft_m, ratio, coefficient))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hydrodynamics:
-    """Constants of one vessel: its (6, 6) mass matrices and what each of the `terms` contributes to the force.
+    """Constants of one vessel: its (6, 6) mass matrices and the contribution of each of the `terms` to the force.
 
-    A term that the vessel does not have is no part.
+    A term that the vessel does not have is omitted.
     """
 
     rigid_mass: Array
     added_mass: Array
-    inverse_mass: Array  # of row vectors
+    inverse_mass: Array  # for row vectors
     parts: tuple[AxisDrag | CrossFlow | Polynomial, ...]
     wrench: Array  # (terms, 6)
     weight_per_n: Array  # (3, 6) force and moment of a weight of 1 N along the body's axes
 
     @classmethod
     def from_spec(cls, model: VesselSpec, water_density_kgpm3: float, draft_m: float) -> Hydrodynamics:
-        """Constants from the vessel's data; draft_m: of the keel at rest."""
+        """Compute the constants from the vessel's data. draft_m: draft of the keel at rest."""
         centre = centre_of_lateral_resistance(model, draft_m)
         named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
         rigid_mass, added_mass = rigid_body_mass(model), added_mass_matrix(model, named, centre)
@@ -98,11 +99,13 @@ class Hydrodynamics:
 
     @property
     def linear_damping(self) -> Array:
-        """(6, 6), positive, of column vectors."""
+        """Linear damping, (6, 6), positive, for column vectors."""
         return -self.wrench[36:42].T
 
     def terms(self, nu_r: Array) -> list[Array]:
-        """(N, 36), (N, 6) and those of the parts: what the forces are linear in, for (N, 6) relative velocities."""
+        """Return the linear terms of the forces for (N, 6) relative velocities: (N, 36), (N, 6) and the terms of the
+        parts.
+        """
         terms = [(nu_r[:, :, None] * nu_r[:, None, :]).reshape(-1, 36), nu_r]
         for part in self.parts:
             terms += part.terms(nu_r)
@@ -111,15 +114,15 @@ class Hydrodynamics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisDrag:
-    """What goes with nu |nu| per axis, and with |u| nu where the stern sheds, at the centre of lateral resistance."""
+    """Terms with nu |nu| per axis, and with |u| nu for a stern that sheds, at the centre of lateral resistance."""
 
-    at_centre: Array  # (6, 6) of row vectors: velocity at the centre
+    at_centre: Array  # (6, 6) for row vectors: velocity at the centre
     shed: bool
     wrench: Array  # (6 or 12, 6)
 
     @classmethod
     def at_centre_of(cls, centre: Array, quadratic: Sequence[float], stern_lift: Array | None) -> AxisDrag:
-        """quadratic: damping per axis; stern_lift: as `stern_forces` gives it, None for none."""
+        """Return the drag. quadratic: damping per axis. stern_lift: from `stern_forces`, None for none."""
         wrench = -np.diag(quadratic)
         if stern_lift is not None:
             wrench = np.concatenate([wrench, stern_lift])
@@ -127,7 +130,7 @@ class AxisDrag:
         return cls(move.T, stern_lift is not None, wrench @ move)
 
     def terms(self, nu_r: Array) -> tuple[Array, ...]:
-        """(N, 6), or two of them."""
+        """Return one or two arrays (N, 6)."""
         nu = nu_r.dot(self.at_centre)
         magnitude = np.abs(nu)
         return (nu * magnitude, nu * magnitude[:, :1]) if self.shed else (nu * magnitude,)
@@ -142,7 +145,7 @@ class CrossFlow:
 
     @classmethod
     def from_spec(cls, spec: CrossFlowDrag, water_density_kgpm3: float, centre: Array) -> CrossFlow:
-        """Strips along the waterline, its middle above the centre of lateral resistance."""
+        """Return strips along the waterline. Their middle is above the centre of lateral resistance."""
         coefficient = spec.coefficient
         if coefficient is None:
             assert spec.width_m is not None
@@ -153,7 +156,7 @@ class CrossFlow:
         return cls(across.T, -strip * across)
 
     def terms(self, nu_r: Array) -> tuple[Array]:
-        """(N, S)."""
+        """Return (N, S)."""
         speed = nu_r.dot(self.across)
         return (speed * np.abs(speed),)
 
@@ -162,12 +165,12 @@ class CrossFlow:
 class Polynomial:
     """Products of up to three velocities or their magnitudes, by name."""
 
-    factors: tuple[NDArray[intp], NDArray[intp], NDArray[intp]]  # each (K,) of the velocities, their magnitudes and 1
+    factors: tuple[NDArray[intp], NDArray[intp], NDArray[intp]]  # each (K,): velocities, magnitudes, 1
     wrench: Array  # (K, 6)
 
     @classmethod
     def from_derivatives(cls, named: list[tuple[Derivative, float]]) -> Polynomial:
-        """One term for each."""
+        """Return one term for each derivative."""
         wrench = np.zeros((len(named), 6))
         factors = np.full((3, len(named)), 12)
         for number, (derivative, value) in enumerate(named):
@@ -177,14 +180,14 @@ class Polynomial:
         return cls((factors[0], factors[1], factors[2]), wrench)
 
     def terms(self, nu_r: Array) -> tuple[Array]:
-        """(N, K)."""
+        """Return (N, K)."""
         values = np.concatenate((nu_r, np.abs(nu_r), np.ones((len(nu_r), 1))), axis=1)
         first, second, third = self.factors
         return (values[:, first] * values[:, second] * values[:, third],)
 
 
 def moved_to(place_frd_m: Array) -> Array:
-    """(6, 6) H with H nu the velocity at a place, and H^T tau what a force and moment there are at the origin.
+    """Return the (6, 6) H. H nu is the velocity at a place, and H^T tau moves a force and moment there to the origin.
 
     Fossen 2021, eq C.5: v + w x r.
     """
@@ -195,13 +198,13 @@ def moved_to(place_frd_m: Array) -> Array:
 
 
 def centre_of_lateral_resistance(model: VesselSpec, draft_m: float) -> Array:
-    """(3,) where what is given per axis acts."""
+    """Return the (3,) place at which per-axis values act."""
     given = model.centre_of_lateral_resistance_frd_m
     return np.array(given or (model.midship_frd_x_m, 0.0, model.keel_m - 0.5 * draft_m))
 
 
 def rigid_body_mass(model: VesselSpec) -> Array:
-    """(6, 6) about the origin, the inertia given about the centre of gravity (Fossen 2021, eq 3.51)."""
+    """Return (6, 6) about the origin, from the inertia about the centre of gravity (Fossen 2021, eq 3.51)."""
     xy, xz, yz = model.inertia_products_kgm2
     at_gravity = np.diag([model.mass_kg] * 3 + list(model.inertia_kgm2))
     at_gravity[3:, 3:] -= [[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]]
@@ -211,13 +214,13 @@ def rigid_body_mass(model: VesselSpec) -> Array:
 
 
 def added_mass_matrix(model: VesselSpec, named: list[tuple[Derivative, float]], centre: Array) -> Array:
-    """(6, 6) about the origin, from the matrix or per axis, and by name."""
+    """Return (6, 6) about the origin, from the matrix or per axis, and by name."""
     of_axes = (derivative.acceleration for derivative, _ in named)
     return _about_origin(astuple(model.added_mass), model.added_mass_matrix, named, of_axes, centre)
 
 
 def linear_damping(model: VesselSpec, named: list[tuple[Derivative, float]], centre: Array) -> Array:
-    """(6, 6) D about the origin, positive, from the matrix or per axis, and by name."""
+    """Return the (6, 6) D about the origin, positive, from the matrix or per axis, and by name."""
     of_axes = (derivative.linear for derivative, _ in named)
     return _about_origin(astuple(model.damping_linear), model.damping_linear_matrix, named, of_axes, centre)
 
@@ -229,7 +232,7 @@ def _about_origin(
     of_axes: Iterable[int | None],
     centre: Array,
 ) -> Array:
-    """(6, 6): what is given per axis at the centre, or the matrix, less the derivatives that go with one axis."""
+    """Return (6, 6): the per-axis values at the centre, or the matrix, less the derivatives of a single axis."""
     move = moved_to(centre)
     found: Array = move.T @ np.diag(per_axis) @ move if matrix is None else np.array(matrix)
     for (derivative, value), axis in zip(named, of_axes, strict=True):
@@ -239,14 +242,16 @@ def _about_origin(
 
 
 def has_stern_force(model: VesselSpec) -> bool:
-    """As its key says; null: unless matrices or derivatives are given, whose tables have it within."""
+    """Return the value of the key. For null, return False if matrices or derivatives are given, because they include
+    it.
+    """
     if model.stern_force is not None:
         return model.stern_force == "on"
     return model.added_mass_matrix is None and model.damping_linear_matrix is None and not model.derivatives
 
 
 def moved_products(products: Array, place_frd_m: Array) -> Array:
-    """(36, 6) about the origin of a constant on the velocities at a place, giving force and moment there."""
+    """Move to the origin a (36, 6) constant that acts on velocities at a place and gives force and moment there."""
     move = moved_to(place_frd_m)
     there = products.reshape(6, 6, 6)
     here: Array = np.einsum("abk,ai,bj,kc->ijc", there, move, move, move)
@@ -254,7 +259,7 @@ def moved_products(products: Array, place_frd_m: Array) -> Array:
 
 
 def _skew() -> Array:
-    """(3, 3, 3) epsilon: (a x b)_i = epsilon_ijk a_j b_k."""
+    """Return (3, 3, 3) epsilon: (a x b)_i = epsilon_ijk a_j b_k."""
     epsilon = np.zeros((3, 3, 3))
     epsilon[(0, 1, 2), (1, 2, 0), (2, 0, 1)] = 1.0
     epsilon[(0, 2, 1), (2, 1, 0), (1, 0, 2)] = -1.0
@@ -262,13 +267,13 @@ def _skew() -> Array:
 
 
 def coriolis_products(mass: Array) -> Array:
-    """(36, 6) constant with C(nu) nu = vec(nu nu^T) @ constant, for a symmetric (6, 6) mass matrix.
+    """Return the (36, 6) constant with C(nu) nu = vec(nu nu^T) @ constant, for a symmetric (6, 6) mass matrix.
 
     C(nu) nu = [w x (M11 v + M12 w); v x (M11 v + M12 w) + w x (M21 v + M22 w)], Fossen 2021, theorem 3.2.
     """
     skew = _skew()
     constant = np.zeros((6, 6, 6))
-    # Axes: left factor (velocity that turns), right factor (velocity of the momentum), component of the result.
+    # Axes: left factor (angular velocity), right factor (velocity of the momentum), component of the result.
     constant[3:, :, :3] = np.einsum("ijk,kb->jbi", skew, mass[:3])
     constant[:3, :, 3:] = np.einsum("ijk,kb->jbi", skew, mass[:3])
     constant[3:, :, 3:] = np.einsum("ijk,kb->jbi", skew, mass[3:])
@@ -276,17 +281,17 @@ def coriolis_products(mass: Array) -> Array:
 
 
 def transport_products(mass: Array) -> Array:
-    """(36, 6) constant with M [w x v; 0] = vec(nu nu^T) @ constant."""
+    """Return the (36, 6) constant with M [w x v; 0] = vec(nu nu^T) @ constant."""
     constant = np.zeros((6, 6, 6))
     constant[3:, :3, :] = np.einsum("ijk,ci->jkc", _skew(), mass[:, :3])
     return constant.reshape(36, 6)
 
 
 def stern_forces(added_mass: Array, length_m: float) -> tuple[Array, Array]:
-    """(36, 6) and (6, 6) constants of the force at the end that trails, on vec(nu nu^T) and |u| nu.
+    """Return the (36, 6) and (6, 6) constants of the force at the trailing end, on vec(nu nu^T) and |u| nu.
 
-    Per length the added mass is a = A / L. Its momentum, a (v + x r) across and a (w - x q) down, is shed at
-    x = -sign(u) L / 2 with speed |u|: force -|u| a (v + x r) and the moment x times that; likewise in heave.
+    Per length the added mass is a = A / L. Its momentum, a (v + x r) across and a (w - x q) down, is shed at x =
+    -sign(u) L / 2 with speed |u|. The force is -|u| a (v + x r) and the moment x times that; likewise in heave.
     """
     half_m = 0.5 * length_m
     across, down = added_mass[1, 1] / length_m, added_mass[2, 2] / length_m

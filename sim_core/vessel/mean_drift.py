@@ -1,15 +1,15 @@
-"""Mean force of the waves on a hull, of second order in their height, always with the waves; docs/seas.md.
+"""Mean force of the waves on a hull, of second order in their height, always in their direction; docs/seas.md.
 
-Two parts, as in the methods for added resistance (ITTC 7.5-02-07-02.8). A hull that moves against the water takes
-power P out of the waves, and with it their momentum, P k / omega (Gerritsma and Beukelman 1972; Maruo's formula for
-waves that are radiated). Its sides and ends throw short waves back, which Maruo (1960) found to be worth
-rho g a_R^2 / 2 per metre of wall and Faltinsen et al. (1980) integrated along a waterline of any shape:
+The force has two parts, as in the methods for added resistance (ITTC 7.5-02-07-02.8). A hull that moves relative to the
+water takes power P out of the waves, and with it their momentum, P k / omega (Gerritsma and Beukelman 1972; Maruo's
+formula for radiated waves). Its sides and ends reflect short waves. Maruo (1960) derived the force rho g a_R^2 / 2 per
+metre of wall, and Faltinsen et al. (1980) integrated it along a waterline of any shape:
 
     rho g a^2 / 2  alpha  integral (e . n)^2 (-n) dl
 
-over what the waves meet, n being its outward normal and e their direction. alpha = (a_R / a)^2 is, for the ends, that
-of a vertical barrier as deep as the hull (Ursell 1947; Fujii and Takahashi 1975), for the sides that of a floating box
-(Macagno 1954), each hull passing on what it does not throw back.
+over the part that faces the waves, with its outward normal n and the wave direction e. alpha = (a_R / a)^2 for the ends
+is that of a vertical barrier as deep as the hull (Ursell 1947; Fujii and Takahashi 1975). For the sides it is that of a
+floating box (Macagno 1954). Each hull transmits the waves that it does not reflect.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from sim_core.vessel.spec import DemiHull, VesselSpec
 
 @dataclass(frozen=True, slots=True)
 class NoDrift:
-    """In flat water."""
+    """No mean force, in flat water."""
 
     def force_frd_n(self, motion: Kinematics, water_ned_mps: Array, surface: HullSurface) -> Array:
-        """(N, 2) zero."""
+        """Return zeros (N, 2)."""
         return np.zeros((len(motion.pos_ned_m), 2))
 
 
@@ -39,18 +39,18 @@ class NoDrift:
 class MeanDrift:
     """Constants of one vessel in one sea.
 
-    The force follows the height of the waves at the hull, and so varies slowly with their groups (Newman 1974).
+    The force follows the height of the waves at the hull, so it varies slowly with their groups (Newman 1974).
     """
 
     linear: Array  # (3,) damping in heave, roll and pitch
     quadratic: Array  # (3,)
-    along_ned: Array  # (3, 3) rows: k / omega of the whole sea along its waves; what ends and sides throw back, in N/m2
+    along_ned: Array  # (3, 3) rows: k / omega of the sea along its waves; reflection by ends and by sides, in N/m2
 
     @classmethod
     def from_parts(
         cls, model: VesselSpec, waves: WaveField, water: Water, depth_m: float, linear_damping: Array
     ) -> MeanDrift:
-        """depth_m: of the body's origin at rest below the surface; linear_damping: (6, 6)."""
+        """Compute the constants. depth_m: depth of the body's origin at rest. linear_damping: (6, 6)."""
         quadratic = model.damping_quadratic
         share = waves.amplitude_m**2 / np.sum(waves.amplitude_m**2)
         wave_number = np.hypot(*waves.wave_vector_radpm.T)
@@ -82,7 +82,7 @@ class MeanDrift:
         )
 
     def force_frd_n(self, motion: Kinematics, water_ned_mps: Array, surface: HullSurface) -> Array:
-        """(N, 2) forward and right on N vessels in water that moves at (N, 3)."""
+        """Return the (N, 2) force forward and right on N vessels in water that moves at (N, 3)."""
         relative_ned_mps = motion.vel_ned_mps - water_ned_mps
         speed = np.empty_like(relative_ned_mps)
         speed[:, 0] = relative_ned_mps[:, 2]
@@ -91,7 +91,7 @@ class MeanDrift:
         power_w = square @ self.linear + (square * np.abs(speed)) @ self.quadratic
         points = surface.point_elevation_m
         square_m2 = np.vecdot(points, points) / points.shape[1]
-        headway = relative_ned_mps @ self.along_ned[0]  # of the speed at which the vessel keeps up with the waves
+        headway = relative_ned_mps @ self.along_ned[0]  # relative to the speed of the waves
         along = self.along_ned @ motion.rot_ned_frd
         absorbed = power_w / np.maximum(1.0 - headway, 1.0)
         thrown = square_m2 * np.maximum(1.0 - 2.0 * headway, 0.0)
@@ -102,7 +102,7 @@ class MeanDrift:
 
 
 def waterline_width_m(hull: DemiHull, draft_m: float) -> float:
-    """Greatest width of a hull at its waterline."""
+    """Return the greatest width of a hull at its waterline."""
     section = hull.section
     if section is None:
         return hull.width_m
@@ -116,11 +116,11 @@ def waterline_width_m(hull: DemiHull, draft_m: float) -> float:
 
 
 def wall_m(hull: DemiHull, width_m: float) -> tuple[float, float]:
-    """What a waterline is worth as a wall across waves from ahead and from abeam.
+    """Return the equivalent wall lengths of a waterline in waves from ahead and from abeam.
 
-    The integral of (e . n)^2 (-n) over what faces the waves, over all their directions e: its part along x that goes
-    with the cosine of the direction, and that along y with the sine. A wall of length l gives 8 / (3 pi) l, a round
-    end of width b 2/3 b.
+    They are the integral of (e . n)^2 (-n) over the part that faces the waves, over all their directions e. The x part
+    is its component with the cosine of the direction, the y part its component with the sine. A wall of length l gives
+    8 / (3 pi) l, a round end of width b gives 2/3 b.
     """
     place, share = np.array(hull.taper).T
     x, half = place * hull.length_m, 0.5 * share * width_m
@@ -136,7 +136,7 @@ def wall_m(hull: DemiHull, width_m: float) -> tuple[float, float]:
 
 
 def barrier_reflection(wave_number_radpm: Array, draft_m: float) -> Array:
-    """Share of the energy of deep-water waves that a thin vertical barrier throws back (Ursell 1947).
+    """Return the share of the energy of deep-water waves that a thin vertical barrier reflects (Ursell 1947).
 
     pi^2 I1^2 / (pi^2 I1^2 + K1^2) of k T, with the modified Bessel functions as integrals.
     """
@@ -150,7 +150,7 @@ def barrier_reflection(wave_number_radpm: Array, draft_m: float) -> Array:
 
 
 def box_reflection(wave_number_radpm: Array, width_m: float, draft_m: float) -> Array:
-    """Share of the energy of deep-water waves that a floating box, held, throws back (Macagno 1954).
+    """Return the share of the energy of deep-water waves that a fixed floating box reflects (Macagno 1954).
 
     x^2 / (1 + x^2), x = k b exp(k T) / 2.
     """

@@ -1,9 +1,9 @@
 """Propellers in air and water, tunnel thrusters, steering gears and rudders.
 
-A command in [-1, 1] sets a speed or an angle. The speed n of a propeller, a fraction of full speed, follows as a
-first-order lag with one time constant for speeding up and one for slowing down, as PX4's motor model has. Gears and
-rudders turn at their rate and stop at their stop. T_0 is the thrust at rest at full speed, ahead or astern; V the speed
-of advance, of the propeller's place along its own line relative to air or water, less the wake.
+A command in [-1, 1] sets a speed or an angle. The speed n of a propeller is a fraction of full speed. It follows its
+command as a first-order lag with separate time constants for acceleration and deceleration, as in PX4's motor model.
+Gears and rudders turn at their rate and stop at their limit. T_0 is the thrust at rest at full speed, ahead or astern.
+V is the speed of advance: the velocity of the propeller along its axis, relative to air or water, less the wake.
 
     at rest        T = T_0 n |n|
     in air         T (V / 2 + sqrt(V^2 / 4 + T / (2 rho A))) = P(n), momentum theory at the power of rest
@@ -11,8 +11,9 @@ of advance, of the propeller's place along its own line relative to air or water
                    T = rho D^4 K_T(J) n |n| n_max^2 with J = V / (n n_max D), an open-water table
     in a tunnel    T = T_0 n |n| exp(-(u / u_0)^2), u the forward speed
 
-An angle delta of a gear turns the thrust to (cos delta, -sin delta), one of a rudder the trailing edge to starboard: at
-the stern a positive one brings the bow to starboard. `make_propulsion` leaves out what a vessel does not have.
+An angle delta of a gear turns the thrust to (cos delta, -sin delta). A positive rudder angle moves the trailing edge to
+starboard. At the stern, a positive angle turns the bow to starboard. `make_propulsion` omits the parts that a vessel
+does not have.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _IN_WATER, _IN_AIR = (0, 1, 2, 3, 4, 5), (6, 7, 8, 3, 4, 5)
 class ThrustLaw(Protocol):
     """Thrust of P propellers, linear in K terms.
 
-    per_term: (K, P) newtons; per_mps: (P,) what makes the speed of advance the law's own dimensionless one.
+    per_term: (K, P) newtons. per_mps: (P,) factor from the speed of advance to the law's dimensionless speed.
     """
 
     @property
@@ -50,20 +51,20 @@ class ThrustLaw(Protocol):
     def per_mps(self) -> Array: ...
 
     def terms(self, speed: Array, advance: Array) -> tuple[Array, ...]:
-        """K of (N, P), for (N, P) speeds n and dimensionless speeds of advance."""
+        """Return K arrays (N, P), for (N, P) speeds n and dimensionless speeds of advance."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticThrust:
-    """The thrust at rest at any speed of advance: n |n|, and n^2, which tells reverse from ahead."""
+    """The thrust at rest at any speed of advance: n |n|, and n^2, which distinguishes reverse from ahead."""
 
     per_term: Array
     per_mps: Array
 
     @classmethod
     def from_spec(cls, propellers: Propellers, water: Water) -> StaticThrust:
-        """Constants of the propellers."""
+        """Compute the constants of the propellers."""
         return cls(_by_sign(*_thrust_at_rest_n(propellers, water)), np.zeros(len(propellers)))
 
     def terms(self, speed: Array, advance: Array) -> tuple[Array, Array]:
@@ -75,30 +76,30 @@ class StaticThrust:
 class DiscThrust:
     """Actuator disc at the power of rest: t^3 + x t = 1 (Leishman 2006, section 2.4, solved for the thrust).
 
-    t is the thrust over that at rest, x the speed of advance over v_0 |n|, v_0 = sqrt(T_0 / (2 rho A)) the velocity
-    induced at rest. Below x = -0.5 t is held: in air from behind the wake becomes a vortex ring and the theory ends.
-    Rotors measured there (Leishman 2006, eq 2.89) give 0.92 to 1.07 of that t down to x = -1.5.
+    t is the thrust relative to the thrust at rest. x is the speed of advance over v_0 |n|, with v_0 = sqrt(T_0 / (2 rho
+    A)) the velocity induced at rest. Below x = -0.5, t is constant: in air from behind, the wake becomes a vortex ring
+    and the theory ends. Rotors measured there (Leishman 2006, eq 2.89) give 0.92 to 1.07 of that t down to x = -1.5.
 
-    What a propeller does at (n, V) is a matter of its advance angle arctan2(V, n) but for n^2: a table over that angle
-    holds all four quadrants.
+    Except for the factor n^2, the thrust at (n, V) depends only on the advance angle arctan2(V, n). A table over that
+    angle holds all four quadrants.
     """
 
     per_term: Array
     per_mps: Array
-    ratio: Array  # thrust over that at full speed ahead and n^2, at each of ADVANCE_ANGLES
+    ratio: Array  # thrust relative to that at full speed ahead and n^2, at each of ADVANCE_ANGLES
 
     TAIL: ClassVar[float] = -0.5
     ADVANCE_ANGLES: ClassVar[Array] = np.linspace(-math.pi, math.pi, 1441)
 
     @classmethod
     def from_spec(cls, propellers: Propellers, water: Water) -> DiscThrust:
-        """Constants of the propellers, all with a diameter and of one `reverse_ratio`."""
+        """Compute the constants of the propellers, all with a diameter and equal `reverse_ratio`."""
         ahead_n, astern_n = _thrust_at_rest_n(propellers, water)
         diameters_m = np.array([propeller.diameter_m or math.nan for propeller in propellers])
         speed, advance = np.cos(cls.ADVANCE_ANGLES), np.sin(cls.ADVANCE_ANGLES)
         reverse = speed < 0.0
         share = np.where(reverse, astern_n[0] / ahead_n[0], 1.0)
-        # Astern the induced velocity goes with the root of the thrust there; no thrust, no disc.
+        # Astern, the induced velocity goes with the root of the thrust there. A propeller without thrust has no disc.
         over_induced = advance / np.where(speed == 0.0, 1e-12, speed) / np.sqrt(np.maximum(share, 1e-12))
         return cls(
             per_term=ahead_n[None],
@@ -108,7 +109,7 @@ class DiscThrust:
 
     @staticmethod
     def reverse_ratio(propeller: Propeller) -> float:
-        """Thrust astern over thrust ahead, at rest: the form of the table."""
+        """Return the thrust astern over the thrust ahead, at rest: the parameter of the table."""
         return (propeller.max_reverse_thrust_n or 0.0) / (propeller.max_thrust_n or math.inf)
 
     def terms(self, speed: Array, advance: Array) -> tuple[Array]:
@@ -117,7 +118,7 @@ class DiscThrust:
 
 
 def disc_thrust_ratio(advance: Array) -> Array:
-    """The positive root t of t^3 + x t = 1 for x >= -1.8, by Cardano's formula; x: speed of advance over v_0."""
+    """Return the positive root t of t^3 + x t = 1 for x >= -1.8, by Cardano's formula; x: speed of advance over v_0."""
     third = advance / 3.0
     root = np.cbrt(0.5 + np.sqrt(0.25 + third**3))
     ratio: Array = np.where(third > 1e3, 1.0 / np.maximum(advance, 1.0), root - third / root)
@@ -126,9 +127,9 @@ def disc_thrust_ratio(advance: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearThrust:
-    """K_T falls linearly with J to zero at a speed of advance V_0 at full speed, and on: beyond V_0 n it brakes.
+    """K_T falls linearly with J to zero at a speed of advance V_0 at full speed. Beyond V_0 n, the propeller brakes.
 
-    Against headway or sternway K_T stays that at J = 0: see OpenWaterThrust.
+    Against headway or sternway, K_T keeps its value at J = 0: see OpenWaterThrust.
     """
 
     per_term: Array
@@ -136,7 +137,7 @@ class LinearThrust:
 
     @classmethod
     def from_spec(cls, propellers: Propellers, water: Water) -> LinearThrust:
-        """Constants of the propellers, all with a speed of no thrust."""
+        """Compute the constants of the propellers, all with a speed of no thrust."""
         static = _by_sign(*_thrust_at_rest_n(propellers, water))
         per_mps = np.array([1.0 / (propeller.zero_thrust_speed_mps or math.nan) for propeller in propellers])
         return cls(np.concatenate([static, -static]), per_mps)
@@ -157,7 +158,7 @@ class TunnelThrust:
 
     @classmethod
     def from_spec(cls, propellers: Propellers, water: Water) -> TunnelThrust:
-        """Constants of the propellers, all in tunnels."""
+        """Compute the constants of the propellers, all in tunnels."""
         per_mps = np.array([1.0 / (propeller.tunnel_speed_mps or math.nan) for propeller in propellers])
         return cls(_by_sign(*_thrust_at_rest_n(propellers, water)), per_mps)
 
@@ -171,10 +172,10 @@ class TunnelThrust:
 class OpenWaterThrust:
     """K_T by a table over J, for one propeller.
 
-    Beyond the table's end its last slope goes on: the propeller brakes. Astern all of it counts by its share. Below
-    J = 0, astern against headway as in a crash stop or ahead against sternway, K_T stays that at J = 0, for the table
-    says nothing of those quadrants. For a B4-70 screw of pitch ratio 1, measured in all four (Roddy, Hess & Faller
-    2006), that is within 20 % down to J = -0.6; beyond, it brakes harder.
+    Beyond the end of the table, its last slope continues: the propeller brakes. Astern, the table is scaled by the
+    reverse share. Below J = 0, K_T keeps its value at J = 0, because the table does not cover those quadrants: astern
+    against headway as in a crash stop, or ahead against sternway. For a B4-70 screw of pitch ratio 1, measured in all
+    four quadrants (Roddy, Hess & Faller 2006), this is within 20 % down to J = -0.6. Beyond, the screw brakes harder.
     """
 
     per_term: Array
@@ -186,7 +187,7 @@ class OpenWaterThrust:
 
     @classmethod
     def from_spec(cls, propellers: Propellers, water: Water) -> OpenWaterThrust:
-        """Constants of the one propeller."""
+        """Compute the constants of the one propeller."""
         (curve,) = (propeller.open_water for propeller in propellers)
         assert curve is not None
         ratios, coefficients = np.array(curve.advance_ratio), np.array(curve.thrust_coefficient)
@@ -211,9 +212,9 @@ class OpenWaterThrust:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MixedThrust:
-    """Propellers under several laws: the one term is the thrust itself."""
+    """Propellers under several laws. The single term is the thrust itself."""
 
-    laws: tuple[tuple[ThrustLaw, NDArray[intp]], ...]  # each with the columns it is for
+    laws: tuple[tuple[ThrustLaw, NDArray[intp]], ...]  # each with its columns
     per_term: Array
     per_mps: Array
 
@@ -229,7 +230,7 @@ _Law = type[StaticThrust] | type[DiscThrust] | type[LinearThrust] | type[TunnelT
 
 
 def make_thrust_law(propellers: Propellers, water: Water) -> ThrustLaw:
-    """One law where it is the same for all of them, else a mixture."""
+    """Return one law if it is the same for all propellers, otherwise a mixture."""
     groups: dict[tuple[_Law, float], list[int]] = {}
     for index, propeller in enumerate(propellers):
         kind, of_a_kind = _law(propeller), 0.0
@@ -260,7 +261,7 @@ def _law(propeller: Propeller) -> _Law:
 
 
 def _thrust_n(law: ThrustLaw, speed: Array, advance: Array) -> Array:
-    """(N, P): all terms together."""
+    """Return the (N, P) sum of all terms."""
     first, *others = law.terms(speed, advance)
     thrust: Array = first * law.per_term[0]
     for term, newtons in zip(others, law.per_term[1:], strict=True):
@@ -269,33 +270,33 @@ def _thrust_n(law: ThrustLaw, speed: Array, advance: Array) -> Array:
 
 
 def _thrust_at_rest_n(propellers: Propellers, water: Water) -> Array:
-    """(2, P): ahead and astern, positive."""
+    """Return (2, P): ahead and astern, positive."""
     return np.array([propeller.static_thrust_n(water.density_kgpm3) for propeller in propellers]).T
 
 
 def _by_sign(ahead: Array, astern: Array) -> Array:
-    """(2, P) coefficients of n |n| and n^2, for what is `ahead` at n = 1 and minus `astern` at n = -1."""
+    """Return (2, P) coefficients of n |n| and n^2 that give `ahead` at n = 1 and minus `astern` at n = -1."""
     return np.array([0.5 * (ahead + astern), 0.5 * (ahead - astern)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shafts:
-    """Lag of P propellers; a gain is the share of the speed's error that one step takes away."""
+    """Lag of P propellers. A gain is the share of the speed error that one step removes."""
 
     gain_down: Array  # (1, P)
-    gain_extra: Array  # (1, P) what speeding up adds to it
+    gain_extra: Array  # (1, P) added during acceleration
     full: Array  # (1, P) ones
     full_astern: Array
 
     @classmethod
     def from_spec(cls, propellers: Propellers, dt_s: float) -> Shafts:
-        """Constants for steps of dt_s."""
+        """Compute the constants for steps of dt_s."""
         up = 1.0 - np.exp([[-dt_s / propeller.spin_up_s for propeller in propellers]])
         down = 1.0 - np.exp([[-dt_s / propeller.spin_down_s for propeller in propellers]])
         return cls(down, up - down, np.ones_like(up), -np.ones_like(up))
 
     def spin(self, speed: Array, command: Array) -> Array:
-        """(N, P) speeds one step later, for (N, P) commands, which are clamped to [-1, 1]; exact for a held command."""
+        """Return the (N, P) speeds one step later, for (N, P) commands, clamped to [-1, 1]. Exact for held commands."""
         wanted = np.minimum(np.maximum(command, self.full_astern), self.full)
         faster = np.abs(wanted) > np.abs(speed)
         gain = self.gain_down + faster * self.gain_extra
@@ -304,18 +305,18 @@ class Shafts:
 
 
 def _along(direction: Array, place_frd_m: tuple[float, float, float]) -> Array:
-    """(6,): force and moment of a newton; dotted with (v, w), the speed of the place along the direction."""
+    """Return (6,): force and moment of a newton. Its product with (v, w) is the speed along the direction."""
     return np.concatenate([direction, np.cross(place_frd_m, direction)])
 
 
 def _direction(angle_deg: float) -> Array:
-    """(3,) horizontal, clockwise from ahead; without the 6e-17 that a cosine leaves at right angles."""
+    """Return (3,) horizontal, clockwise from ahead, without the rounding of 6e-17 of a cosine at right angles."""
     angle = math.radians(angle_deg)
     return np.array([math.cos(angle), math.sin(angle), 0.0]).round(15)
 
 
 def _thrust_wrench(propellers: Propellers, turned_deg: float = 0.0) -> Array:
-    """(P, 6) force and moment on the vessel per newton of each, less what the hull loses."""
+    """Return the (P, 6) force and moment on the vessel per newton of each propeller, less the thrust deduction."""
     return np.array(
         [
             (1.0 - p.thrust_deduction) * _along(_direction(p.angle_deg + turned_deg), p.position_frd_m)
@@ -325,10 +326,10 @@ def _thrust_wrench(propellers: Propellers, turned_deg: float = 0.0) -> Array:
 
 
 def _inflow(propellers: Propellers, per_mps: Array, turned_deg: float = 0.0) -> Array:
-    """(FLOW, P): from `flow` to the law's dimensionless speed of advance."""
+    """Return (FLOW, P): from `flow` to the law's dimensionless speed of advance."""
     matrix = np.zeros((FLOW, len(propellers)))
     for column, propeller in enumerate(propellers):
-        tunnel = propeller.tunnel_speed_mps is not None  # what counts there is the flow along the hull
+        tunnel = propeller.tunnel_speed_mps is not None  # the law of a tunnel needs the flow along the hull
         direction = _direction(0.0 if tunnel else propeller.angle_deg + turned_deg)
         rows = _IN_AIR if propeller.medium == "air" else _IN_WATER
         matrix[rows, column] = (1.0 - propeller.wake_fraction) * _along(direction, propeller.position_frd_m)
@@ -337,16 +338,16 @@ def _inflow(propellers: Propellers, per_mps: Array, turned_deg: float = 0.0) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Propulsion:
-    """Constants of P propellers that do not turn."""
+    """Constants of P fixed propellers."""
 
     shafts: Shafts
     law: ThrustLaw
-    inflow: Array | None  # (FLOW, P); None where the thrust does not ask for it
+    inflow: Array | None  # (FLOW, P); None if the thrust does not depend on it
     wrench: Array  # (K P, 6) force and moment per term
 
     @classmethod
     def from_spec(cls, model: VesselSpec, water: Water, dt_s: float) -> Propulsion:
-        """Constants from the vessel's propellers for steps of dt_s."""
+        """Compute the constants from the vessel's propellers for steps of dt_s."""
         propellers = model.propellers
         law = make_thrust_law(propellers, water)
         return cls(
@@ -357,16 +358,16 @@ class Propulsion:
         )
 
     def spin(self, actuators: Array, command: Array) -> Array:
-        """(N, P) speeds one step later."""
+        """Return the (N, P) speeds one step later."""
         return self.shafts.spin(actuators, command)
 
     def terms(
         self, actuators: Array, nu_r: Array, air_frd_mps: Array, thrust_share: Array | None = None
     ) -> tuple[Array, ...]:
-        """What the force is linear in, for (N, P) speeds.
+        """Return the linear terms of the force, for (N, P) speeds.
 
-        nu_r: (N, 6) velocities of the body's origin relative to the water, air_frd_mps: (N, 3) relative to the air.
-        thrust_share: (N, P) what a fault leaves of each thrust.
+        nu_r: (N, 6) velocities of the body's origin relative to the water. air_frd_mps: (N, 3) relative to the air.
+        thrust_share: (N, P) share of each thrust that a fault leaves.
         """
         advance = nu_r
         if self.inflow is not None:
@@ -377,21 +378,21 @@ class Propulsion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SteeredPropulsion:
-    """Constants of P propellers, S gears and R rudders: P speeds, then S + R shares of full angle."""
+    """Constants of P propellers, S gears and R rudders. The state is P speeds, then S + R shares of full angle."""
 
     shafts: Shafts
     law: ThrustLaw
-    inflow: Array  # (FLOW, P) as they stand
-    inflow_to_port: Array  # (FLOW, P) turned there by a quarter
-    geared: NDArray[intp]  # (S,) which propellers
+    inflow: Array  # (FLOW, P) at angle zero
+    inflow_to_port: Array  # (FLOW, P) after a quarter turn to port
+    geared: NDArray[intp]  # (S,) indices of the propellers
     full_angle_rad: Array  # (1, S + R)
-    most_per_step: Array  # (1, S + R) share of the full angle that one turns in a step
+    most_per_step: Array  # (1, S + R) largest change per step, as a share of the full angle
     rudders: Rudders | None
-    wrench: Array  # (2 P + 2 R, 6) per newton as they stand, then turned to port, then of the rudders ahead and right
+    wrench: Array  # (2 P + 2 R, 6) per newton: at angle zero, then turned to port, then of the rudders ahead and right
 
     @classmethod
     def from_spec(cls, model: VesselSpec, water: Water, dt_s: float) -> SteeredPropulsion:
-        """Constants from the vessel's propellers and rudders for steps of dt_s."""
+        """Compute the constants from the vessel's propellers and rudders for steps of dt_s."""
         propellers = model.propellers
         law = make_thrust_law(propellers, water)
         gears = [(index, gear) for index, one in enumerate(propellers) if (gear := one.steering) is not None]
@@ -413,7 +414,7 @@ class SteeredPropulsion:
         )
 
     def spin(self, actuators: Array, command: Array) -> Array:
-        """(N, P + S + R) one step later, for as many commands, which are clamped to [-1, 1]."""
+        """Return (N, P + S + R) one step later, for as many commands, clamped to [-1, 1]."""
         propellers = self.law.per_mps.size
         speed = self.shafts.spin(actuators[:, :propellers], command[:, :propellers])
         share, wanted = actuators[:, propellers:], np.minimum(np.maximum(command[:, propellers:], -1.0), 1.0)
@@ -423,9 +424,9 @@ class SteeredPropulsion:
     def terms(
         self, actuators: Array, nu_r: Array, air_frd_mps: Array, thrust_share: Array | None = None
     ) -> tuple[Array, ...]:
-        """(N, P), (N, P) and of rudders (N, R), (N, R): newtons along the rows of `wrench`.
+        """Return newtons along the rows of `wrench`: (N, P), (N, P), and for rudders (N, R), (N, R).
 
-        thrust_share: (N, P) what a fault leaves of each thrust, and so of each race.
+        thrust_share: (N, P) share of each thrust, and so of each propeller race, that a fault leaves.
         """
         flow = np.concatenate((nu_r, air_frd_mps), axis=1)
         propellers, gears = self.law.per_mps.size, self.geared.size
@@ -444,6 +445,6 @@ class SteeredPropulsion:
 
 
 def make_propulsion(model: VesselSpec, water: Water, dt_s: float) -> Propulsion | SteeredPropulsion:
-    """Whichever the vessel's propellers and rudders need."""
+    """Return the propulsion model that fits the vessel's propellers and rudders."""
     kind = Propulsion if model.commands == len(model.propellers) else SteeredPropulsion
     return kind.from_spec(model, water, dt_s)

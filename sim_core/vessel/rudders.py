@@ -1,20 +1,20 @@
-"""Rudders behind a propeller or beside it, ahead and astern.
+"""Rudders behind a propeller or off its axis, ahead and astern.
 
-The rudder's plate meets the water at (u, v), the speed of its own place less the wake, and in the race of its propeller
-at u + w besides. With delta the angle, n = u sin delta + v cos delta the speed across the plate, c the one along it and
-U both together, sine s = n / U and cosine k = c / U of the angle of attack:
+(u, v) is the flow at the rudder: the velocity of the rudder itself less the wake. In the race of its propeller, the
+flow is (u + w, v). delta is the angle. n = u sin delta + v cos delta is the speed across the plate, c the speed along
+it and U the total speed. The angle of attack has the sine s = n / U and the cosine k = c / U:
 
     C_N = 6.13 Lambda / (Lambda + 2.25) s      normal force, Fujii & Tsuda 1961 (MMG standard method, Yasukawa 2015)
     C_L = C_N k                                across the flow
     C_D = C_L^2 / (0.9 pi Lambda)              along it: induced drag, Whicker & Fehlner 1958
 
-From the stalling angle over ten degrees more the flow leaves the plate: then C_N = 1.2 s / |s| (Hoerner 1965, ch. 3,
-plates of such aspect ratios), with C_D = C_N s as no suction at the leading edge is left.
+Within ten degrees above the stalling angle, the flow separates from the plate. Then C_N = 1.2 s / |s| (Hoerner 1965,
+ch. 3, plates of such aspect ratios), with C_D = C_N s, because the leading edge has no suction any more.
 
-The race is an actuator disc's: far behind it the water is faster by w = sqrt(V^2 + 2 |T| / (rho A)) - V, at a distance
-x behind by half of it times 1 + x / sqrt(x^2 + R^2), and in front, where a propeller going astern draws it from, by
-half of it times 1 - x / sqrt(x^2 + R^2) (vortex cylinder; McCormick 1995, section 6). V is the speed of advance in the
-direction of the thrust; against it there is none to add.
+The race is that of an actuator disc. Far behind the disc, the water is faster by w = sqrt(V^2 + 2 |T| / (rho A)) - V.
+At a distance x behind, it is faster by half of w times 1 + x / sqrt(x^2 + R^2). In front, a propeller going astern
+draws the water in; the factor is 1 - x / sqrt(x^2 + R^2) (vortex cylinder; McCormick 1995, section 6). V is the speed
+of advance in the direction of the thrust. An opposite speed of advance counts as zero.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ INDUCED_DRAG_EFFICIENCY = 0.9
 class Rudders:
     """Constants of R rudders."""
 
-    inflow: Array  # (9, 2 R) ahead and to the right at each, in the hull's wake, from `flow` of the propulsion
+    inflow: Array  # (9, 2 R) ahead and to the right at each rudder, in the hull's wake, from `flow` of the propulsion
     pressure: Array  # (R,) half the density times the area
     slope: Array  # (R,) of C_N
     induced: Array  # (R,) C_D per C_L^2
     sine_at_stall: Array  # (R,)
-    per_sine: Array  # (R,) share of the flow that leaves the plate per sine beyond
+    per_sine: Array  # (R,) share of separated flow per sine beyond stall
     wrench: Array  # (2 R, 6)
-    raced: NDArray[intp]  # (Q,) which of them stand in a race
-    propeller: NDArray[intp]  # (Q,) whose
-    shares: Array  # (2, R) of the area, beside the race and in it
+    raced: NDArray[intp]  # (Q,) indices of the rudders in a race
+    propeller: NDArray[intp]  # (Q,) the propeller of that race
+    shares: Array  # (2, R) of the area, outside the race and in it
     race_inflow: Array  # (9, Q) speed of advance of that propeller
     speed2_per_newton: Array  # (Q,) 2 / (rho A)
     reached_behind: Array  # (Q,) share of w that the race has at the rudder
@@ -56,7 +56,7 @@ class Rudders:
 
     @classmethod
     def from_spec(cls, model: VesselSpec, water: Water) -> Rudders:
-        """Constants from the vessel's rudders and the propellers before them."""
+        """Compute the constants from the vessel's rudders and the propellers in front of them."""
         rudders = model.rudders
         raced = [(index, rudder) for index, rudder in enumerate(rudders) if rudder.propeller is not None]
         propellers = [model.propellers[rudder.propeller or 0] for _, rudder in raced]
@@ -92,20 +92,24 @@ class Rudders:
         )
 
     def forces_n(self, angle_rad: Array, thrust_n: Array, flow: Array) -> tuple[Array, Array]:
-        """(N, R) ahead and (N, R) to the right, for (N, R) angles, (N, P) thrusts in open water and (N, 9) `flow`."""
+        """Return (N, R) ahead and (N, R) to the right, for (N, R) angles, (N, P) thrusts in open water and (N, 9)
+        `flow`.
+        """
         local = flow @ self.inflow
         rudders = len(self.pressure)
         along, across = local[:, :rudders], local[:, rudders:]
         if not self.raced.size:
             return self._plate_n(angle_rad, along, across)
-        both = np.empty((len(flow), 2, rudders))  # beside the race and in it
+        both = np.empty((len(flow), 2, rudders))  # outside the race and in it
         both[:] = along[:, None]
         both[:, 1, self.raced] = self._in_race_mps(thrust_n[:, self.propeller], flow @ self.race_inflow)
         ahead_n, right_n = self._plate_n(angle_rad[:, None], both, across[:, None])
         return (self.shares * ahead_n).sum(axis=1), (self.shares * right_n).sum(axis=1)
 
     def _in_race_mps(self, thrust_n: Array, advance_mps: Array) -> Array:
-        """(N, Q) speed along the rudders, for speeds of advance of their propellers, which draw it forward astern."""
+        """Return the (N, Q) flow speed along the rudders, for their propellers' speeds of advance. Astern, the flow is
+        forward.
+        """
         sign = np.sign(thrust_n)
         with_thrust = np.maximum(sign * advance_mps, 0.0)
         added = np.sqrt(with_thrust * with_thrust + self.speed2_per_newton * np.abs(thrust_n)) - with_thrust
@@ -113,7 +117,7 @@ class Rudders:
         return race
 
     def _plate_n(self, angle_rad: Array, along: Array, across: Array) -> tuple[Array, Array]:
-        """Force ahead and to the right of all of the area in one flow; (N, R), or (N, 2, R) for two flows."""
+        """Return the force ahead and to the right of the whole area in one flow; (N, R), or (N, 2, R) for two flows."""
         sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
         speed = np.hypot(along, across)
         whole = np.maximum(speed, 1e-9)
@@ -128,5 +132,5 @@ class Rudders:
 
 
 def _rows(place_frd_m: tuple[float, float, float], direction: Array) -> Array:
-    """(9,) of `flow`, of which the first six are force and moment per newton."""
+    """Return (9,) coefficients for `flow`. The first six are also force and moment per newton."""
     return np.concatenate([direction, np.cross(place_frd_m, direction), np.zeros(3)])

@@ -1,6 +1,7 @@
-"""Hulls as strips of cross-sections: of a round, box-shaped or tabulated section with its taper, or cut from a mesh.
+"""Hulls as strips of cross-sections: round, box-shaped or tabulated sections with taper, or sections cut from a mesh.
 
-A cross-section is a polygon in the plane of y and z, walked to starboard along the bottom and back over the deck.
+A cross-section is a polygon in the plane of y and z. Its corners go to starboard along the bottom and back over the
+deck.
 """
 
 from __future__ import annotations
@@ -21,27 +22,26 @@ from sim_core.mesh_file import MeshFileError, read_triangles
 from sim_core.vessel.spec import DemiHull, HullMesh, HullSection
 
 ROUND_CORNERS = 32
-"""Of the polygon in place of a round section; it has the circle's area, and is 0.16 % less deep."""
-_WITHIN = 1e-6  # of its length: so far inside its ends a mesh is cut there
+"""Corners of the polygon that replaces a round section. It has the area of the circle and is 0.16 % less deep."""
+_WITHIN = 1e-6  # the end cuts of a mesh are inside its ends by this share of its length
 MESH_SHARE, MESH_LENGTH_SHARE = 0.05, 0.2
-"""By how much a mesh's size may differ from its keys; the waterline may be shorter than the mesh."""
+"""Largest difference between a mesh's size and its keys. The waterline may be shorter than the mesh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HullStrips:
-    """S strips of one hull, from stern to bow.
-
-    along_m (S,): the middle of each one's volume; length_m (S,): the volume over the cross-section's area;
-    corners_m (S, C, 2): y and z of the cross-section, the last corner the first again. In body axes.
-    """
+    """S strips of one hull, from stern to bow, in body axes."""
 
     along_m: Array
+    """The middle of each strip's volume, (S,)."""
     length_m: Array
+    """Volume over the area of the cross-section, (S,)."""
     corners_m: Array
+    """y and z of the cross-section, (S, C, 2). The last corner repeats the first."""
 
     @property
     def area_m2(self) -> Array:
-        """(S,)."""
+        """Areas of the cross-sections, (S,)."""
         y, z = self.corners_m[..., 0], self.corners_m[..., 1]
         area: Array = 0.5 * (y[:, 1:] * z[:, :-1] - y[:, :-1] * z[:, 1:]).sum(axis=1)
         return area
@@ -49,24 +49,26 @@ class HullStrips:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HullShape:
-    """The surface of a hull as triangles in body axes: vertices_m (V, 3), faces (F, 3), counter-clockwise outside."""
+    """The surface of a hull as triangles in body axes."""
 
     vertices_m: Array
+    """Vertices, (V, 3)."""
     faces: NDArray[int32]
+    """Indices of vertices, (F, 3), counter-clockwise from outside."""
 
 
 def cut_strips(hull: DemiHull) -> HullStrips:
-    """The strips of a hull.
+    """Return the strips of a hull.
 
     Raises:
-        MeshFileError: the mesh cannot be had, is not closed or encloses nothing.
-        SpecificationError: it is of another size than the hull's keys say.
+        MeshFileError: the mesh is not available, is not closed or encloses nothing.
+        SpecificationError: its size differs from the hull's keys.
     """
     return _tapered_strips(hull, hull.section) if hull.section is not None else _mesh_strips(hull)
 
 
 def hull_shape(hull: DemiHull) -> HullShape:
-    """The surface of a hull, to draw it. Raises as `cut_strips`."""
+    """Return the surface of a hull for drawing. Raises the same errors as `cut_strips`."""
     if hull.section is None:
         return _placed_mesh(hull)
     corners = section_corners_m(hull.section)
@@ -88,7 +90,7 @@ def hull_shape(hull: DemiHull) -> HullShape:
 
 
 def section_corners_m(section: HullSection) -> Array:
-    """(C, 2) y and z of a section's corners, its keel at the origin."""
+    """Return (C, 2) y and z of a section's corners, with the keel at the origin."""
     if (radius_m := section.radius_m) is not None:
         turn = 2.0 * math.pi / ROUND_CORNERS
         angle = turn * (np.arange(ROUND_CORNERS) - 0.5)
@@ -105,7 +107,7 @@ def section_corners_m(section: HullSection) -> Array:
 
 
 def _tapered_strips(hull: DemiHull, section: HullSection) -> HullStrips:
-    """Volumes and their middles are exact: the areas go with the share of the width."""
+    """Cut a tapered hull. Volumes and their middles are exact: the areas scale with the share of the width."""
     edges = np.linspace(-0.5, 0.5, hull.strips + 1)
     places, shares = np.array(hull.taper).T
     ends = np.union1d(edges, places)
@@ -128,7 +130,9 @@ def _tapered_strips(hull: DemiHull, section: HullSection) -> HullStrips:
 
 
 def _mesh_strips(hull: DemiHull) -> HullStrips:
-    """Cut at the middles of the strips; volumes and their middles by Simpson's rule, together the mesh's volume."""
+    """Cut a mesh at the middles of the strips. Volumes and middles follow Simpson's rule and add up to the mesh's
+    volume.
+    """
     assert hull.mesh is not None
     shape = _placed_mesh(hull)
     low_m, high_m = shape.vertices_m[:, 0].min(), shape.vertices_m[:, 0].max()
@@ -139,7 +143,7 @@ def _mesh_strips(hull: DemiHull) -> HullStrips:
     cuts = [_simplified(each, hull.mesh.corners) for each in loops[1::2]]
     most = max(len(cut) for cut in cuts)
     middle = np.array([hull.keel_frd_m[1:]])
-    cuts = [cut if len(cut) else middle for cut in cuts]  # nothing of it there
+    cuts = [cut if len(cut) else middle for cut in cuts]  # no part of the mesh there
     step = (high_m - low_m) / hull.strips / 6.0
     volume = step * (area[:-1:2] + 4.0 * area[1::2] + area[2::2])
     moment = step * (area * places)[:-1:2] + step * (4.0 * (area * places)[1::2] + (area * places)[2::2])
@@ -154,7 +158,7 @@ def _mesh_strips(hull: DemiHull) -> HullStrips:
 
 
 def _placed_mesh(hull: DemiHull) -> HullShape:
-    """The mesh with the middle of its lowest line at the hull's keel."""
+    """Return the mesh with the middle of its lowest line at the hull's keel."""
     assert hull.mesh is not None
     path = Path(hull.mesh.file)
     stamp = path.stat().st_mtime_ns if path.is_file() else 0
@@ -179,13 +183,13 @@ def _placed_mesh(hull: DemiHull) -> HullShape:
 
 @lru_cache(maxsize=16)
 def _closed_mesh(mesh: HullMesh, stamp_ns: int) -> tuple[Array, NDArray[int32]]:
-    """Vertices in FRD about the mesh's origin, and faces that point outward."""
+    """Return vertices in FRD about the mesh's origin, and faces that point outward."""
     vertices, faces = read_triangles(Path(mesh.file))
     if not len(faces):
         raise MeshFileError("has no triangles; export it again, as a mesh of triangles")
     if not np.isfinite(vertices).all():
         raise MeshFileError("has vertices that are not numbers; repair the mesh and export it again")
-    # A file of triangles that share no vertices, such as STL, repeats them.
+    # A file of triangles without shared vertices, such as STL, repeats them.
     _, first, number = np.unique(vertices.astype(np.float32), axis=0, return_index=True, return_inverse=True)
     vertices, faces = vertices[first], number.reshape(-1)[faces].astype(int32)
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
@@ -208,15 +212,15 @@ def _closed_mesh(mesh: HullMesh, stamp_ns: int) -> tuple[Array, NDArray[int32]]:
 
 
 def _volume_m3(corners_m: Array) -> float:
-    """Of (F, 3, 3) triangles that enclose it, positive where they are counter-clockwise from outside."""
+    """Return the volume that (F, 3, 3) triangles enclose, positive for counter-clockwise faces from outside."""
     a, b, c = corners_m.transpose(1, 0, 2)
     return float(np.vecdot(a, np.cross(b, c)).sum() / 6.0)
 
 
 def _cut(shape: HullShape, along_m: float) -> list[Array]:
-    """(C, 2) y and z of each loop in which a plane across the hull meets it."""
+    """Return (C, 2) y and z of each loop in which a plane across the hull cuts the surface."""
     ahead = shape.vertices_m[:, 0] >= along_m
-    onward: dict[tuple[int, int], list[tuple[int, int]]] = {}  # from each edge that is met over one face to the next
+    onward: dict[tuple[int, int], list[tuple[int, int]]] = {}  # from each cut edge to the next, over a face
     for face in shape.faces[np.ptp(ahead[shape.faces].astype(int), axis=1) > 0].tolist():
         (forward,) = ((one, other) for one, other in pairwise((*face, face[0])) if ahead[other] and not ahead[one])
         (back,) = ((other, one) for one, other in pairwise((*face, face[0])) if ahead[one] and not ahead[other])
@@ -236,10 +240,10 @@ def _cut(shape: HullShape, along_m: float) -> list[Array]:
 
 
 def _simplified(loops: list[Array], corners: int) -> Array:
-    """(C, 2) of all loops in one line, without the corners that matter least (Visvalingam and Whyatt 1993).
+    """Return (C, 2) of all loops in one line, without the least important corners (Visvalingam and Whyatt 1993).
 
-    The heights of what is left stay, and its widths are stretched to the area of each loop. The lines between loops are
-    walked both ways, so that they cancel.
+    The remaining corners keep their heights. Their widths are stretched to the area of each loop. The line passes the
+    connections between loops in both directions, so that they cancel.
     """
     share = corners / max(sum(len(loop) for loop in loops), corners)
     kept = [_with_corners(loop, max(round(share * len(loop)), 4)) for loop in loops]
@@ -259,6 +263,6 @@ def _with_corners(loop_m: Array, corners: int) -> Array:
 
 
 def _loop_area_m2(loop_m: Array) -> float:
-    """As of `HullStrips`; below 0 for a hole."""
+    """Return the area like `HullStrips.area_m2`; negative for a hole."""
     y, z = loop_m.T
     return 0.5 * float(np.sum(np.roll(y, -1) * z - y * np.roll(z, -1)))

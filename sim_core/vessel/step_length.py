@@ -1,8 +1,8 @@
-"""Whether the steps of a simulation are short enough for a vessel.
+"""Check that the steps of a simulation are short enough for a vessel.
 
-The vessel's small motions about rest, x' = A x, are stepped as `vessel.advance` does it; that has to grow no faster
-than the motions themselves do. One that only decays at a rate may have rate x step up to 1 (Adams and Bashforth's
-second order), one that only swings at omega may have omega x step up to 2.
+The vessel's small motions about rest, x' = A x, are integrated like `vessel.advance`. The numerical solution must grow
+no faster than the motions themselves. A purely decaying motion allows rate x step up to 1 (Adams and Bashforth's second
+order). A purely oscillating motion allows omega x step up to 2.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from sim_core.frames import Array
 
 _POSE, _RATES = 3, 6
 _ROUNDING = 1e-6
-_OFFSETS = np.array([1e-4] * _POSE + [1e-3] * _RATES)  # m, rad, m/s, rad/s: small beside a draft, large beside rounding
+_OFFSETS = np.array([1e-4] * _POSE + [1e-3] * _RATES)  # m, rad, m/s, rad/s: far below a draft, above rounding
 
 
 def check_step_length(acceleration: Callable[[Array], Array], dt_s: float) -> None:
-    """Raises ValueError when steps of dt_s do not follow the vessel: see `small_motions`."""
+    """Raises ValueError if steps of dt_s do not follow the vessel: see `small_motions`."""
     matrix = small_motions(acceleration)
     if is_followed(matrix, dt_s):
         return
@@ -36,9 +36,9 @@ def check_step_length(acceleration: Callable[[Array], Array], dt_s: float) -> No
 
 
 def small_motions(acceleration: Callable[[Array], Array]) -> Array:
-    """(9, 9) A of depth, roll and pitch, then the six velocities.
+    """Return the (9, 9) A of depth, roll and pitch, then the six velocities.
 
-    acceleration: (K, 6) for (K, 9) states a little off rest.
+    acceleration: returns (K, 6) for (K, 9) states slightly off rest.
     """
     matrix = np.zeros((9, 9))
     matrix[(0, 1, 2), (5, 6, 7)] = 1.0
@@ -47,17 +47,17 @@ def small_motions(acceleration: Callable[[Array], Array]) -> Array:
 
 
 def slopes(rates: Callable[[Array], Array]) -> Array:
-    """(R, 9) derivatives of (K, R) rates by the 9 states of `small_motions`, by central differences."""
+    """Return the (R, 9) derivatives of (K, R) rates by the 9 states of `small_motions`, by central differences."""
     given = rates(np.concatenate([np.diag(_OFFSETS), -np.diag(_OFFSETS)]))
     matrix: Array = (given[:9] - given[9:]).T / (2.0 * _OFFSETS)
     return matrix
 
 
 def is_followed(matrix: Array, dt_s: float) -> bool:
-    """Whether steps of dt_s stay as bounded as the motions of `small_motions` themselves."""
+    """Return True if steps of dt_s stay as bounded as the motions of `small_motions` themselves."""
     pose, moved = slice(0, _POSE), slice(_POSE, _POSE + _RATES)
     before = slice(_POSE + _RATES, _POSE + 2 * _RATES)
-    acceleration = np.zeros((_RATES, _POSE + 2 * _RATES))  # of pose, velocities half a step back, acceleration before
+    acceleration = np.zeros((_RATES, _POSE + 2 * _RATES))  # of pose, velocity, last acceleration
     acceleration[:, pose], acceleration[:, moved] = matrix[_POSE:, :_POSE], matrix[_POSE:, _POSE:]
     acceleration[:, before] = 0.5 * dt_s * matrix[_POSE:, _POSE:]
     step = np.zeros((_POSE + 2 * _RATES, _POSE + 2 * _RATES))

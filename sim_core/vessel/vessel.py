@@ -34,37 +34,40 @@ _HALF_RATES = 0.5 * np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VesselState:
-    """motion: of N vessels; rotor_speed: what follows the (N, C) commands, in their order.
-
-    That is the fraction of full speed, negative in reverse, of each propeller, then of full angle of each gear and
-    rudder. half_change: (N, 6) of the velocities, linear NED, then angular in body axes: half of what water, air and
-    propellers changed in the step before; None before the first step. condition: what is wrong with actuators and
-    battery, None for nothing. battery: None for a vessel whose model gives none.
-    """
+    """State of N vessels."""
 
     motion: Kinematics
     rotor_speed: Array
+    """State of the actuators, (N, C) in the order of the commands: fraction of full speed of each propeller, negative
+    in reverse, then fraction of full angle of each gear and rudder.
+    """
     half_change: Array | None = None
+    """Half of the last step's change of the velocities by water, air and propellers, (N, 6): linear NED, then angular
+    in body axes. None before the first step.
+    """
     condition: Condition | None = None
+    """Faults of actuators and battery, None for no fault."""
     battery: BatteryState | None = None
+    """None for a model without a battery."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What N vessels feel: velocities of water, waves included, and air (N, 3), and the surface under the hulls.
-
-    drift_frd_n: (N, 2) mean force of the waves forward and right.
-    """
+    """Surroundings of N vessels."""
 
     water_ned_mps: Array
+    """Velocity of the water, waves included, (N, 3)."""
     wind_ned_mps: Array
+    """Velocity of the air, (N, 3)."""
     surface: HullSurface
+    """The water surface under the hulls."""
     drift_frd_n: Array
+    """Mean force of the waves, forward and right, (N, 2)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vessel:
-    """A vessel model made ready for one water and one step length."""
+    """A vessel model prepared for one water and one step length."""
 
     model: VesselSpec
     dt_s: float
@@ -82,9 +85,9 @@ class Vessel:
     def from_spec(
         cls, model: VesselSpec, water: Water, dt_s: float, waves: WaveField | FlatWater = FLAT_WATER
     ) -> Vessel:
-        """Matrices of all parts.
+        """Compute the matrices of all parts.
 
-        Raises SpecificationError when the vessel does not float upright, ValueError when dt_s is too long to follow it.
+        Raises SpecificationError if the vessel does not float upright, ValueError if dt_s is too long for it.
         """
         buoyancy = make_buoyancy(model, water)
         rest = floating_pose(model, water, buoyancy)
@@ -106,7 +109,7 @@ class Vessel:
         return vessel
 
     def in_waves(self, waves: WaveField | FlatWater, water: Water) -> Vessel:
-        """The same vessel in another sea of the same water."""
+        """Return the same vessel in another sea of the same water."""
         hydrodynamics = self.hydrodynamics
         wave_forces: WaveForces | NoWaveForces = FLAT
         if isinstance(waves, WaveField):
@@ -119,7 +122,9 @@ class Vessel:
 
 
 def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
-    """Vessels afloat with their heel and trim in still water at (N, 2) places, heading (N,); engines stopped."""
+    """Return vessels afloat at (N, 2) positions and (N,) headings with their still-water heel and trim, engines
+    stopped.
+    """
     vessels = len(north_east_m)
     pos_ned_m = np.empty((vessels, 3))
     pos_ned_m[:, :2] = north_east_m
@@ -137,7 +142,7 @@ def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
 def step(
     vessel: Vessel, state: VesselState, command: Array, around: Surroundings, wrench_frd: Array | None = None
 ) -> VesselState:
-    """One step under (N, C) commands in [-1, 1]; wrench_frd: (N, 6) force and moment from outside, in body axes."""
+    """Advance one step under (N, C) commands in [-1, 1]. wrench_frd: (N, 6) external force and moment, in body axes."""
     motion, dt_s, condition = state.motion, vessel.dt_s, state.condition
     thrust_share = None if condition is None else condition.thrust_share
     half_change = _change(motion, accelerate(vessel, motion, state.rotor_speed, around, thrust_share), 0.5 * dt_s)
@@ -151,7 +156,7 @@ def step(
 
 
 def _drive(vessel: Vessel, state: VesselState, command: Array) -> tuple[BatteryState | None, Array]:
-    """The battery one step on, and what the actuators follow of (N, C) commands."""
+    """Return the battery one step later, and the actuators' effective (N, C) commands."""
     condition, battery = state.condition, state.battery
     if condition is not None:
         command = condition.actual(np.clip(command, -1.0, 1.0))
@@ -161,12 +166,12 @@ def _drive(vessel: Vessel, state: VesselState, command: Array) -> tuple[BatteryS
     of_battery = None if condition is None else condition.battery
     battery, left = vessel.battery.step(battery, state.rotor_speed[:, :propellers], of_battery)
     if condition is not None:
-        command[:, :propellers] *= left  # a row of its own, made by `actual`
+        command[:, :propellers] *= left  # not the caller's array: `actual` made a new one
     return battery, command
 
 
 def with_condition(vessel: Vessel, state: VesselState, condition: Condition | None, row: int = 0) -> VesselState:
-    """The same vessels, that of `row` in this condition (N = 1) from now on; None: nothing is wrong with it."""
+    """Return the same vessels with `row` in this condition (N = 1) from now on; None for no fault."""
     vessels = len(state.rotor_speed)
     if vessels == 1:
         return replace(state, condition=condition)
@@ -177,11 +182,11 @@ def with_condition(vessel: Vessel, state: VesselState, condition: Condition | No
 def accelerate(
     vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: Surroundings, thrust_share: Array | None = None
 ) -> Array:
-    """(N, 6) acceleration against NED and angular acceleration, both in body axes.
+    """Return the (N, 6) acceleration against NED and angular acceleration, both in body axes.
 
-    thrust_share: (N, P) what a fault leaves of each thrust.
+    thrust_share: (N, P) share of each thrust that a fault leaves.
 
-    Every force is linear in some terms: the terms side by side times one constant matrix is the acceleration.
+    Every force is linear in some terms. All terms, concatenated, times one constant matrix give the acceleration.
     """
     surface = around.surface
     ned = np.empty((len(motion.pos_ned_m), 3, 3))
@@ -205,7 +210,7 @@ def accelerate(
 
 
 def _acceleration_off_rest(vessel: Vessel, states: Array) -> Array:
-    """(K, 6) in body axes in still water and air, for (K, 9) of depth, roll, pitch and velocities off rest."""
+    """Return (K, 6) in body axes in still water and air, for (K, 9) of depth, roll, pitch and velocities off rest."""
     count = len(states)
     rest = at_rest(vessel, np.zeros((count, 2)), np.zeros(count)).motion
     tilt = np.zeros((count, 3))
@@ -221,14 +226,14 @@ def _acceleration_off_rest(vessel: Vessel, states: Array) -> Array:
 
 
 def advance(motion: Kinematics, change: Array, half_change: Array, dt_s: float) -> Kinematics:
-    """One step on with velocities changed by (N, 6), linear NED, then angular in body axes.
+    """Advance one step with velocities changed by (N, 6), linear NED, then angular in body axes.
 
-    Leap-frog, of order 2: the pose goes with the velocities half a step on, from which those at the step's end are
-    another half_change away, as far as water, air and propellers change them. For smooth forces `change` is Adams and
-    Bashforth's 3/2 and -1/2 of two steps. What contacts change is in `change` alone: it moves the pose at once, as a
-    stiff spring wants it.
+    The method is leap-frog, of order 2. The pose uses the velocities at half a step. The velocities at the step's end
+    differ from them by half_change, which is the part due to water, air and propellers. For smooth forces, `change` is
+    Adams and Bashforth's 3/2 and -1/2 of two steps. Only `change` contains the effect of contacts. It moves the pose at
+    once, as a stiff spring requires.
 
-    The result's accelerations are those of this step: its velocity is the old one plus dt_s times them.
+    The result's accelerations belong to this step: its velocity is the old one plus dt_s times them.
     """
     vel_ned_mps = motion.vel_ned_mps + change[:, :3]
     gyro = motion.gyro_frd_radps + change[:, 3:]
@@ -242,7 +247,7 @@ def advance(motion: Kinematics, change: Array, half_change: Array, dt_s: float) 
 
 
 def _change(motion: Kinematics, acceleration_frd: Array, time_s: float) -> Array:
-    """(N, 6) of the velocities under (N, 6) accelerations in body axes, which it overwrites."""
+    """Return the (N, 6) change of the velocities under (N, 6) accelerations in body axes. Overwrites its input."""
     acceleration_frd[:, :3] = np.vecdot(motion.rot_ned_frd, acceleration_frd[:, None, :3])
     acceleration_frd *= time_s
     return acceleration_frd

@@ -1,9 +1,8 @@
 """Forces of the waves on a hull: to first order in their slope, and their mean.
 
-What the hull displaces slides down the slope of the surface with g, and so does the water that moves with it, which
-also rises with the surface and turns with it. The lift of the strips stays vertical. No product of two motions in the
-waves' rhythm is left that would push a free vessel against the waves: what mean force they have, `mean_drift` says.
-docs/seas.md has the equations.
+The displaced mass slides down the slope of the surface with g. So does the added mass of the water, which also rises
+and turns with the surface. The lift of the strips stays vertical. The model omits products of two wave motions, which
+would push a free vessel against the waves. `mean_drift` gives the mean force. docs/seas.md has the equations.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ class WaveForces:
         water: Water,
         depth_m: float,
     ) -> WaveForces:
-        """depth_m: of the body's origin at rest below the still surface."""
+        """Compute the constants. depth_m: depth of the body's origin at rest below the still surface."""
         mass = hydrodynamics.added_mass.T  # rows: the force of one acceleration
         slide = -_lift_at_rest(buoyancy, depth_m) - GRAVITY_MPS2 * mass[:3]
-        # Heave damping acts along the vertical, however the body is tilted, and the momentum of the water that heaves
-        # with the hull turns with the body alone, not with the water.
+        # Heave damping acts along the vertical at any tilt of the body. The momentum of the water that heaves with the
+        # hull turns with the body alone, not with the water.
         upright = np.zeros((4, 6))
         upright[0, 0] = upright[1, 1] = -hydrodynamics.linear_damping[2, 2]
         upright[2, 1], upright[3, 0] = mass[2, 2], -mass[2, 2]
@@ -55,11 +54,11 @@ class WaveForces:
     def terms(
         self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface, drift_frd_n: Array
     ) -> tuple[Array, ...]:
-        """(N, 3), (N, 3), (N, 2), (N, 2), (N, 2), (N, 2) what the forces are linear in.
+        """Return the linear terms of the forces: (N, 3), (N, 3), (N, 2), (N, 2), (N, 2), (N, 2).
 
-        heave_mps: (N, 1) vertical velocity of the vessel relative to the water, down positive; down_frd: (N, 3) the
-        vertical in the body; gradient_frd: (N, 3) slope of the surface along the body's axes; drift_frd_n: (N, 2) as
-        `drift` has it.
+        heave_mps: (N, 1) vertical velocity of the vessel relative to the water, down positive. down_frd: (N, 3)
+        vertical in body axes. gradient_frd: (N, 3) slope of the surface along the body's axes. drift_frd_n: (N, 2)
+        force from `drift`.
         """
         return (
             gradient_frd,
@@ -73,7 +72,7 @@ class WaveForces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoWaveForces:
-    """In flat water."""
+    """No wave forces, in flat water."""
 
     wrench: Array
     drift: NoDrift
@@ -81,7 +80,7 @@ class NoWaveForces:
     def terms(
         self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface, drift_frd_n: Array
     ) -> tuple[Array, ...]:
-        """None."""
+        """Return no terms."""
         return ()
 
 
@@ -89,7 +88,7 @@ FLAT = NoWaveForces(np.zeros((0, 6)), NoDrift())
 
 
 def _lift_at_rest(buoyancy: Buoyancy, depth_m: float) -> Array:
-    """(3, 6) force and moment of the lift at rest, were it along x, y or z of the body."""
+    """Return the (3, 6) force and moment of the lift at rest, as if it acted along x, y or z of the body."""
     surface = StillHull(len(buoyancy.points_frd_m)).sample(0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
     pos_ned_m = np.tile([0.0, 0.0, depth_m - buoyancy.level_m], (3, 1))
     (terms,) = buoyancy.terms(pos_ned_m, np.tile([0.0, 0.0, 1.0], (3, 1)), np.eye(3), surface)

@@ -2,8 +2,8 @@
 
     X = -1/2 rho c_x A_front u V,   Y = -1/2 rho c_y A_lateral v V,   N = -rho c_n A_lateral L u v
 
-that is C_X = -c_x cos(gamma), C_Y = c_y sin(gamma), C_N = c_n sin(2 gamma) without an angle being computed. The force
-acts at the height of the areas' centre, which heels and trims: K = -z Y, M = z X.
+This is C_X = -c_x cos(gamma), C_Y = c_y sin(gamma), C_N = c_n sin(2 gamma), without computing an angle. The force acts
+at the height of the areas' centre and causes heel and trim moments: K = -z Y, M = z X.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class WindDrag:
 
     @classmethod
     def from_spec(cls, model: VesselSpec, waterline_down_m: float) -> WindDrag:
-        """Constants from the vessel's windage; waterline_down_m: of the water at rest below the body's origin."""
+        """Compute the constants from the vessel's windage. waterline_down_m: water level below the body's origin."""
         wind = model.wind
         down_m = waterline_down_m - wind.centre_height_m
         drag = 0.5 * AIR_DENSITY_KGPM3 * wind.surge_coefficient * wind.frontal_area_m2
@@ -38,7 +38,7 @@ class WindDrag:
         return cls(wrench)
 
     def terms(self, relative_frd_mps: Array) -> tuple[Array, Array]:
-        """(N, 2), (N, 1): u V and v V, and u v, for (N, 3) velocities of the vessel relative to the air."""
+        """Return (N, 2), (N, 1): u V and v V, and u v, for (N, 3) velocities of the vessel relative to the air."""
         along = relative_frd_mps[:, :2]
         speed = np.sqrt(np.vecdot(along, along))
         return along * speed[:, None], along[:, :1] * along[:, 1:]

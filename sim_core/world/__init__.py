@@ -1,1 +1,1 @@
-"""What stands and drifts in the river, and what a ray or a hull meets of it."""
+"""Fixed structures and drifting bodies in the river, and their intersections with rays and hulls."""

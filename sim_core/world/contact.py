@@ -1,10 +1,11 @@
-"""Contact of hulls with what stands in the water, what drifts in it, and the ground.
+"""Contact of hulls with fixed structures, drifting bodies and the ground.
 
-A spring and a damper side by side press along the normal, F = k x + c x', never pulling; Coulomb friction acts across
-it. What presses on the vessel presses back on the body. A step of the integration must be short against the contact:
-the spring is never stiffer than what `SPRING_TURN` radians of its swing a step allow for the masses that meet.
+A spring and a damper in parallel press along the normal, F = k x + c x', and never pull. Coulomb friction acts across
+it. The reaction acts on the body. A step of the integration must be short relative to the contact. The stiffness is
+limited: the colliding masses oscillate by at most `SPRING_TURN` radians per step.
 
-What is far from every vessel is left out: `find_near` looks now and then, `compute_contacts` only at what is near.
+Objects far from every vessel are skipped: `find_near` searches at intervals, and `compute_contacts` checks only the
+objects near a vessel.
 """
 
 from __future__ import annotations
@@ -21,30 +22,33 @@ from sim_core.world.debris import DebrisState, Push, body_velocity, capsules_of,
 from sim_core.world.plan import Capsules, Numbers, touches
 from sim_core.world.river import Bed
 
-STIFFNESS_NPM = 60e3  # a hull of glass fibre against a float that gives: 0.1 m at 3 m/s for 113 kg
+STIFFNESS_NPM = 60e3  # a hull of glass fibre against a yielding float: 0.1 m at 3 m/s for 113 kg
 DAMPING_RATIO = 0.25
 FRICTION = 0.3
-SLIDING_MPS = 0.05  # below this the friction falls off, so that what lies still stays
+SLIDING_MPS = 0.05  # below this the friction falls off, so that bodies at rest stay at rest
 SPRING_TURN = 0.15
 SWING_RADPS = 20.0
-"""What is free to move and heavy is met by a spring that swings so fast: else 3 t at 5 m/s go through."""
-_FRICTION_SHARE = 0.2  # of the sliding speed that friction may take in one step
+"""Minimum frequency of the contact spring for free, heavy bodies. With a softer spring, 3 t at 5 m/s would pass
+through.
+"""
+_FRICTION_SHARE = 0.2  # of the sliding speed that friction may remove in one step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """H hulls for contact, each a capsule of half its width whose lowest line is its keel.
-
-    ends_frd_m (2 H, 3): of their axes, stern and bow of each; radius_m (H,). reach_m: no part of them is farther from
-    the origin in plan. spheres_frd_m (S, 3): middles of spheres that fill them; sphere_radius_m (S,).
-    """
+    """H hulls for contact, each a capsule of half its width with its keel as lowest line."""
 
     ends_frd_m: Array
+    """Ends of the axes, stern and bow of each, (2 H, 3)."""
     radius_m: Array
+    """Radii, (H,)."""
     mass_kg: float
     reach_m: float
+    """Largest distance of the hulls from the origin in plan."""
     spheres_frd_m: Array
+    """Centres of the spheres that fill the hulls, (S, 3)."""
     sphere_radius_m: Array
+    """Radii of the spheres, (S,)."""
 
     @classmethod
     def from_spec(cls, model: VesselSpec) -> Outline:
@@ -65,12 +69,12 @@ class Outline:
 
     @property
     def keel_frd_m(self) -> Array:
-        """(2 H, 3) below the ends of the axes."""
+        """Points of the keel below the ends of the axes, (2 H, 3)."""
         keel: Array = self.ends_frd_m + np.repeat(self.radius_m, 2)[:, None] * [0.0, 0.0, 1.0]
         return keel
 
     def capsules(self, motion: Kinematics) -> Capsules:
-        """H for each of N vessels."""
+        """Return H capsules for each of N vessels."""
         ends = (motion.rot_ned_frd @ self.ends_frd_m.T)[:, :2].transpose(0, 2, 1) + motion.pos_ned_m[:, None, :2]
         pairs = ends.reshape(-1, 2, 2)
         radii = np.tile(self.radius_m, len(motion.pos_ned_m))
@@ -78,7 +82,7 @@ class Outline:
 
 
 def spheres_along(stern_frd_m: Array, bow_frd_m: Array, radius_m: float) -> Array:
-    """(S, 3) middles along the axis of a hull."""
+    """Return the (S, 3) centres of spheres along the axis of a hull."""
     count = max(math.ceil(float(np.linalg.norm(bow_frd_m - stern_frd_m)) / (0.75 * radius_m)), 1) + 1
     spheres: Array = stern_frd_m + np.linspace(0.0, 1.0, count)[:, None] * (bow_frd_m - stern_frd_m)
     return spheres
@@ -86,24 +90,26 @@ def spheres_along(stern_frd_m: Array, bow_frd_m: Array, radius_m: float) -> Arra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
-    """K contacts of vessels in one step.
-
-    vessel (K,): which; what: `log boom`, `bank`, `trunk 3` ...; place_ned_m, force_ned_n (K, 3): on the vessel;
-    closing_mps (K,): how fast the two come together along the normal; impulse_ns (K,): force times the step.
-    """
+    """K contacts of vessels in one step."""
 
     vessel: Numbers
+    """Indices of the vessels, (K,)."""
     what: tuple[str, ...]
+    """Names of the other objects: `log boom`, `bank`, `trunk 3` ..."""
     place_ned_m: Array
+    """Positions, (K, 3)."""
     force_ned_n: Array
+    """Forces on the vessels, (K, 3)."""
     closing_mps: Array
+    """Closing speeds along the normal, (K,)."""
     impulse_ns: Array
+    """Force times the step, (K,)."""
 
     def __len__(self) -> int:
         return len(self.what)
 
     def rows(self, chosen: Numbers, vessel: Numbers) -> Contacts:
-        """Those with the numbers chosen (R,), of vessels that are numbered `vessel` (R,) now."""
+        """Select the contacts with the indices chosen (R,) and give their vessels the indices `vessel` (R,)."""
         return Contacts(
             vessel,
             tuple(self.what[number] for number in chosen.tolist()),
@@ -125,10 +131,10 @@ def pressed_n(
     dt_s: float,
     stiffness_npm: Array | float = STIFFNESS_NPM,
 ) -> Array:
-    """(K, D) force on the first of two bodies, in 2 or 3 dimensions.
+    """Return the (K, D) force on the first of two bodies, in 2 or 3 dimensions.
 
-    normal (K, D): unit, away from the second; velocity_mps (K, D): of the first against the second at the place;
-    mass_kg (K,): of both together, m1 m2 / (m1 + m2).
+    normal: (K, D) unit vector away from the second body. velocity_mps: (K, D) velocity of the first relative to the
+    second at the contact. mass_kg: (K,) effective mass, m1 m2 / (m1 + m2).
     """
     stiffness = np.minimum(stiffness_npm, mass_kg * (SPRING_TURN / dt_s) ** 2)
     leaving = np.vecdot(velocity_mps, normal)
@@ -142,7 +148,7 @@ def pressed_n(
 
 
 def bed_normal(bed: Bed, north_east_m: Array) -> Array:
-    """(K, 3) unit vectors out of the ground at (K, 2) places."""
+    """Return (K, 3) unit vectors out of the ground at (K, 2) places."""
     slope = bed.gradient(north_east_m)
     out = np.column_stack([slope, np.full(len(slope), -1.0)])
     normal: Array = out / np.sqrt(np.vecdot(out, out))[:, None]
@@ -150,7 +156,7 @@ def bed_normal(bed: Bed, north_east_m: Array) -> Array:
 
 
 def wrench_frd(motion: Kinematics, vessel: Numbers, place_ned_m: Array, force_ned_n: Array) -> Array:
-    """(N, 6) force and moment in body axes of K forces at places on the vessels."""
+    """Return the (N, 6) force and moment in body axes of K forces at places on the vessels."""
     lever = place_ned_m - motion.pos_ned_m[vessel]
     total = np.zeros((len(motion.pos_ned_m), 6))
     np.add.at(total[:, :3], vessel, force_ned_n)
@@ -160,28 +166,31 @@ def wrench_frd(motion: Kinematics, vessel: Numbers, place_ned_m: Array, force_ne
 
 
 def velocity_at(motion: Kinematics, vessel: Numbers, place_ned_m: Array) -> Array:
-    """(K, 3) velocity of the vessels' matter at places, NED."""
+    """Return the (K, 3) velocity, NED, of points of the vessels at places."""
     spin_ned = (motion.rot_ned_frd[vessel] @ motion.gyro_frd_radps[vessel][:, :, None])[:, :, 0]
     velocity: Array = motion.vel_ned_mps[vessel] + np.cross(spin_ned, place_ned_m - motion.pos_ned_m[vessel])
     return velocity
 
 
-NEAR_M = 0.5  # farther than two things come together between two looks
+NEAR_M = 0.5  # no two objects approach by more than this between two searches
 AGROUND = "bank"
 _NO_NUMBERS = np.empty(0, np.intp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Near:
-    """What vessels may touch before the next look: numbers of what stands and of bodies; whether the ground."""
+    """Objects that vessels may touch before the next search."""
 
     standing: Numbers
+    """Indices of fixed capsules."""
     bodies: Numbers
+    """Indices of bodies."""
     ground: bool
+    """True if the ground is near."""
 
     @property
     def nothing(self) -> bool:
-        """Open water."""
+        """True in open water."""
         return not (len(self.standing) or len(self.bodies) or self.ground)
 
 
@@ -189,7 +198,7 @@ NOTHING_NEAR = Near(_NO_NUMBERS, _NO_NUMBERS, False)
 
 
 def find_near(standing: Capsules, bed: Bed | None, outline: Outline, motion: Kinematics, debris: DebrisState) -> Near:
-    """What any vessel may touch before the next look."""
+    """Return the objects that any vessel may touch before the next search."""
     place = motion.pos_ned_m[:, :2]
     reach_m = outline.reach_m + NEAR_M
     close = _NO_NUMBERS
@@ -209,7 +218,7 @@ def find_near(standing: Capsules, bed: Bed | None, outline: Outline, motion: Kin
 
 
 def _keel(outline: Outline, motion: Kinematics) -> tuple[Array, Array]:
-    """(2 H N, 2) places of the ends of the keels and (2 H N,) how deep they are."""
+    """Return (2 H N, 2) positions of the ends of the keels and (2 H N,) their down coordinates."""
     keel = (motion.rot_ned_frd @ outline.keel_frd_m.T).transpose(0, 2, 1) + motion.pos_ned_m[:, None]
     places = keel.reshape(-1, 3)
     return places[:, :2], places[:, 2]
@@ -224,7 +233,7 @@ def compute_contacts(
     near: Near,
     dt_s: float,
 ) -> tuple[Contacts, Array | None, Push | None]:
-    """Contacts of the vessels, their wrench, and what presses on the bodies."""
+    """Return the contacts of the vessels, their wrench, and the push on the bodies."""
     hulls = outline.capsules(motion)
     push = None
     parts = []
@@ -298,7 +307,7 @@ def _pairs(hulls: int, others: Numbers) -> tuple[Numbers, Numbers]:
 
 
 def _at_axis(place_ne_m: Array, motion: Kinematics, outline: Outline, hull: Numbers) -> Array:
-    """(K, 3) at the height of the axes of hulls, numbered through all vessels."""
+    """Add the down coordinate of the hulls' axes: (K, 3). Hulls are numbered through all vessels."""
     vessel, own = np.divmod(hull, len(outline.radius_m))
     return np.column_stack([place_ne_m, motion.pos_ned_m[vessel, 2] + outline.ends_frd_m[2 * own, 2]])
 
@@ -312,7 +321,7 @@ def _contacts(
 
 
 def joined_contacts(parts: list[Contacts]) -> Contacts:
-    """All of them."""
+    """Join contacts of several parts."""
     if len(parts) == 1:
         return parts[0]
     return Contacts(

@@ -1,17 +1,17 @@
-"""Bodies adrift: trunks, branches, rafts of plants and animals; how deep they float, how they are carried and turned.
+"""Drifting bodies: trunks, branches, rafts of plants and animals; their draft, drift and rotation.
 
     make_body(BodyKind.TRUNK, length_m=None) -> Body
     debris = launched(no_debris(), Launch(...), current_ned_mps, surface_down_m, water_kgpm3)
     debris = drift(debris, dt_ns, current_ned_mps, surface_down_m, push)
 
-Proportions of a body are those of the usual size scaled by the length. Its axes: forward along its length, right, down,
-about its middle; how deep the middle lies follows from mass and mesh. The volume below a level plane is, by the
-divergence theorem with the field (0, 0, max(z - level, 0)), the sum over the triangles of their area seen from above,
-signed, times the mean of max(z - level, 0) over each: no triangle is cut.
+A body has the proportions of the usual size, scaled by its length. Its axes are forward along its length, right and
+down, about its middle. Mass and mesh give the depth of the middle. The volume below a level plane follows from the
+divergence theorem with the field (0, 0, max(z - level, 0)). It is the sum over the triangles of their signed area seen
+from above times the mean of max(z - level, 0) over each. No triangle is cut.
 
-Horizontally a body follows m (1 + C_a) u' = F + 1/2 rho C_d A |w| w, where w is the velocity of the water, and of its
-own swimming, relative to the body (Morison et al. 1950 in its drag and added mass), A its wetted area across or along
-the flow. It turns slowly to and fro as eddies turn it, and rides the waves' surface.
+Horizontally a body follows m (1 + C_a) u' = F + 1/2 rho C_d A |w| w (Morison et al. 1950, with its drag and added
+mass). w is the velocity of the water, plus the swimming velocity, relative to the body. A is the wetted area across or
+along the flow. Eddies turn the body slowly back and forth, and it floats on the waves' surface.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sim_core.world.rays import NO_BODIES, Bodies
 
 
 def volume_below_m3(mesh: Mesh, level_m: float) -> float:
-    """Volume of what lies below (z, down, greater than) `level_m`, in the mesh's axes."""
+    """Return the volume below `level_m` (z, down, greater than), in the mesh's axes."""
     corner = mesh.vertices_m[mesh.faces]
     first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     seen_m2 = 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
@@ -41,9 +41,9 @@ def volume_below_m3(mesh: Mesh, level_m: float) -> float:
 
 
 def waterline_m(mesh: Mesh, volume_m3: float) -> float:
-    """Height (z, down) of the water's surface in the mesh's axes when it displaces `volume_m3`.
+    """Return the down coordinate of the water surface in the mesh's axes at a displacement of `volume_m3`.
 
-    Raises ValueError when that is more than the mesh has: it would sink.
+    Raises ValueError if the mesh has less volume: it would sink.
     """
     top, bottom = float(mesh.vertices_m[:, 2].min()), float(mesh.vertices_m[:, 2].max())
     if not 0.0 < volume_m3 < volume_below_m3(mesh, top):
@@ -58,10 +58,10 @@ def waterline_m(mesh: Mesh, volume_m3: float) -> float:
 
 
 def _mean_depth_m(depth_m: Array) -> Array:
-    """(F,) mean over triangles of the positive part of a depth that is linear in them, from the corners' (F, 3).
+    """Return the (F,) mean over triangles of the positive part of a linear depth, from the corners' (F, 3).
 
-    With corners a <= b <= c, where only a < 0 the part cut off is a pyramid of height -a on the share
-    a^2 / ((b - a) (c - a)) of the area, and as well for c where only c > 0.
+    Corners are a <= b <= c. If only a < 0, the cut-off part is a pyramid of height -a on the share a^2 / ((b - a) (c -
+    a)) of the area. The case of only c > 0 is similar.
     """
     a, b, c = np.sort(depth_m, axis=1).T
     mean = np.where(a >= 0.0, (a + b + c) / 3.0, 0.0)
@@ -78,7 +78,7 @@ Point = tuple[float, float, float]
 
 
 class BodyKind(IntEnum):
-    """Numbered as XITL_BODY_KIND."""
+    """Kinds, numbered like XITL_BODY_KIND."""
 
     TRUNK = 0
     BRANCH = 1
@@ -88,8 +88,8 @@ class BodyKind(IntEnum):
 
 USUAL_LENGTH_M = {BodyKind.TRUNK: 5.0, BodyKind.BRANCH: 3.0, BodyKind.PLANTS: 2.5, BodyKind.ANIMAL: 1.2}
 
-# Of the volume, with what is wet and what is air in it. A drifting trunk lies 60 to 90 % under; a raft of water
-# hyacinth is mostly air; a capybara swims with back and head out.
+# Densities of the whole volume, with its water and air. A drifting trunk lies 60 to 90 % under water. A raft of water
+# hyacinth is mostly air. A capybara swims with back and head above water.
 _DENSITY_KGPM3 = {BodyKind.TRUNK: 750.0, BodyKind.BRANCH: 800.0, BodyKind.PLANTS: 340.0, BodyKind.ANIMAL: 640.0}
 _SWIM_MPS = {BodyKind.ANIMAL: 0.25}
 _MATERIAL: dict[BodyKind, Material] = {
@@ -102,12 +102,7 @@ _MATERIAL: dict[BodyKind, Material] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """One thing afloat.
-
-    middle_below_surface_m: depth of the middle at rest; draught_m, height_m: how far it reaches below and above the
-    surface. In plan it is a capsule: all points within radius_m of an axis of +-half_axis_m along forward. drag_kgpm:
-    1/2 rho C_d A along and across.
-    """
+    """One floating body. In plan it is a capsule."""
 
     kind: BodyKind
     length_m: float
@@ -115,21 +110,27 @@ class Body:
     mass_kg: float
     yaw_inertia_kgm2: float
     middle_below_surface_m: float
+    """Depth of the middle at rest."""
     draught_m: float
+    """Extent below the surface."""
     height_m: float
+    """Extent above the surface."""
     half_axis_m: float
+    """Half length of the capsule's axis along forward."""
     radius_m: float
+    """Radius of the capsule."""
     drag_kgpm: tuple[float, float]
+    """1/2 rho C_d A along and across."""
     swim_mps: float
 
 
 @lru_cache(maxsize=256)
 def make_body(kind: BodyKind, length_m: float | None = None, water_kgpm3: float = USUAL_WATER_KGPM3) -> Body:
-    """A body of a kind, of the usual length unless given, afloat in water of a density.
+    """Return a body of a kind, of the usual length unless given, afloat in water of a density.
 
     The same arguments give the same object and mesh.
 
-    Raises ValueError for a length that is no length.
+    Raises ValueError for an invalid length.
     """
     length = USUAL_LENGTH_M[kind] if length_m is None else length_m
     if not (math.isfinite(length) and 0.1 <= length <= 50.0):
@@ -164,7 +165,7 @@ def _trunk(scale: float, material: Material) -> tuple[Mesh, float, float]:
 
 
 def _branch(scale: float, material: Material) -> tuple[Mesh, float, float]:
-    """A limb under the water and twigs that stand up out of it."""
+    """A limb under the water and twigs that reach out of it."""
     feet = (-1.1, -0.7, -0.3, 0.0, 0.3, 0.65, 1.0, 1.3)
     heights = (0.35, 0.45, 0.55, 0.6, 0.5, 0.55, 0.4, 0.3)
     sides = (0.25, -0.25, 0.08, -0.15, 0.25, -0.2, 0.13, -0.1)
@@ -210,17 +211,17 @@ _SHAPES = {
 }
 
 
-ADDED_ACROSS, ADDED_ALONG = 1.0, 0.1  # of the body's mass: a cylinder half in the water, and a slender one end on
+ADDED_ACROSS, ADDED_ALONG = 1.0, 0.1  # of the body's mass: a cylinder half in the water, and a slender body end on
 DRAG_ACROSS, DRAG_ALONG = 1.1, 0.8  # of a cylinder across the flow and of its blunt end (Hoerner 1965)
-TURN_S = 4.0  # in which a body takes the turning of the water around it
-EDDY_RADPS = (0.017, 0.011)  # amplitudes of that turning
+TURN_S = 4.0  # time constant of a body that follows the rotation of the water
+EDDY_RADPS = (0.017, 0.011)  # amplitudes of that rotation
 EDDY_PERIODS_S = (23.0, 57.0)
-_GOLDEN = 0.6180339887498949  # each body's eddies have phases of their own, without a draw
+_GOLDEN = 0.6180339887498949  # gives each body's eddies different phases without a random draw
 
 
 @dataclass(frozen=True, slots=True)
 class Launch:
-    """One body to put into the water; without a length it is of the usual one of its kind."""
+    """One body to put into the water."""
 
     at_ns: int
     kind: BodyKind
@@ -228,43 +229,50 @@ class Launch:
     east_m: float
     heading_rad: float = 0.0
     length_m: float | None = None
+    """None for the usual length of the kind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DebrisState:
-    """B bodies at time_ns, in the order in which they came: the number of a body is its place.
-
-    pos_ned_m (B, 3) of their middles, vel_ned_mps (B, 3), yaw_rad and yaw_rate_radps (B,). `scheduled`: how many of the
-    waterway's launches have been put into the water.
-    """
+    """B bodies at time_ns, in the order of their launch. The number of a body is its index."""
 
     time_ns: int
     bodies: tuple[Body, ...]
     pos_ned_m: Array
+    """Positions of the middles, (B, 3)."""
     vel_ned_mps: Array
+    """Velocities, (B, 3)."""
     yaw_rad: Array
+    """Headings, (B,)."""
     yaw_rate_radps: Array
+    """Yaw rates, (B,)."""
     scheduled: int
+    """Number of the waterway's launches already in the water."""
     figures: Figures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Figures:
-    """What does not change of B bodies, side by side.
-
-    masses_kg (B, 2): along and across, with the added ones. drag_kgpm (B, 2): as of `Body`. inertia_kgm2, half_axis_m,
-    radius_m, draught_m, middle_m (below the surface), swim_mps: (B,). phases_rad (B, 2).
-    """
+    """Constants of B bodies as arrays."""
 
     masses_kg: Array
+    """Masses along and across, added mass included, (B, 2)."""
     drag_kgpm: Array
+    """Value of `Body`, (B, 2)."""
     inertia_kgm2: Array
+    """Yaw inertia, (B,)."""
     half_axis_m: Array
+    """Value of `Body`, (B,)."""
     radius_m: Array
+    """Value of `Body`, (B,)."""
     draught_m: Array
+    """Value of `Body`, (B,)."""
     middle_m: Array
+    """Depth of the middle below the surface, (B,)."""
     swim_mps: Array
+    """Swimming speeds, (B,)."""
     phases_rad: Array
+    """Phases of the eddies, (B, 2)."""
 
     @classmethod
     def from_bodies(cls, bodies: tuple[Body, ...]) -> Figures:
@@ -287,14 +295,16 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Push:
-    """What B bodies are pushed with: force_ne_n (B, 2), moment_nm (B,) about down."""
+    """Force and moment on B bodies."""
 
     force_ne_n: Array
+    """Horizontal force, (B, 2)."""
     moment_nm: Array
+    """Moment about down, (B,)."""
 
 
 def no_debris() -> DebrisState:
-    """Nothing adrift."""
+    """Return a state without bodies."""
     none = np.empty((0, 3))
     return DebrisState(0, (), none, none, np.empty(0), np.empty(0), 0, Figures.from_bodies(()))
 
@@ -306,7 +316,7 @@ def launched(
     surface_down_m: float,
     water_kgpm3: float = USUAL_WATER_KGPM3,
 ) -> DebrisState:
-    """With one body more, that drifts with the (3,) current already. Raises ValueError for an impossible length."""
+    """Add one body that already drifts with the (3,) current. Raises ValueError for an impossible length."""
     body = make_body(launch.kind, launch.length_m, water_kgpm3)
     bodies = (*debris.bodies, body)
     place = [launch.north_m, launch.east_m, surface_down_m + body.middle_below_surface_m]
@@ -325,10 +335,11 @@ def launched(
 def drift(
     debris: DebrisState, dt_ns: int, current_ned_mps: Array, surface_down_m: Array, push: Push | None = None
 ) -> DebrisState:
-    """One step later, in a current (B, 3), or (1, 3) for all, under a surface at (B,): semi-implicit Euler.
+    """Advance one step under a surface at (B,), in a current (B, 3), or (1, 3) for all. The method is semi-implicit
+    Euler.
 
-    The drag is taken implicitly in its speed, u' = w |w| / (1 + |w| dt / l), so that a light body in a long step comes
-    to the current and not past it.
+    The drag is implicit in the speed, u' = w |w| / (1 + |w| dt / l). A light body in a long step therefore approaches
+    the current without overshoot.
     """
     figures, dt_s = debris.figures, dt_ns * 1e-9
     ahead = np.column_stack([np.cos(debris.yaw_rad), np.sin(debris.yaw_rad)])
@@ -360,7 +371,7 @@ def drift(
 
 
 def pushed_at(debris: DebrisState, body: NDArray[np.intp], place_ne_m: Array, force_ne_n: Array) -> Push:
-    """K forces (K, 2) at places (K, 2) on bodies (K,), summed by body."""
+    """Sum K forces (K, 2) at places (K, 2) on bodies (K,) by body."""
     lever = place_ne_m - debris.pos_ned_m[body, :2]
     force, moment = np.zeros((len(debris.bodies), 2)), np.zeros(len(debris.bodies))
     np.add.at(force, body, force_ne_n)
@@ -369,7 +380,7 @@ def pushed_at(debris: DebrisState, body: NDArray[np.intp], place_ne_m: Array, fo
 
 
 def bodies_at(debris: DebrisState, time_ns: int) -> Bodies:
-    """For ray casting: moved on by their velocities from the latest step of theirs to time_ns."""
+    """Return the bodies for ray casting, moved by their velocities from their latest step to time_ns."""
     if not debris.bodies:
         return NO_BODIES
     late_s = (time_ns - debris.time_ns) * 1e-9
@@ -384,21 +395,21 @@ def bodies_at(debris: DebrisState, time_ns: int) -> Bodies:
 
 
 def _eddies(debris: DebrisState, figures: Figures) -> Array:
-    """(B,) how fast the water around each body turns."""
+    """Return the (B,) rotation rate of the water around each body."""
     turns = debris.time_ns * 1e-9 * 2.0 * math.pi / np.array(EDDY_PERIODS_S)
     turning: Array = np.sin(figures.phases_rad + turns) @ np.array(EDDY_RADPS)
     return turning
 
 
 def capsules_of(debris: DebrisState) -> Capsules:
-    """The bodies in plan."""
+    """Return the bodies in plan."""
     axis = np.column_stack([np.cos(debris.yaw_rad), np.sin(debris.yaw_rad)]) * debris.figures.half_axis_m[:, None]
     place = debris.pos_ned_m[:, :2]
     return Capsules(place - axis, place + axis, debris.figures.radius_m, ("",) * len(place))
 
 
 def body_velocity(debris: DebrisState, body: Numbers, place_ne_m: Array) -> Array:
-    """(K, 2) velocity of the bodies' matter at places."""
+    """Return the (K, 2) velocity of points of the bodies at places."""
     lever = place_ne_m - debris.pos_ned_m[body, :2]
     turning = debris.yaw_rate_radps[body, None] * np.column_stack([-lever[:, 1], lever[:, 0]])
     velocity: Array = debris.vel_ned_mps[body, :2] + turning

@@ -1,9 +1,10 @@
-"""Contact of debris with what stands in the water and with the banks.
+"""Contact of debris with fixed structures and with the banks.
 
-Bodies weigh from grams to tonnes and move in long steps, so spring and damper are taken implicitly: the force is that
-at the end of the step, F = k (x + x' dt) + c x', which no mass and no step makes unstable. Places of one body depend on
-each other and are gone through again and again, each with what the others do by then: projected Gauss-Seidel with
-soft constraints (Catto 2011, "Soft Constraints"; Coulomb friction as in Catto 2005, "Iterative Dynamics").
+Bodies weigh from grams to tonnes and move in long steps, so spring and damper are implicit. The force is that at the
+end of the step, F = k (x + x' dt) + c x', which is stable for any mass and step. Contacts of one body depend on each
+other. The solver sweeps over them several times, each with the latest forces of the others. This is projected
+Gauss-Seidel with soft constraints (Catto 2011, "Soft Constraints"; Coulomb friction as in Catto 2005, "Iterative
+Dynamics").
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ from sim_core.world.debris import DebrisState, Push, capsules_of, pushed_at
 from sim_core.world.plan import Capsules, Numbers, touches
 from sim_core.world.river import Bed
 
-RELEASE_S = 0.2  # in which what is pressed in comes out again, c / k: nothing bounces off a boom
-_SWEEPS = 4  # two ends of a body come to 1 % of each other in three
+RELEASE_S = 0.2  # release time of a penetration, c / k: nothing bounces off a boom
+_SWEEPS = 4  # two ends of a body converge to 1 % in three
 
 
 def held_by(standing: Capsules, bed: Bed | None, debris: DebrisState, dt_s: float) -> Push | None:
-    """What presses on the bodies in a step of dt_s, which they would end with the velocities in `debris`, were they not
-    held; None for nothing.
+    """Return the push on the bodies in a step of dt_s, None for none. The velocities in `debris` are those at the end
+    of a free step.
     """
     bodies, figures = capsules_of(debris), debris.figures
-    # Of each touch: which body, where, the normal and how deep.
+    # For each touch: body, position, normal and depth.
     found: list[tuple[Numbers, Array, Array, Array]] = []
     if len(standing):
         reach = figures.half_axis_m + figures.radius_m
@@ -43,7 +44,7 @@ def held_by(standing: Capsules, bed: Bed | None, debris: DebrisState, dt_s: floa
         if len(aground):
             normal = bed_normal(bed, ends[aground])
             level = np.sqrt(np.vecdot(normal[:, :2], normal[:, :2]))
-            uphill = np.maximum(level, 1e-3)  # a body is not lifted: it is pushed back the way it came up
+            uphill = np.maximum(level, 1e-3)  # a body is not lifted: it is pushed back down the slope
             depth = over[aground] * -normal[:, 2] / uphill
             out = normal[:, :2] / uphill[:, None]
             found.append((aground % len(bodies), ends[aground], out, np.minimum(depth, 0.5)))
@@ -54,7 +55,7 @@ def held_by(standing: Capsules, bed: Bed | None, debris: DebrisState, dt_s: floa
 
 
 def together(one: Push, other: Push | None) -> Push:
-    """The sum."""
+    """Return the sum."""
     if other is None:
         return one
     return Push(one.force_ne_n + other.force_ne_n, one.moment_nm + other.moment_nm)
@@ -63,9 +64,9 @@ def together(one: Push, other: Push | None) -> Push:
 def holding(
     debris: DebrisState, body: Numbers, place_ne_m: Array, normal_ne: Array, depth_m: Array, dt_s: float
 ) -> Push:
-    """Of K touches: body (K,), place and unit normal away from what stands (K, 2), depth_m (K,).
+    """Return the push of K touches: body (K,), position and unit normal away from the structure (K, 2), depth_m (K,).
 
-    debris: with the velocities that the bodies would end the step with, were they not held.
+    debris: with the velocities that the bodies would have at the end of a free step.
     """
     turns = [
         _Places.from_touches(
@@ -93,22 +94,25 @@ def holding(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Places:
-    """K places on bodies (K,) that are all different; rows: their numbers among all.
-
-    across, along (K, 3): times what the body does, north, east and turning, the speed of its matter there, along the
-    normal and at right angles to it. pushed_across, pushed_along (K, 3): what a unit impulse that way changes of it;
-    yields_across, yields_along (K,): and of that speed. release_mps (K,): at which it is to come out.
-    """
+    """K contacts on bodies (K,) that are all different."""
 
     rows: Numbers
+    """Indices of the contacts among all."""
     body: Numbers
     release_mps: Array
+    """Speeds at which the penetrations are to be released, (K,)."""
     across: Array
+    """Maps the body's velocity (north, east, yaw rate) to the speed of the contact point along the normal, (K, 3)."""
     along: Array
+    """The same at right angles to the normal, (K, 3)."""
     pushed_across: Array
+    """Change of the body's velocity per unit impulse along the normal, (K, 3)."""
     pushed_along: Array
+    """The same at right angles to the normal, (K, 3)."""
     yields_across: Array
+    """Change of the contact point's speed per unit impulse along the normal, (K,)."""
     yields_along: Array
+    """The same at right angles to the normal, (K,)."""
 
     @classmethod
     def from_touches(
@@ -131,12 +135,12 @@ def _rows(debris: DebrisState, body: Numbers, place_ne_m: Array, way: Array) -> 
 
 
 def _turned(way: Array) -> Array:
-    """A quarter turn on, from north to east."""
+    """Rotate by a quarter turn, from north to east."""
     return np.column_stack([-way[:, 1], way[:, 0]])
 
 
 def _turns(body: Numbers) -> list[Numbers]:
-    """The places in groups that have no body twice: first the first of each body, and so on."""
+    """Split the contacts into groups without a repeated body: first the first contact of each body, and so on."""
     order = np.argsort(body, kind="stable")
     rank = np.arange(len(body)) - np.searchsorted(body[order], body[order])
     return [order[rank == turn] for turn in range(int(rank.max()) + 1)]

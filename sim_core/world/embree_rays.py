@@ -1,7 +1,7 @@
 """Ray casting by Intel's Embree, through the package embreex.
 
-What does not move is one tree of triangles. A body keeps a tree in its own axes, and the few rays that pass near it are
-turned into those axes, so that nothing is built anew when it drifts.
+All fixed geometry is one tree of triangles. A body keeps a tree in its body axes. The few rays that pass near it are
+transformed into those axes, so no tree is rebuilt when the body drifts.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _MISSING = "ray casting needs embreex, which is not installed; pip install 'xitl
 
 
 class EmbreeCaster:
-    """Knows the triangles of `meshes`, in NED.
+    """Casts rays at the triangles of `meshes`, in NED, and at bodies.
 
     Raises:
         WorldError: embreex is not installed.
@@ -40,7 +40,7 @@ class EmbreeCaster:
         body_delay_s: Array32 | None = None,
         reach_m: Array32 | None = None,
     ) -> Hits:
-        """What each ray meets first; see `RayCaster`."""
+        """Return the first hit of each ray; see `RayCaster`."""
         origin = np.ascontiguousarray(origin_ned_m, dtype=float32)
         direction = np.ascontiguousarray(direction_ned, dtype=float32)
         hits = self._still.cast(origin, direction, reach_m)
@@ -68,7 +68,7 @@ def _meet(
     rays: NDArray[np.intp],
     hits: Hits,
 ) -> None:
-    """Writes into `hits` what some rays meet of one body, where it is nearer than what they met before."""
+    """Write into `hits` the hits of some rays on one body that are nearer than the earlier hits."""
     rotation = bodies.rot_ned_body[body]
     relative = origin - bodies.pos_ned_m[body]
     if delay_s is not None:
@@ -83,7 +83,7 @@ def _meet(
 
 
 class _Tree:
-    """Triangles in Embree, with a table of normals and materials whose last row is that of no hit (number -1)."""
+    """Triangles in Embree, with a table of normals and materials. Its last row is for no hit (number -1)."""
 
     def __init__(self, meshes: Sequence[Mesh]) -> None:
         try:
@@ -104,12 +104,12 @@ class _Tree:
             self._kept = TriangleMesh(self._scene, np.ascontiguousarray(corners, dtype=float32))
 
     def cast(self, origin: Array32, direction: Array32, reach_m: Array32 | None = None) -> Hits:
-        """In the tree's own axes; `body` -1 throughout."""
+        """Cast rays in the tree's axes; `body` is -1 throughout."""
         count = len(origin)
         none = np.full(count, -1, dtype=int16)
         if self._scene is None or not count:
             return Hits(np.full(count, np.inf, dtype=float32), np.zeros((count, 3), dtype=float32), none, none.copy())
-        # A copy, as the ranges are written into it.
+        # A copy, because Embree writes the ranges into it.
         reach = None if reach_m is None else np.array(reach_m, dtype=float32)
         met = self._scene.run(origin, direction, reach, query="INTERSECT", output=1)
         triangle, range_m = met["primID"], met["tfar"]
@@ -122,7 +122,7 @@ class _Tree:
 
 
 def _unit_normals(corners_m: NDArray[float64]) -> NDArray[float64]:
-    """(F, 3) of triangles (F, 3, 3); 0 for one without an area."""
+    """Return the (F, 3) unit normals of triangles (F, 3, 3); 0 for a triangle without an area."""
     across = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     unit: NDArray[float64] = across / np.where(length > 0.0, length, 1.0)

@@ -3,9 +3,9 @@
 A mesh is closed, in its own axes about its middle; long shapes lie along x. Faces are counter-clockwise from outside:
 (b - a) x (c - a) points out.
 
-A solid, in NED, has `meet(origin_m, direction) -> (range_m (R,), normal (R, 3))` of rays (R, 3) with unit directions in
-double precision: inf and 0 for none. A ray that starts inside meets the far side. Equations: Akenine-Moeller, Haines
-and Hoffman, Real-Time Rendering, 4th edition, 22.6 to 22.8.
+A solid, in NED, has `meet(origin_m, direction) -> (range_m (R,), normal (R, 3))` for rays (R, 3) with unit directions
+in double precision; inf and 0 for no hit. A ray that starts inside hits the far side. Equations: Akenine-Moeller,
+Haines and Hoffman, Real-Time Rendering, 4th edition, 22.6 to 22.8.
 """
 
 from __future__ import annotations
@@ -27,11 +27,13 @@ from sim_core.world.spec import MeshFileSpec
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """reflectivity: diffuse, of light of 905 nm, 0 to 1. backscatter: of sound, 0 to 1 of what a rigid wall returns."""
+    """Optical and acoustic properties of a surface."""
 
     name: str
     reflectivity: float
+    """Diffuse reflectivity for light of 905 nm, 0 to 1."""
     backscatter: float
+    """Backscatter of sound relative to a rigid wall, 0 to 1."""
 
 
 CONCRETE = Material("concrete", 0.35, 0.8)
@@ -46,23 +48,25 @@ WALL = Material("wall", 0.6, 0.8)
 BED = Material("bed", 0.1, 0.15)
 
 MATERIALS = (CONCRETE, STEEL, PLASTIC, WOOD, LEAVES, HIDE, EARTH, ROCK, WALL, BED)
-"""By number, as `Hits.material` has them."""
+"""Materials by number, as in `Hits.material`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Triangles of one material: vertices_m (V, 3), faces (F, 3) numbers of vertices, counter-clockwise from outside.
+    """Triangles of one material.
 
-    The axes are those of who holds it: NED for what stands in the river, forward, right, down for a body.
+    The axes depend on the owner: NED for fixed structures; forward, right, down for a body.
     """
 
     vertices_m: NDArray[float64]
+    """Vertices, (V, 3)."""
     faces: NDArray[int32]
+    """Indices of vertices, (F, 3), counter-clockwise from outside."""
     material: Material
 
 
 class WorldError(Exception):
-    """One sentence: what of the world cannot be had, and what to do."""
+    """A part of the world is not available. The text is one sentence with the problem and its fix."""
 
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -76,23 +80,23 @@ _BOX_FACES = np.array(
 
 
 def box(size_m: tuple[float, float, float], material: Material) -> Mesh:
-    """Of size_m along x, y and z."""
+    """Return a box of size_m along x, y and z."""
     return Mesh(_BOX_CORNERS * np.asarray(size_m), _BOX_FACES, material)
 
 
 def cylinder(radius_m: float, length_m: float, material: Material, sides: int = 16) -> Mesh:
-    """Its axis along x. Flat sides lie inside the true cylinder by up to radius (1 - cos(pi / sides))."""
+    """Return a cylinder along x. Flat sides lie inside the true cylinder by up to radius (1 - cos(pi / sides))."""
     half = length_m / 2
     return revolved((-half, -half, half, half), (0.0, radius_m, radius_m, 0.0), material, sides)
 
 
 def sphere(radius_m: float, material: Material, sides: int = 16, rings: int = 8) -> Mesh:
-    """The corners lie on the sphere."""
+    """Return a sphere with the corners on its surface."""
     return ellipsoid((radius_m, radius_m, radius_m), material, sides, rings)
 
 
 def ellipsoid(radii_m: tuple[float, float, float], material: Material, sides: int = 16, rings: int = 8) -> Mesh:
-    """Of radii_m along x, y and z; rings: from pole to pole along x."""
+    """Return an ellipsoid of radii_m along x, y and z; rings: from pole to pole along x."""
     turn = np.linspace(0.0, math.pi, rings + 1)
     radius = np.sin(turn)
     radius[[0, -1]] = 0.0
@@ -101,7 +105,7 @@ def ellipsoid(radii_m: tuple[float, float, float], material: Material, sides: in
 
 
 def revolved(x_m: ArrayLike, radius_m: ArrayLike, material: Material, sides: int = 16) -> Mesh:
-    """What an outline x_m (K,), growing, radius_m (K,), 0 at both ends alone, sweeps as it turns about x."""
+    """Return the surface of revolution about x of an outline: x_m (K,), growing; radius_m (K,), 0 only at both ends."""
     ahead, radius = np.asarray(x_m, dtype=float64), np.asarray(radius_m, dtype=float64)
     turn = 2 * math.pi * np.arange(sides) / sides
     round_m = np.stack([np.zeros(sides), np.cos(turn), np.sin(turn)], axis=-1)
@@ -122,7 +126,7 @@ def revolved(x_m: ArrayLike, radius_m: ArrayLike, material: Material, sides: int
 
 
 def prism(plan_m: ArrayLike, top_m: float, bottom_m: float, material: Material) -> Mesh:
-    """A convex polygon of x and y (P, 2), clockwise seen from above (z down), from top to bottom (z, down)."""
+    """Return the prism of a convex polygon of x and y (P, 2), clockwise from above, from top to bottom (z, down)."""
     plan = np.asarray(plan_m, dtype=float64)
     count = len(plan)
     here = np.arange(count)
@@ -139,13 +143,13 @@ def prism(plan_m: ArrayLike, top_m: float, bottom_m: float, material: Material) 
 
 
 def moved(mesh: Mesh, offset_m: ArrayLike, rotation: ArrayLike | None = None) -> Mesh:
-    """The mesh turned by `rotation` (3, 3), own axes to new ones, then shifted by `offset_m` (3,)."""
+    """Return the mesh rotated by `rotation` (3, 3), old axes to new ones, then shifted by `offset_m` (3,)."""
     vertices = mesh.vertices_m if rotation is None else mesh.vertices_m @ np.asarray(rotation, dtype=float64).T
     return Mesh(vertices + np.asarray(offset_m, dtype=float64), mesh.faces, mesh.material)
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
-    """All of them as one, of the first one's material."""
+    """Merge meshes into one, with the material of the first."""
     first = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes)])
     faces = [mesh.faces + offset for mesh, offset in zip(meshes, first[:-1].tolist(), strict=True)]
     vertices = np.concatenate([mesh.vertices_m for mesh in meshes])
@@ -153,24 +157,25 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def heading_matrix(heading_rad: float) -> Array:
-    """(3, 3) forward, right, down to NED for a body that is level."""
+    """Return the (3, 3) matrix from forward, right, down to NED for a level body."""
     cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 UPRIGHT = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-"""Turns what lies along x upright, its +x end up."""
+"""Rotates shapes along x upright, with their +x end up."""
 
 
 LARGEST_M = 2000.0
-"""Of what is not suspected to be in millimetres."""
+"""Largest size that is not suspected to be in millimetres."""
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def import_mesh(spec: MeshFileSpec) -> tuple[Mesh, str | None]:
-    """The mesh in NED; and a warning if it looks like millimetres.
+    """Return the mesh in NED, and a warning if it seems to be in millimetres.
 
-    A heading turns the file's axes clockwise as seen from above, so that its y axis, north before, points there.
+    A heading turns the file's axes clockwise as seen from above: its y axis, initially north, then points along the
+    heading.
 
     Raises:
         WorldError: no such file, another format, no triangles, or coordinates that are not numbers.
@@ -200,14 +205,15 @@ _PARALLEL = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """All points x with normal . x = offset_m; normal a unit vector (3,). Met from either side."""
+    """All points x with normal . x = offset_m. Rays can hit either side."""
 
     normal: Array
+    """Unit vector, (3,)."""
     offset_m: float
     material: Material
 
     def meet(self, origin_m: Array, direction: Array) -> Meeting:
-        """See the module."""
+        """Intersect rays; see the module."""
         toward = direction @ self.normal
         slanted = np.abs(toward) > _PARALLEL
         range_m = (self.offset_m - origin_m @ self.normal) / np.where(slanted, toward, 1.0)
@@ -216,14 +222,15 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sphere:
-    """About centre_m (3,)."""
+    """A sphere."""
 
     centre_m: Array
+    """Centre, (3,)."""
     radius_m: float
     material: Material
 
     def meet(self, origin_m: Array, direction: Array) -> Meeting:
-        """See the module."""
+        """Intersect rays; see the module."""
         relative = origin_m - self.centre_m
         half = np.einsum("ij,ij->i", relative, direction)
         inner = half**2 - np.einsum("ij,ij->i", relative, relative) + self.radius_m**2
@@ -233,15 +240,18 @@ class Sphere:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """Of size_m (3,) along its own axes, about centre_m (3,); rotation (3, 3): own axes to NED."""
+    """A box."""
 
     centre_m: Array
+    """Centre, (3,)."""
     size_m: Array
+    """Size along the box axes, (3,)."""
     rotation: Array
+    """Box axes to NED, (3, 3)."""
     material: Material
 
     def meet(self, origin_m: Array, direction: Array) -> Meeting:
-        """Slabs."""
+        """Intersect rays by the slab method."""
         relative, own = (origin_m - self.centre_m) @ self.rotation, direction @ self.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
             sides = np.stack([(-self.size_m / 2 - relative) / own, (self.size_m / 2 - relative) / own])
@@ -262,16 +272,18 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cylinder:
-    """With flat ends, about centre_m (3,), along the unit vector axis (3,)."""
+    """A cylinder with flat ends."""
 
     centre_m: Array
+    """Centre, (3,)."""
     axis: Array
+    """Unit vector along the axis, (3,)."""
     radius_m: float
     length_m: float
     material: Material
 
     def meet(self, origin_m: Array, direction: Array) -> Meeting:
-        """The round side, and the two ends."""
+        """Intersect rays with the round side and the two ends."""
         relative = origin_m - self.centre_m
         along, toward = relative @ self.axis, direction @ self.axis
         across, sideways = relative - along[:, None] * self.axis, direction - toward[:, None] * self.axis
@@ -304,7 +316,7 @@ Solid: TypeAlias = Plane | Sphere | Box | Cylinder
 
 
 def _first(middle: Array, inner: Array) -> Array:
-    """The lesser of middle -+ sqrt(inner) that is not behind, inf for none."""
+    """Return the lesser of middle -+ sqrt(inner) that is not behind, inf for none."""
     root = np.sqrt(np.maximum(inner, 0.0))
     nearest = np.where(middle - root >= 0.0, middle - root, middle + root)
     first: Array = np.where((inner >= 0.0) & (nearest >= 0.0), nearest, np.inf)

@@ -1,10 +1,10 @@
-"""Contact of hulls with each other: those of vessels, and those of vessels that follow a script.
+"""Contact of hulls with each other: vessels and scripted vessels.
 
-Capsules in plan press on each other by spring, damper and friction as in `contact`. What one feels the other feels the
-other way round at the same place, so that momentum and its moment stay. A vessel that follows a script is infinitely
-heavy: it goes its way.
+Capsules in plan press on each other with spring, damper and friction as in `contact`. Both hulls feel opposite forces
+at the same position, so momentum and angular momentum are conserved. A scripted vessel is infinitely heavy and keeps to
+its track.
 
-Pairs are found now and then, by cells of the plan; a step costs by the pairs that are near.
+A search at intervals finds pairs with cells of the plan. The cost of a step depends on the number of near pairs.
 """
 
 from __future__ import annotations
@@ -35,25 +35,30 @@ _NO_NUMBERS = np.empty(0, np.intp)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hulls:
-    """H hulls, and beams between them, of M vessels; those of a vessel side by side.
-
-    vessel (H,): whose; ends_frd_m (H, 2, 3): of their axes; radius_m (H,). Of each vessel: names, first_hull (M + 1,),
-    mass_kg, reach_m (M,), and order (M,), its place by name: what touches is gone through in this order, so that the
-    order in which vessels are listed makes no difference.
-    """
+    """H hulls, and beams between them, of M vessels. The hulls of a vessel are adjacent."""
 
     names: tuple[str, ...]
+    """Names of the M vessels."""
     vessel: Numbers
+    """Vessel of each hull, (H,)."""
     ends_frd_m: Array
+    """Ends of the axes, (H, 2, 3)."""
     radius_m: Array
+    """Radii, (H,)."""
     first_hull: Numbers
+    """Index of the first hull of each vessel, (M + 1,)."""
     mass_kg: Array
+    """Mass of each vessel, (M,)."""
     reach_m: Array
+    """Reach of each vessel, (M,)."""
     order: Numbers
+    """Rank of each vessel by name, (M,). Contacts are processed in this order, so the order of the list of vessels has
+    no effect.
+    """
 
     @classmethod
     def from_outlines(cls, outlines: Sequence[Outline], names: Sequence[str]) -> Hulls:
-        """One outline a vessel; each has a name of its own."""
+        """Build the hulls from one outline per vessel. Names must be different."""
         parts = [_with_beams(outline) for outline in outlines]
         counts = [len(radius) for _, radius in parts]
         order = np.empty(len(names), np.intp)
@@ -71,10 +76,10 @@ class Hulls:
 
 
 def _with_beams(outline: Outline) -> tuple[Array, Array]:
-    """Ends (B, 2, 3) and radii (B,) of the capsules of a vessel, and of beams between neighbouring hulls of several.
+    """Return ends (B, 2, 3) and radii (B,) of a vessel's capsules, and of beams between neighbouring hulls.
 
-    Debris gets in between the hulls of a catamaran, under its deck; another hull does not. The beams lie behind the
-    tips, which touch first.
+    Debris can get between the hulls of a catamaran, under its deck; another hull cannot. The beams lie behind the tips,
+    which touch first.
     """
     ends, radii = outline.ends_frd_m.reshape(-1, 2, 3), outline.radius_m
     if not np.isfinite(outline.mass_kg) or len(ends) < 2:
@@ -95,11 +100,14 @@ def _with_beams(outline: Outline) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloseHulls:
-    """Hulls that may touch before the next look: their numbers (U,), and pairs (Q,) of places in that list."""
+    """Hulls that may touch before the next search."""
 
     hull: Numbers
+    """Indices of the hulls, (U,)."""
     first: Numbers
+    """First hull of each pair, (Q,), as an index into `hull`."""
     second: Numbers
+    """Second hull of each pair, (Q,), as an index into `hull`."""
 
     def __len__(self) -> int:
         return len(self.first)
@@ -109,9 +117,9 @@ NOBODY_CLOSE = CloseHulls(_NO_NUMBERS, _NO_NUMBERS, _NO_NUMBERS)
 
 
 def find_close_pairs(hulls: Hulls, north_east_m: Array) -> tuple[Numbers, Numbers]:
-    """(P,), (P,) vessels of M at (M, 2) whose hulls may touch before the next look, in the order of their names.
+    """Return (P,), (P,) vessels of M at (M, 2) that may touch before the next search, in the order of their names.
 
-    Not two that both follow a script.
+    Pairs of two scripted vessels are omitted.
     """
     one, other = close_pairs(north_east_m, hulls.reach_m + 0.5 * NEAR_M)
     if len(one):
@@ -126,7 +134,7 @@ def find_close_pairs(hulls: Hulls, north_east_m: Array) -> tuple[Numbers, Number
 
 
 def find_close_hulls(hulls: Hulls, pairs: tuple[Numbers, Numbers], motion: Kinematics) -> CloseHulls:
-    """Those of pairs of vessels that come near with their capsules too; `motion` is of M vessels."""
+    """Return the capsules of vessel pairs that are near each other too; `motion` is of M vessels."""
     found = [
         (first, second)
         for a, b in zip(pairs[0].tolist(), pairs[1].tolist(), strict=True)
@@ -153,7 +161,7 @@ def _numbered(pairs: Numbers) -> CloseHulls:
 
 
 def _capsules(hulls: Hulls, close: CloseHulls, motion: Kinematics, wider_m: float = 0.0) -> tuple[Capsules, Array]:
-    """Those that are close, and (U,) how deep their axes' sterns are."""
+    """Return the close capsules, and the (U,) down coordinates of their axes' sterns."""
     whose = hulls.vessel[close.hull]
     ends = hulls.ends_frd_m[close.hull] @ motion.rot_ned_frd[whose].transpose(0, 2, 1)
     ends += motion.pos_ned_m[whose][:, None]
@@ -162,7 +170,7 @@ def _capsules(hulls: Hulls, close: CloseHulls, motion: Kinematics, wider_m: floa
 
 
 def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
-    """(P,), (P,) numbers of those of M discs at (M, 2) with radii (M,) that meet; one at NaN meets nobody."""
+    """Return (P,), (P,) indices of overlapping discs among M at (M, 2) with radii (M,). A disc at NaN overlaps none."""
     count = len(reach_m)
     if count < 2:
         return _NO_NUMBERS, _NO_NUMBERS
@@ -171,7 +179,8 @@ def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
         somewhere = np.flatnonzero(known)
         one, other = close_pairs(north_east_m[somewhere], reach_m[somewhere])
         return somewhere[one], somewhere[other]
-    # Cells as wide as two discs can be apart, numbered along rows: partners lie in a cell's own row or in the next.
+    # Cells as wide as the largest distance of two overlapping discs, numbered along rows. Partners lie in a cell's row
+    # or in the next.
     cell = ((north_east_m - north_east_m.min(axis=0)) / (2.0 * float(reach_m.max()))).astype(np.intp)
     per_row = int(cell[:, 1].max()) + 3
     number = cell[:, 0] * per_row + cell[:, 1]
@@ -197,7 +206,7 @@ def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
 
 
 def compute_hull_contacts(hulls: Hulls, close: CloseHulls, motion: Kinematics, dt_s: float) -> Contacts:
-    """Two for each place where two hulls touch, one on each vessel; `motion` has M vessels."""
+    """Return two contacts for each place at which two hulls touch, one for each vessel; `motion` has M vessels."""
     capsules, down_m = _capsules(hulls, close, motion)
     touch = touches(capsules, capsules, close.first, close.second)
     if not len(touch.first):

@@ -1,12 +1,12 @@
-"""Contact of hulls with triangles: rocks, trees and meshes of files, by the same triangles that are seen.
+"""Contact of hulls with triangles: rocks, trees and meshes of files, the same triangles that sensors see.
 
-A hull is a row of spheres along its axis, and each sphere is pressed by the one triangle that it reaches into
-deepest, away from where it touches it: which side of a triangle is outside makes no difference. The spring, damper
-and friction are those of `contact`, shared by the spheres of a vessel that touch. The middle of a sphere must not get
-through, so a stop takes up to `STOP_SHARE` of the closing speed in a step, more the deeper it is.
+A hull is a row of spheres along its axis. Only the triangle with the deepest penetration presses on a sphere, away from
+the contact point. The orientation of the triangles does not matter. Spring, damper and friction are those of `contact`,
+shared by the touching spheres of a vessel. The centre of a sphere must not pass through. A stop therefore removes up to
+`STOP_SHARE` of the closing speed in a step, more at a larger depth.
 
-Triangles lie in cells of the plan. What a sphere may reach before the next look is found by cells and bounds, so that
-a step costs by what is near and not by what there is.
+Triangles lie in cells of the plan. Cells and bounds limit the search for the triangles that a sphere may reach before
+the next search. The cost of a step depends on the near triangles, not on their total number.
 """
 
 from __future__ import annotations
@@ -25,34 +25,38 @@ from sim_core.world.geometry import Mesh
 from sim_core.world.plan import Numbers, nearest_on_axis
 
 CELL_M = 4.0
-REACH_M = 0.25  # farther than a hull gets between two looks, 20 ms: 12 m/s
-ABOUT_WATER_M = 5.0  # farther above or below the water no hull gets
-STOP_FROM, STOP_SHARE = 0.3, 0.4  # share of the radius from which the stop acts; of the closing speed in a step
-_MOST_CELLS = 4096  # of one triangle; a larger one is looked at wherever the vessel is
+REACH_M = 0.25  # a hull moves less between two searches, 20 ms: 12 m/s
+ABOUT_WATER_M = 5.0  # no hull gets farther above or below the water
+STOP_FROM, STOP_SHARE = 0.3, 0.4  # share of the radius at which the stop begins; of the closing speed in a step
+_MOST_CELLS = 4096  # cells of one triangle; a larger triangle is checked at any position
 _NO_NUMBERS = np.empty(0, np.intp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangles:
-    """T triangles in NED that stand still: corners_m (T, 3, 3), what (T,) numbers of `names`, and where.
-
-    low_m, high_m (T, 3): their bounds; least_m, most_m (3,): of all. cells: numbers of triangles by place in the plan;
-    everywhere: those too large for it.
-    """
+    """T fixed triangles in NED."""
 
     corners_m: NDArray[float64]
+    """Corners, (T, 3, 3)."""
     what: Numbers
+    """Indices into `names`, (T,)."""
     names: tuple[str, ...]
     low_m: Array
+    """Lower bounds, (T, 3)."""
     high_m: Array
+    """Upper bounds, (T, 3)."""
     least_m: Array
+    """Lower bound of all triangles, (3,)."""
     most_m: Array
+    """Upper bound of all triangles, (3,)."""
     cells: dict[tuple[int, int], Numbers]
+    """Indices of triangles by cell of the plan."""
     everywhere: Numbers
+    """Indices of triangles that are too large for cells."""
 
     @classmethod
     def from_meshes(cls, meshes: Sequence[tuple[str, Mesh]], water_down_m: float) -> Triangles:
-        """Those of named meshes that a hull in this water can reach."""
+        """Select the triangles of named meshes that a hull in this water can reach."""
         names = tuple(dict.fromkeys(name for name, _ in meshes))
         corners = np.concatenate([np.empty((0, 3, 3)), *(mesh.vertices_m[mesh.faces] for _, mesh in meshes)])
         what = np.repeat([names.index(name) for name, _ in meshes], [len(mesh.faces) for _, mesh in meshes])
@@ -80,7 +84,7 @@ class Triangles:
         return len(self.corners_m)
 
     def within(self, low_m: Array, high_m: Array) -> Numbers:
-        """Those whose bounds meet a box (3,) to (3,)."""
+        """Return the triangles with bounds that overlap a box (3,) to (3,)."""
         (north0, east0), (north1, east1) = (
             np.floor(edge[:2] / CELL_M).astype(int).tolist() for edge in (low_m, high_m)
         )
@@ -99,15 +103,16 @@ NO_TRIANGLES = Triangles.from_meshes((), 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reachable:
-    """Spheres of the hulls, numbered through all vessels, and triangles (P,) each may touch before the next look.
-
-    low_m, high_m (P, 3): bounds of these triangles.
-    """
+    """P pairs of a hull sphere and a triangle that it may touch before the next search."""
 
     sphere: Numbers
+    """Indices of the spheres, numbered through all vessels, (P,)."""
     triangle: Numbers
+    """Indices of the triangles, (P,)."""
     low_m: Array
+    """Lower bounds of these triangles, (P, 3)."""
     high_m: Array
+    """Upper bounds of these triangles, (P, 3)."""
 
     def __len__(self) -> int:
         return len(self.sphere)
@@ -117,7 +122,7 @@ OUT_OF_REACH = Reachable(_NO_NUMBERS, _NO_NUMBERS, np.empty((0, 3)), np.empty((0
 
 
 def find_reachable(triangles: Triangles, outline: Outline, motion: Kinematics) -> Reachable:
-    """For all vessels, within `REACH_M`."""
+    """Return the pairs of all vessels within `REACH_M`."""
     if not len(triangles):
         return OUT_OF_REACH
     centres = _centres(outline, motion)
@@ -141,12 +146,12 @@ def find_reachable(triangles: Triangles, outline: Outline, motion: Kinematics) -
 def compute_mesh_contacts(
     triangles: Triangles, outline: Outline, motion: Kinematics, reachable: Reachable, dt_s: float
 ) -> Contacts:
-    """One for each sphere that touches."""
+    """Return one contact for each sphere that touches."""
     count = len(outline.spheres_frd_m)
     centre = _centres(outline, motion).reshape(-1, 3)[reachable.sphere]
     radius_m = outline.sphere_radius_m[reachable.sphere % count]
     reach = radius_m**2
-    # To the bounds of a triangle it is never farther than to the triangle.
+    # The distance to the bounds of a triangle is at most the distance to the triangle.
     short = np.maximum(reachable.low_m - centre, 0.0) + np.maximum(centre - reachable.high_m, 0.0)
     close = np.flatnonzero(np.vecdot(short, short) < reach)
     if not len(close):
@@ -160,10 +165,10 @@ def compute_mesh_contacts(
     if not len(touch):
         return NO_CONTACTS
     touch = touch[np.lexsort((square[touch], sphere[touch]))]
-    touch = touch[np.unique(sphere[touch], return_index=True)[1]]  # the deepest of each sphere
+    touch = touch[np.unique(sphere[touch], return_index=True)[1]]  # the deepest contact of each sphere
     vessel = sphere[touch] // count
     distance, place, radius_m = np.sqrt(square[touch]), place[touch], radius_m[touch]
-    inward = motion.pos_ned_m[vessel] - place  # for a middle that lies in the triangle itself
+    inward = motion.pos_ned_m[vessel] - place  # for a centre inside the triangle's plane
     away = np.where((distance > 1e-9)[:, None], between[touch], inward)
     normal = away / np.maximum(np.sqrt(np.vecdot(away, away)), 1e-12)[:, None]
     depth = radius_m - distance
@@ -179,7 +184,7 @@ def compute_mesh_contacts(
 
 
 def nearest_on_triangles(points: Array, corners: Array) -> Array:
-    """(P, 3) places on triangles (P, 3, 3) nearest to (P, 3) points."""
+    """Return the (P, 3) positions on triangles (P, 3, 3) nearest to (P, 3) points."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     best, _ = nearest_on_axis(points, a, b)
     least = np.vecdot(points - best, points - best)
@@ -188,7 +193,7 @@ def nearest_on_triangles(points: Array, corners: Array) -> Array:
         square = np.vecdot(points - place, points - place)
         best = np.where((square < least)[:, None], place, best)
         least = np.minimum(square, least)
-    # Above the inside the foot on the plane is nearer than any edge: barycentric coordinates, none negative.
+    # Above the interior, the projection on the plane is nearer than any edge: no barycentric coordinate is negative.
     ab, ac, ap = b - a, c - a, points - a
     ab2, ac2, both = np.vecdot(ab, ab), np.vecdot(ac, ac), np.vecdot(ab, ac)
     to_ab, to_ac = np.vecdot(ap, ab), np.vecdot(ap, ac)
@@ -201,6 +206,6 @@ def nearest_on_triangles(points: Array, corners: Array) -> Array:
 
 
 def _centres(outline: Outline, motion: Kinematics) -> Array:
-    """(N, S, 3) middles of the spheres."""
+    """Return the (N, S, 3) centres of the spheres."""
     centres: Array = (motion.rot_ned_frd @ outline.spheres_frd_m.T).transpose(0, 2, 1) + motion.pos_ned_m[:, None]
     return centres

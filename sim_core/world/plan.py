@@ -1,10 +1,10 @@
-"""What stands in the river, in plan: capsules that hulls and bodies touch, and upright walls that range sensors meet.
+"""Fixed structures in plan: capsules for contact with hulls and bodies, and upright walls for range sensors.
 
-A capsule is all points within a radius of a straight axis; what it is of stands upright through the surface. Two
-capsules touch where an end of one axis is nearer to the other axis than the radii reach; axes that lie along each other
-touch at two ends, so that neither turns on one point.
+A capsule is all points within a radius of a straight axis; the object it represents is upright and reaches through the
+surface. Two capsules touch if an end of one axis is nearer to the other axis than the sum of the radii. Parallel axes
+touch at two ends, so that neither pivots on one point.
 
-A wall is a segment from a to b. The ray from o along d meets it where o + s d = a + t (b - a), that is with the
+A wall is a segment from a to b. The ray from o along d intersects it at o + s d = a + t (b - a). With the
 two-dimensional cross product x: s = (a - o) x (b - a) / d x (b - a) and t = (a - o) x d / d x (b - a), 0 <= t <= 1.
 """
 
@@ -28,19 +28,23 @@ _PARALLEL = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capsules:
-    """S capsules: axes from from_ne_m to to_ne_m (S, 2) north, east; radius_m (S,). names: what each belongs to."""
+    """S capsules."""
 
     from_ne_m: Array
+    """First ends of the axes, (S, 2) north, east."""
     to_ne_m: Array
+    """Second ends of the axes, (S, 2) north, east."""
     radius_m: Array
+    """Radii, (S,)."""
     names: tuple[str, ...]
+    """Name of each capsule's object."""
 
     def __len__(self) -> int:
         return len(self.names)
 
     @classmethod
     def joined(cls, parts: Sequence[Capsules]) -> Capsules:
-        """All of these, one after the other."""
+        """Join several parts in order."""
         return cls(
             np.concatenate([np.empty((0, 2)), *(part.from_ne_m for part in parts)]),
             np.concatenate([np.empty((0, 2)), *(part.to_ne_m for part in parts)]),
@@ -49,7 +53,7 @@ class Capsules:
         )
 
     def distance_m(self, points_ne_m: Array) -> Array:
-        """(P, S) of (P, 2) points from the capsules' edges, negative inside."""
+        """Return the (P, S) distances of (P, 2) points from the capsules' edges, negative inside."""
         nearest, _ = nearest_on_axis(points_ne_m[:, None], self.from_ne_m[None], self.to_ne_m[None])
         between = points_ne_m[:, None] - nearest
         distance: Array = np.sqrt(np.vecdot(between, between)) - self.radius_m
@@ -59,7 +63,7 @@ class Capsules:
 def box_capsules(
     name: str, centre_ne_m: tuple[float, float], size_m: tuple[float, float], heading_rad: float
 ) -> Capsules:
-    """The four sides of a box of length and width; its corners are rounded by a quarter of its width, 0.5 m at most."""
+    """Return the four sides of a box. Its corners are rounded by a quarter of its width, 0.5 m at most."""
     length, width = size_m
     radius = min(0.25 * min(length, width), 0.5)
     ahead = np.array([np.cos(heading_rad), np.sin(heading_rad)])
@@ -71,20 +75,22 @@ def box_capsules(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touches:
-    """K places where a capsule presses on another: which of the first ones and of the second ones (K,).
-
-    normal_ne (K, 2): unit, pushes the first; place_ne_m (K, 2): middle of the overlap; depth_m (K,): of it.
-    """
+    """K places at which a capsule presses on another."""
 
     first: Numbers
+    """Indices into the first set, (K,)."""
     second: Numbers
+    """Indices into the second set, (K,)."""
     normal_ne: Array
+    """Unit vectors that push the first capsule, (K, 2)."""
     place_ne_m: Array
+    """Middle of the overlap, (K, 2)."""
     depth_m: Array
+    """Depth of the overlap, (K,)."""
 
 
 def touches(a: Capsules, b: Capsules, first: Numbers, second: Numbers) -> Touches:
-    """Where capsules a[first] touch b[second], pair by pair."""
+    """Return the touches of capsules a[first] and b[second], pair by pair."""
     a0, a1, b0, b1 = a.from_ne_m[first], a.to_ne_m[first], b.from_ne_m[second], b.to_ne_m[second]
     reach = a.radius_m[first] + b.radius_m[second]
     found = []
@@ -93,7 +99,7 @@ def touches(a: Capsules, b: Capsules, first: Numbers, second: Numbers) -> Touche
         found.append((end - nearest, nearest, reach > 0.0))
     for end in (b0, b1):
         nearest, share = nearest_on_axis(end, a0, a1)
-        found.append((nearest - end, end, (share > 0.0) & (share < 1.0)))  # else an end of a found it already
+        found.append((nearest - end, end, (share > 0.0) & (share < 1.0)))  # otherwise an end of a gave this touch
     between = np.concatenate([row[0] for row in found])
     on_b = np.concatenate([row[1] for row in found])
     counts = np.concatenate([row[2] for row in found])
@@ -108,7 +114,7 @@ def touches(a: Capsules, b: Capsules, first: Numbers, second: Numbers) -> Touche
 
 
 def nearest_on_axis(points: Array, start: Array, end: Array) -> tuple[Array, Array]:
-    """Nearest place (..., 2) on the straight from start to end, and its share (...,) of the way, 0 to 1."""
+    """Return the nearest place (..., 2) on the segment from start to end, and its share (...,) of the way, 0 to 1."""
     along = end - start
     square = np.vecdot(along, along)
     share = np.vecdot(points - start, along) / np.where(square > 0.0, square, 1.0)
@@ -117,12 +123,12 @@ def nearest_on_axis(points: Array, start: Array, end: Array) -> tuple[Array, Arr
 
 
 def inset(corners_m: Array, by_m: float) -> Array:
-    """(P, 2) corners of a convex polygon, in turn, whose sides have all been moved inward."""
+    """Return the (P, 2) corners, in order, of a convex polygon with all sides moved inward."""
     along = np.roll(corners_m, -1, axis=0) - corners_m
     along = along / np.sqrt(np.vecdot(along, along))[:, None]
     inward = np.column_stack([-along[:, 1], along[:, 0]])
     inward *= np.sign(np.vecdot(inward, corners_m.mean(axis=0) - corners_m))[:, None]
-    # Where the lines of two sides meet: n . x = n . p + by, of the side before and of this one.
+    # Intersection of two sides' lines: n . x = n . p + by, of the previous side and of this one.
     normals = np.stack([np.roll(inward, 1, axis=0), inward], axis=1)
     offsets = np.vecdot(normals, corners_m[:, None]) + by_m
     met: Array = np.linalg.solve(normals, offsets[..., None])[..., 0]
@@ -130,7 +136,7 @@ def inset(corners_m: Array, by_m: float) -> Array:
 
 
 def convex_hull(points_m: Array) -> Array:
-    """(P, 2) corners, in turn, of the least convex polygon about points (K, 2): Andrew's (1979) monotone chain."""
+    """Return the (P, 2) corners, in order, of the convex hull of points (K, 2): Andrew's (1979) monotone chain."""
     ordered = np.unique(points_m, axis=0).tolist()
 
     def chain(points: list[list[float]]) -> list[list[float]]:
@@ -149,7 +155,7 @@ def convex_hull(points_m: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """An upright rectangle over the segment between two points (north, east), between two heights (down)."""
+    """An upright rectangle above the segment between two points (north, east), between two heights (down)."""
 
     from_ne_m: Point
     to_ne_m: Point
@@ -159,16 +165,20 @@ class Wall:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walls:
-    """K walls: from_ne_m, span_ne_m (K, 2), top_down_m, bottom_down_m (K,)."""
+    """K walls."""
 
     from_ne_m: Array
+    """First ends, (K, 2)."""
     span_ne_m: Array
+    """Vectors to the second ends, (K, 2)."""
     top_down_m: Array
+    """Down coordinate of the top, (K,)."""
     bottom_down_m: Array
+    """Down coordinate of the bottom, (K,)."""
 
     @classmethod
     def joined(cls, walls: Sequence[Wall]) -> Walls:
-        """All of these; none at all is open water."""
+        """Join walls; no walls at all is open water."""
         start = np.array([wall.from_ne_m for wall in walls], dtype=np.float64).reshape(-1, 2)
         end = np.array([wall.to_ne_m for wall in walls], dtype=np.float64).reshape(-1, 2)
         top = np.array([wall.top_down_m for wall in walls], dtype=np.float64)
@@ -176,7 +186,7 @@ class Walls:
 
     @classmethod
     def of_parts(cls, parts: Sequence[Walls]) -> Walls:
-        """All of these; of none, `OPEN_WATER`."""
+        """Join several sets of walls; `OPEN_WATER` for none."""
         if not parts:
             return OPEN_WATER
         return cls(
@@ -187,7 +197,7 @@ class Walls:
         )
 
     def range_in_plan_m(self, origin_ne_m: Array, direction_ne: Array) -> Array:
-        """(N, M) range to the nearest wall in plan, whatever its height, inf where there is none.
+        """Return the (N, M) range to the nearest wall in plan at any height, inf for none.
 
         origin_ne_m: (N, 2); direction_ne: (N, M, 2) unit vectors.
         """
@@ -196,7 +206,7 @@ class Walls:
         return nearest
 
     def range_m(self, origin_ned_m: Array, direction_ned: Array) -> Array:
-        """(N, M) range to the nearest wall along (N, M, 3) unit vectors from (N, 3), inf where there is none."""
+        """Return the (N, M) range to the nearest wall along (N, M, 3) unit vectors from (N, 3), inf for none."""
         distance = self._crossings(origin_ned_m[:, :2], direction_ned[:, :, :2])
         finite = np.where(np.isfinite(distance), distance, 0.0)
         down_m = origin_ned_m[:, None, None, 2] + finite * direction_ned[:, :, None, 2]
@@ -205,7 +215,7 @@ class Walls:
         return nearest
 
     def _crossings(self, origin: Array, direction: Array) -> Array:
-        """(N, M, K) how far along each ray each wall is, inf where it is not."""
+        """Return the (N, M, K) distance along each ray to each wall, inf for no intersection."""
         to_wall = self.from_ne_m[None, None] - origin[:, None, None]
         ray, span = direction[:, :, None], self.span_ne_m[None, None]
         turn = ray[..., 0] * span[..., 1] - ray[..., 1] * span[..., 0]
@@ -224,7 +234,7 @@ OPEN_WATER = Walls.joined(())
 def box_walls(
     centre_ne_m: Point, length_m: float, width_m: float, heading_rad: float, top_down_m: float, bottom_down_m: float
 ) -> list[Wall]:
-    """The four sides of a box; its length lies along the heading."""
+    """Return the four sides of a box with its length along the heading."""
     cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
     corners = [
         (
@@ -240,7 +250,9 @@ def box_walls(
 
 
 def line_walls(points_ned_m: Sequence[tuple[float, float, float]], radius_m: float) -> list[Wall]:
-    """A line of cylinders: a box as wide and as high as they are along each piece, its axis at the points' height."""
+    """Return walls for a line of cylinders. Each wall has the width and height of the cylinders, about the points'
+    height.
+    """
     walls: list[Wall] = []
     for (north0, east0, down0), (north1, east1, down1) in pairwise(points_ned_m):
         centre, axis_m = ((north0 + north1) / 2, (east0 + east1) / 2), (down0 + down1) / 2

@@ -1,7 +1,8 @@
-"""Ray casting in numpy: closed forms for solids, and for meshes the test of Moeller and Trumbore (Fast, minimum storage
-ray/triangle intersection, 1997) on clumps of triangles whose spheres a ray passes.
+"""Ray casting in numpy, with closed forms for solids.
 
-Slow beside Embree, and needs nothing installed.
+For meshes, it uses the test of Moeller and Trumbore (Fast, minimum storage ray/triangle intersection, 1997). The test
+covers the clumps of triangles with bounding spheres that a ray passes through. This backend is slower than Embree and
+needs no extra package.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _TINY = 1e-14
 
 
 class PrimitiveCaster:
-    """Knows `solids` and the triangles of `meshes`, both in NED."""
+    """Casts rays at `solids` and at the triangles of `meshes`, both in NED, and at bodies."""
 
     def __init__(self, solids: Sequence[Solid] = (), meshes: Sequence[Mesh] = ()) -> None:
         self._solids = tuple(solids)
@@ -39,11 +40,11 @@ class PrimitiveCaster:
         body_delay_s: Array32 | None = None,
         reach_m: Array32 | None = None,
     ) -> Hits:
-        """What each ray meets first; see `RayCaster`. A direction that is none, zero or NaN, meets nothing."""
+        """Return the first hit of each ray; see `RayCaster`. An invalid direction, zero or NaN, hits nothing."""
         origin, direction = origin_ned_m.astype(float64), direction_ned.astype(float64)
         nearest = _Nearest.none(len(origin))
         possible = _possible(origin, direction)
-        direction[~possible] = np.nan  # compares as false in all that follows
+        direction[~possible] = np.nan  # compares as false in all following tests
         rays = np.flatnonzero(possible)
         for solid in self._solids:
             nearest.keep_nearest(rays, solid.meet(origin[rays], direction[rays]), MATERIALS.index(solid.material))
@@ -79,7 +80,7 @@ class PrimitiveCaster:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Nearest:
-    """What R rays have met so far; written into."""
+    """Nearest hits of R rays so far; updated in place."""
 
     range_m: Array
     normal: Array
@@ -106,7 +107,7 @@ class _Nearest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Clump:
-    """Triangles close together: corner and two edges (F, 3) each, and a sphere that holds them."""
+    """Triangles close together: corner and two edges (F, 3) each, and their bounding sphere."""
 
     corner: Array
     edges: tuple[Array, Array]
@@ -123,7 +124,7 @@ class _Clump:
         return np.flatnonzero(near)
 
     def meet(self, origin: Array, direction: Array) -> Meeting:
-        """Of rays (R, 3): range (R,) and normal (R, 3)."""
+        """Return range (R,) and normal (R, 3) for rays (R, 3)."""
         range_m, normal = np.full(len(origin), np.inf), np.zeros((len(origin), 3))
         for first in range(0, len(origin), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
@@ -134,7 +135,7 @@ class _Clump:
         return range_m, normal
 
     def _ranges(self, origin: Array, direction: Array) -> Array:
-        """(R, F) range of each ray to each triangle, inf for none."""
+        """Return the (R, F) range of each ray to each triangle, inf for none."""
         edge_1, edge_2 = self.edges
         p = np.cross(direction[:, None], edge_2[None])
         determinant = np.einsum("rfi,fi->rf", p, edge_1)
@@ -151,14 +152,14 @@ class _Clump:
 
 
 def _possible(origin: Array, direction: Array) -> NDArray[np.bool_]:
-    """(R,) which rays start somewhere and go somewhere."""
+    """Return (R,) True for rays with a finite origin and a valid direction."""
     numbers = np.isfinite(np.concatenate([origin, direction], axis=1))
     possible: NDArray[np.bool_] = numbers.all(axis=1) & direction.any(axis=1)
     return possible
 
 
 def _clumps(mesh: Mesh) -> Iterator[_Clump]:
-    """The triangles halved along their longest extent until few are left together."""
+    """Halve the triangles along their longest extent until few remain in each part."""
     corners = mesh.vertices_m[mesh.faces]
     waiting = [np.arange(len(corners))] if len(corners) else []
     while waiting:

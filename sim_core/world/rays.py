@@ -1,8 +1,8 @@
-"""Ray casting: a scene of what does not move, bodies adrift, and what rays meet of them.
+"""Ray casting: a scene of fixed geometry, drifting bodies, and the hits of rays.
 
     hits = ray_backends.make_caster(scene).cast(origin_ned_m, direction_ned, bodies)
 
-A caster knows what does not move. What drifts comes with every call.
+A caster holds the fixed geometry. Each call supplies the drifting bodies.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from sim_core.world.geometry import Mesh, Solid
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bodies:
-    """B bodies adrift at one instant.
-
-    meshes: each in its own axes (forward, right, down), about its middle. pos_ned_m, vel_ned_mps (B, 3);
-    rot_ned_body (B, 3, 3).
-    """
+    """B drifting bodies at one instant."""
 
     meshes: tuple[Mesh, ...]
+    """Meshes, each in its body axes (forward, right, down), about its middle."""
     pos_ned_m: Array
+    """Positions, (B, 3)."""
     vel_ned_mps: Array
+    """Velocities, (B, 3)."""
     rot_ned_body: Array
+    """Rotations from body axes to NED, (B, 3, 3)."""
 
     def joined(self, other: Bodies) -> Bodies:
-        """These, then the others."""
+        """Return these bodies, then the others."""
         return Bodies(
             self.meshes + other.meshes,
             np.concatenate([self.pos_ned_m, other.pos_ned_m]),
@@ -47,24 +47,25 @@ NO_BODIES = Bodies((), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3)))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """Of R rays: range_m (R,), inf for none; normal_ned (R, 3), unit, toward where the ray came from, 0 for none.
-
-    material (R,): number in `geometry.MATERIALS`, -1 for none. body (R,): number of the body, -1 for none and for what
-    does not move.
-    """
+    """Hits of R rays."""
 
     range_m: Array32
+    """Ranges, (R,), inf for none."""
     normal_ned: Array32
+    """Unit normals toward the origin of the ray, (R, 3), 0 for none."""
     material: NDArray[int16]
+    """Indices into `geometry.MATERIALS`, (R,), -1 for none."""
     body: NDArray[int16]
+    """Indices of bodies, (R,), -1 for none and for fixed geometry."""
 
 
 class RayCaster(Protocol):
     """Ray casting by one backend.
 
-    triangles: how many does it know. cast: of R rays from origin_ned_m along unit vectors direction_ned, both (R, 3),
-    in single precision. `body_delay_s` (R,), if given, is how much later than `bodies` each ray goes out: bodies are
-    then met where their velocity has brought them. `reach_m` (R,), if given: what is farther need not be found.
+    triangles: number of fixed triangles. `cast` casts R rays in single precision from origin_ned_m along unit vectors
+    direction_ned, both (R, 3). `body_delay_s` (R,), if given, is the delay of each ray after the instant of `bodies`:
+    the bodies then move on with their velocity. `reach_m` (R,), if given, is the range beyond which hits may be
+    omitted.
     """
 
     triangles: int
@@ -86,15 +87,15 @@ def rays_near(
     radius_m: NDArray[float64],
     delay_s: Array32 | None = None,
 ) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yields (number of a body, numbers of the rays that may meet it): never too few, and mostly few.
+    """Yield (index of a body, indices of the rays that may hit it): never too few, and mostly few.
 
-    radius_m (B,): of the sphere about each body's middle that holds it. A ray d from o passes a sphere about c within r
-    when d . (c - o) >= sqrt(|c - o|^2 - r^2). One o stands for all origins, with r greater by how far they are from it
-    and by how far the body drifts.
+    radius_m (B,): radius of the bounding sphere about each body's middle. A ray d from o passes a sphere about c within
+    r if d . (c - o) >= sqrt(|c - o|^2 - r^2). One o represents all origins. r grows by their distance from it and by
+    the drift of the body.
     """
     if not len(origin_ned_m):
         return
-    # By columns: numpy is ten times slower at the least of rows of three.
+    # By columns: numpy is at least ten times slower for rows of three.
     low = np.array([column.min() for column in origin_ned_m.T], dtype=float64)
     high = np.array([column.max() for column in origin_ned_m.T], dtype=float64)
     spread_m = float(np.linalg.norm(high - low)) / 2
@@ -116,20 +117,21 @@ Backend = Literal["embree", "numpy"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScenePart:
-    """A mesh in NED; `solids`: the same in closed form, in NED, empty where there is none."""
+    """A mesh in NED."""
 
     name: str
     mesh: Mesh
     solids: tuple[Solid, ...] = ()
+    """The same shape in closed form, in NED; empty if there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """All that does not move."""
+    """All fixed geometry."""
 
     parts: tuple[ScenePart, ...] = ()
 
     @property
     def triangles(self) -> int:
-        """Of all parts."""
+        """Number of triangles of all parts."""
         return sum(len(part.mesh.faces) for part in self.parts)

@@ -1,4 +1,4 @@
-"""The bed of a river and the land beside it as one smooth surface, and trees and rocks along it, drawn from a seed.
+"""The bed of a river and the adjacent land as one smooth surface, and random trees and rocks along it.
 
 bed = RiverBed.from_spec(RiverSpec(direction_deg=126.9, width_m=300, depth_m=12))
 bed.bed_down_m(places_ne_m)
@@ -35,24 +35,24 @@ from sim_core.world.spec import NEAREST_TREE_M, RiverSpec, ShoalSpec
 _WAVELENGTHS_M = (15.0, 70.0)
 _SINUSOIDS = 12
 _ROUNDING_M = 1.0
-"""How far the bed's edges are rounded where bank meets bed and land."""
+"""Rounding of the bed's edges between bank, bed and land."""
 
 
 class Bed(Protocol):
-    """The ground under the water and beside it."""
+    """The ground under the water and next to it."""
 
     def bed_down_m(self, north_east_m: Array) -> Array:
-        """(...,) how deep the ground is below the local origin, at places (..., 2)."""
+        """Return the (...,) depth of the ground below the local origin, at places (..., 2)."""
         ...
 
     def gradient(self, north_east_m: Array) -> Array:
-        """(..., 2) how `bed_down_m` grows to the north and to the east."""
+        """Return the (..., 2) derivative of `bed_down_m` to the north and to the east."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class FlatBed:
-    """At one depth everywhere."""
+    """A bed at one depth everywhere."""
 
     down_m: float
 
@@ -67,20 +67,21 @@ class FlatBed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RiverBed:
-    """A straight channel between banks of an even slope, and everywhere an undulation that is a sum of sinusoids.
-
-    `water_down_m`: where the surface is. wave_vector_radpm (K, 2), phase_rad, amplitude_m (K,): the undulation.
-    """
+    """A straight channel between banks of constant slope, with an undulation that is a sum of K sinusoids."""
 
     spec: RiverSpec
     water_down_m: float
+    """Down coordinate of the water surface."""
     wave_vector_radpm: Array
+    """Wave vectors of the undulation, (K, 2)."""
     phase_rad: Array
+    """Phases of the undulation, (K,)."""
     amplitude_m: Array
+    """Amplitudes of the undulation, (K,)."""
 
     @classmethod
     def from_spec(cls, spec: RiverSpec, water_down_m: float = 0.0) -> RiverBed:
-        """With the undulation that the specification's seed draws."""
+        """Return the bed. The specification's seed draws the undulation."""
         rng = default_rng(spec.seed)
         wavelength = np.geomspace(*_WAVELENGTHS_M, _SINUSOIDS)
         turn = rng.uniform(0.0, 2 * math.pi, _SINUSOIDS)
@@ -90,7 +91,7 @@ class RiverBed:
 
     @property
     def direction_rad(self) -> float:
-        """Where the channel goes, clockwise from north."""
+        """Direction of the channel, clockwise from north."""
         return math.radians(self.spec.direction_deg)
 
     def bed_down_m(self, north_east_m: Array) -> Array:
@@ -102,15 +103,15 @@ class RiverBed:
         return self._shape(north_east_m)[1]
 
     def place_ne_m(self, along_m: Array, right_m: Array) -> Array:
-        """(..., 2) of places so far along the channel and to the right of its middle."""
+        """Return the (..., 2) places at distances along the channel and to the right of its middle."""
         cosine, sine = math.cos(self.direction_rad), math.sin(self.direction_rad)
         north, east = self.spec.through_ne_m
         return np.stack([north + cosine * along_m - sine * right_m, east + sine * along_m + cosine * right_m], axis=-1)
 
     def meshes(self, cell_m: float | None = None) -> list[Mesh]:
-        """Bed and land as far as the specification says; the ground under water is of another material.
+        """Return bed and land within the specified range. The ground under water has a different material.
 
-        Cells of cell_m (None: the specification's) near the waterlines, of twice that in the middle.
+        Cells have cell_m (None: the specification's) near the waterlines, and twice that in the middle.
         """
         cell_m, along_m, beside_m = cell_m or self.spec.cell_m, self.spec.along_m, self.spec.beside_m
         edge = self.spec.width_m / 2
@@ -136,7 +137,7 @@ class RiverBed:
         ]
 
     def _shape(self, place: Array) -> tuple[Array, Array]:
-        """Depth below the origin, and its gradient."""
+        """Return the depth below the origin, and its gradient."""
         north, east = place[..., 0] - self.spec.through_ne_m[0], place[..., 1] - self.spec.through_ne_m[1]
         cosine, sine = math.cos(self.direction_rad), math.sin(self.direction_rad)
         right = cosine * east - sine * north
@@ -152,23 +153,23 @@ class RiverBed:
 
 
 def _lesser(value: Array, most: float) -> tuple[Array, Array]:
-    """The lesser of the two, rounded where they meet, and its slope over `value`."""
+    """Return a smooth minimum of the two, and its slope over `value`."""
     root = np.sqrt((value - most) ** 2 + _ROUNDING_M**2)
     return 0.5 * (value + most - root), 0.5 * (1 - (value - most) / root)
 
 
 _SUNK_M = 0.5
-"""How deep a trunk reaches into the ground."""
+"""Depth of a trunk below the ground."""
 
 
 def bank_parts(bed: RiverBed) -> list[ScenePart]:
-    """Trees and rocks on both banks, as the specification's seed draws them."""
+    """Return trees and rocks on both banks, drawn from the specification's seed."""
     rng = default_rng(bed.spec.seed)
     return [*_trees(bed, rng), *_rocks(bed, rng)]
 
 
 def _trees(bed: RiverBed, rng: Generator) -> list[ScenePart]:
-    """Trunks and crowns of 5 to 14 m."""
+    """Return trunks and crowns of 5 to 14 m."""
     trunks: list[Mesh] = []
     crowns: list[Mesh] = []
     for place in _along_banks(bed, bed.spec.trees, (NEAREST_TREE_M, bed.spec.beside_m), rng):
@@ -183,14 +184,14 @@ def _trees(bed: RiverBed, rng: Generator) -> list[ScenePart]:
 
 
 def _rocks(bed: RiverBed, rng: Generator) -> list[ScenePart]:
-    """Rocks at both waterlines, of radii from 0.4 to 1.8 m."""
+    """Return rocks at both waterlines, of radii from 0.4 to 1.8 m."""
     places = _along_banks(bed, bed.spec.rocks, (-3.0, 6.0), rng)
     rocks = [_rock(bed, place, rng.uniform(0.4, 1.8), rng) for place in places]
     return [ScenePart("rocks", merged(rocks))] if rocks else []
 
 
 def shoal_part(bed: Bed, water_down_m: float, spec: ShoalSpec, rng: Generator) -> ScenePart:
-    """Rocks that stand on the bed and reach out of the water, evenly spaced along the strip and drawn across it."""
+    """Return rocks on the bed that reach out of the water, evenly spaced along the strip and random across it."""
     start, way = np.array(spec.from_ne_m), np.array(spec.to_ne_m) - np.array(spec.from_ne_m)
     length = float(np.linalg.norm(way))
     aside = np.array([-way[1], way[0]]) / (length or 1.0)
@@ -199,7 +200,7 @@ def shoal_part(bed: Bed, water_down_m: float, spec: ShoalSpec, rng: Generator) -
         place = start + share * way + rng.uniform(-0.5, 0.5) * spec.width_m * aside
         high, radius = rng.uniform(*spec.height_m), rng.uniform(*spec.radius_m)
         deep = max(float(bed.bed_down_m(place)) - water_down_m, 0.0)
-        # The ellipsoid's middle is on the bed; at the waterline it is narrower than there by this.
+        # The ellipsoid's middle is on the bed. Its width at the waterline is smaller by this factor.
         narrower = math.sqrt(1.0 - (deep / (deep + high)) ** 2)
         shape = ellipsoid((deep + high, radius / narrower, rng.uniform(0.7, 1.0) * radius / narrower), ROCK, 14, 16)
         turn = heading_matrix(rng.uniform(0.0, 2 * math.pi)) @ UPRIGHT
@@ -214,13 +215,13 @@ def _rock(bed: Bed, place: Array, radius_m: float, rng: Generator) -> Mesh:
 
 
 def _along_banks(bed: RiverBed, count: int, beyond_m: tuple[float, float], rng: Generator) -> Array:
-    """(count, 2) places, by turns on the left and the right bank."""
+    """Return (count, 2) places, in turn on the left and the right bank."""
     side = np.where(np.arange(count) % 2, 1.0, -1.0)
     along, beyond = rng.uniform(*bed.spec.along_m, count), rng.uniform(*beyond_m, count)
     return bed.place_ne_m(along, side * (bed.spec.width_m / 2 + beyond))
 
 
 def _roughened(mesh: Mesh, share: float, rng: Generator) -> Mesh:
-    """Every corner moved in or out by up to `share` of its distance from the middle."""
+    """Move every corner in or out by up to `share` of its distance from the middle."""
     factor = 1.0 + rng.uniform(-share, share, (len(mesh.vertices_m), 1))
     return Mesh(mesh.vertices_m * factor, mesh.faces, mesh.material)

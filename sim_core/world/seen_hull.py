@@ -1,4 +1,4 @@
-"""Hulls as others see them: triangles for rays, and upright sides for range sensors."""
+"""Hulls as the sensors of other vessels see them: triangles for rays, and upright sides for range sensors."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from sim_core.world.plan import Walls, convex_hull
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenHull:
-    """In body axes. mesh: of all hulls of a vessel.
-
-    Its E sides: from_frd_m, span_frd_m (E, 3) of a line halfway between top and bottom, half_height_m (E,) of both.
-    """
+    """Visible shape of a vessel in body axes, with E sides."""
 
     mesh: Mesh
+    """Mesh of all hulls of the vessel."""
     from_frd_m: Array
+    """First ends of the sides, halfway between top and bottom, (E, 3)."""
     span_frd_m: Array
+    """Vectors to the second ends, (E, 3)."""
     half_height_m: Array
+    """Half the height of the sides, (E,)."""
 
     @classmethod
     def of_model(cls, model: VesselSpec) -> SeenHull:
-        """Of a vessel: its demi-hulls. Raises as `hull_shape`."""
+        """Return the shape of a vessel's demi-hulls. Raises the same errors as `hull_shape`."""
         shapes = [hull_shape(hull) for hull in model.demi_hulls]
         return cls.of_meshes([Mesh(shape.vertices_m, shape.faces, PLASTIC) for shape in shapes])
 
     @classmethod
     def of_meshes(cls, meshes: list[Mesh]) -> SeenHull:
-        """Sides are those of the least convex outline of each."""
+        """Return the shape of meshes, with the convex outline of each as sides."""
         corners, following, half = [], [], []
         for mesh in meshes:
             plan = convex_hull(mesh.vertices_m[:, :2])
@@ -45,7 +46,7 @@ class SeenHull:
         return cls(merged(meshes), start, np.concatenate(following) - start, np.concatenate(half))
 
     def walls(self, pos_ned_m: Array, rot_ned_frd: Array) -> Walls:
-        """Its sides where it is now, upright."""
+        """Return its upright sides at its present pose."""
         start = self.from_frd_m @ rot_ned_frd.T + pos_ned_m
         span = self.span_frd_m @ rot_ned_frd.T
         middle_m = start[:, 2] + 0.5 * span[:, 2]

@@ -1,7 +1,8 @@
-"""What people have built in the river: log boom, dam, buildings.
+"""Structures in the river: log boom, dam, buildings.
 
-A log boom is floating cylinders end to end, between piles that hold the line; under an even current the line hangs in
-plan as a catenary. A dam is a box, or a wall with intakes before it, each a niche with bars across its mouth.
+A log boom is a line of floating cylinders end to end, between piles that hold the line. In a uniform current, the line
+has the plan of a catenary. A dam is a box, or a wall with intakes in front of it, each a niche with bars across its
+mouth.
 """
 
 from __future__ import annotations
@@ -36,13 +37,13 @@ from sim_core.world.river import Bed, FlatBed
 from sim_core.world.spec import BuildingSpec, DamSpec, LogBoomSpec
 
 _FILLED = 0.95
-"""Of the line is float, the rest is the gap."""
+"""Share of the line that is float; the rest is gaps."""
 _AT_ONCE = 1_000_000
 _BAR_M = 0.15
 _FOUNDATION_M = 1.0
 _PILE_SUNK_M = 1.0
 NEAR_SURFACE_M = 0.5
-"""What lies deeper, or hangs higher, is passed by hulls."""
+"""Hulls pass over or under objects that are deeper or higher than this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +58,14 @@ class Pile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogBoom:
-    """K floats of one radius, and the piles at the ends of the line and between.
-
-    centre_ned_m (K, 3): their middles; along_ne (K, 2): their way along the line, of any length; length_m (K,).
-    """
+    """K floats of one radius, and the piles at the ends of the line and between."""
 
     centre_ned_m: Array
+    """Middles of the floats, (K, 3)."""
     along_ne: Array
+    """Directions of the floats along the line, of any length, (K, 2)."""
     length_m: Array
+    """Lengths, (K,)."""
     radius_m: float
     piles: tuple[Pile, ...] = ()
 
@@ -78,9 +79,10 @@ class LogBoom:
         down_m: float = 0.0,
         piles: Sequence[Pile] = (),
     ) -> LogBoom:
-        """Between each two of anchors_ne_m (A, 2) a catenary that sags by sag_m to the right of the way along them.
+        """Return a catenary between each two of anchors_ne_m (A, 2). It sags by sag_m to the right of the direction
+        along them.
 
-        As many floats of about float_length_m as fit, their axes at down_m.
+        It has as many floats of about float_length_m as fit, with their axes at down_m.
         """
         anchors = np.asarray(anchors_ne_m, dtype=float64)
         return cls._through(np.column_stack([anchors, np.full(len(anchors), down_m)]), sag_m, float_length_m,
@@ -88,7 +90,7 @@ class LogBoom:
 
     @classmethod
     def along_points(cls, points_ned_m: ArrayLike, float_length_m: float, float_radius_m: float) -> LogBoom:
-        """Straight between points_ned_m (A, 3), the axes at the points' height."""
+        """Return straight lines between points_ned_m (A, 3), with the axes at the points' height."""
         return cls._through(np.asarray(points_ned_m, dtype=float64), 0.0, float_length_m, float_radius_m, ())
 
     @classmethod
@@ -115,7 +117,7 @@ class LogBoom:
 
     @classmethod
     def from_spec(cls, spec: LogBoomSpec, bed: Bed, water_down_m: float) -> LogBoom:
-        """With piles at the anchors where they have a radius."""
+        """Return the boom of a specification. Anchors with a radius have piles."""
         if spec.anchors_ne_m is None:
             return cls.along_points(spec.points_ned_m or (), spec.float_length_m, spec.float_radius_m)
         piles = []
@@ -128,25 +130,25 @@ class LogBoom:
 
     @property
     def axis_ne(self) -> Array:
-        """(K, 2) unit vectors along the floats."""
+        """Unit vectors along the floats, (K, 2)."""
         axis: Array = self.along_ne / np.linalg.norm(self.along_ne, axis=-1, keepdims=True)
         return axis
 
     @property
     def heading_rad(self) -> Array:
-        """(K,) of the floats, clockwise from north."""
+        """Headings of the floats, (K,), clockwise from north."""
         heading: Array = np.arctan2(self.along_ne[:, 1], self.along_ne[:, 0])
         return heading
 
     @property
     def ends_ned_m(self) -> Array:
-        """(K, 2, 3) where the axis of each float begins and ends."""
+        """Ends of the axis of each float, (K, 2, 3)."""
         half = np.zeros_like(self.centre_ned_m)
         half[:, :2] = self.axis_ne * self.length_m[:, None] / 2
         return np.stack([self.centre_ned_m - half, self.centre_ned_m + half], axis=1)
 
     def distance_m(self, points_ned_m: Array) -> Array:
-        """(n,) from points (n, 3) to the surface of the nearest float or pile, negative inside."""
+        """Return the (n,) distances from points (n, 3) to the surface of the nearest float or pile, negative inside."""
         points = np.asarray(points_ned_m, dtype=float64)
         distance = np.empty(len(points))
         at_once = max(_AT_ONCE // (len(self.centre_ned_m) + 1), 1)
@@ -159,7 +161,7 @@ class LogBoom:
         return distance
 
     def _float_distance(self, points: Array) -> Array:
-        """(n, K) to the surface of each float."""
+        """Return the (n, K) distances to the surface of each float."""
         axis = self.axis_ne
         relative = points[:, None] - self.centre_ned_m[None]
         ahead = relative[..., 0] * axis[:, 0] + relative[..., 1] * axis[:, 1]
@@ -167,7 +169,7 @@ class LogBoom:
         return _capped(np.hypot(aside, relative[..., 2]) - self.radius_m, np.abs(ahead) - self.length_m / 2)
 
     def capsules(self, water_down_m: float) -> list[Capsules]:
-        """Floats that are at the surface, and piles."""
+        """Return the floats at the surface, and the piles."""
         ends = self.ends_ned_m
         afloat = np.abs(self.centre_ned_m[:, 2] - water_down_m) < self.radius_m + NEAR_SURFACE_M
         ends = ends[afloat]
@@ -178,7 +180,7 @@ class LogBoom:
         return [floats, Capsules(places, places, radii, ("boom pile",) * len(places))]
 
     def parts(self) -> list[ScenePart]:
-        """Each float and pile as a part of the scene."""
+        """Return each float and pile as a part of the scene."""
         parts = []
         shapes = {length: cylinder(self.radius_m, length, PLASTIC, sides=24) for length in set(self.length_m.tolist())}
         for centre, heading, length in zip(self.centre_ned_m, self.heading_rad, self.length_m.tolist(), strict=True):
@@ -201,19 +203,19 @@ def _pile_distance(pile: Pile, points: Array) -> Array:
 
 
 def _capped(beyond_side: Array, beyond_end: Array) -> Array:
-    """The distance to a cylinder with flat ends, from how far outside its side and its ends a point is."""
+    """Return the distance to a cylinder with flat ends, from a point's distances beyond its side and its ends."""
     outside = np.hypot(np.maximum(beyond_side, 0.0), np.maximum(beyond_end, 0.0))
     distance: Array = outside + np.minimum(np.maximum(beyond_side, beyond_end), 0.0)
     return distance
 
 
 def dam_box(spec: DamSpec) -> ScenePart:
-    """The dam as one box, whatever its intakes."""
+    """Return the dam as one box, without its intakes."""
     return block("dam", spec.centre_ned_m, spec.size_m, math.radians(spec.heading_deg), CONCRETE)
 
 
 def dam_parts(spec: DamSpec) -> list[ScenePart]:
-    """A box, or with intakes a wall and niches half as deep, on the left, with bars across their mouths."""
+    """Return a box, or with intakes a wall and niches half as deep, on the left, with bars across their mouths."""
     (length, width, height), intakes = spec.size_m, spec.intakes
     centre, heading_rad = np.array(spec.centre_ned_m), math.radians(spec.heading_deg)
     if intakes is None:
@@ -248,14 +250,14 @@ def dam_parts(spec: DamSpec) -> list[ScenePart]:
 def block(
     name: str, centre_ned_m: ArrayLike, size_m: tuple[float, float, float], heading_rad: float, material: Material
 ) -> ScenePart:
-    """A box of size_m, its length along the heading."""
+    """Return a box of size_m with its length along the heading."""
     centre, turn = np.asarray(centre_ned_m, dtype=float64), heading_matrix(heading_rad)
     mesh = moved(box(size_m, material), centre, turn)
     return ScenePart(name, mesh, (Box(centre, np.array(size_m), turn, material),))
 
 
 def building_part(bed: Bed, spec: BuildingSpec) -> ScenePart:
-    """A block that stands on the ground at its middle, its height above it, its foundation a metre below."""
+    """Return a block on the ground at its middle, with its height above it and its foundation a metre below."""
     length, width, height = spec.size_m
     ground = float(bed.bed_down_m(np.array(spec.centre_ne_m)))
     centre = np.array([*spec.centre_ne_m, ground + (_FOUNDATION_M - height) / 2])
@@ -264,7 +266,7 @@ def building_part(bed: Bed, spec: BuildingSpec) -> ScenePart:
 
 
 def upright_walls(boom: LogBoomSpec | None, dam: DamSpec | None, surface_down_m: float = 0.0) -> Walls:
-    """Log boom and dam as range sensors meet them; a boom between anchors floats at the surface."""
+    """Return the walls of log boom and dam for range sensors. A boom between anchors floats at the surface."""
     walls: list[Wall] = []
     if boom is not None and boom.points_ned_m is not None:
         walls += line_walls(boom.points_ned_m, boom.float_radius_m)
@@ -281,13 +283,16 @@ def upright_walls(boom: LogBoomSpec | None, dam: DamSpec | None, surface_down_m:
 
 
 def catenary_parameter_m(span_m: float, sag_m: float) -> float:
-    """a of y = a cosh(x / a) with the given sag over the span: sag = a (cosh(span / 2a) - 1). By halving; sag > 0."""
-    # sag < span^2 / 8a (1 + (span / 2a)^2 / 6 ...): the parabola's a is the least.
+    """Return a of y = a cosh(x / a) with the given sag over the span, by bisection; sag > 0.
+
+    sag = a (cosh(span / 2a) - 1).
+    """
+    # sag < span^2 / 8a (1 + (span / 2a)^2 / 6 ...): the parabola's a is the lower bound.
     low, high = 0.1 * min(sag_m, span_m), 10.0 * (span_m**2 / (8 * sag_m) + sag_m + span_m)
     for _ in range(200):
         middle = math.sqrt(low * high)
         # cosh overflows beyond 700.
-        turn = min(span_m / (2 * middle), 700.0)
+        turn = min(span_m / (2 * middle), 700.0)  # cosh overflows beyond 700.
         if 2 * middle * math.sinh(turn / 2) ** 2 > sag_m:
             low = middle
         else:
@@ -296,7 +301,7 @@ def catenary_parameter_m(span_m: float, sag_m: float) -> float:
 
 
 def catenary_length_m(span_m: float, sag_m: float) -> float:
-    """Along the line: 2 a sinh(span / 2a)."""
+    """Return the length along the line: 2 a sinh(span / 2a)."""
     if sag_m == 0.0:
         return span_m
     a = catenary_parameter_m(span_m, sag_m)
@@ -304,7 +309,9 @@ def catenary_length_m(span_m: float, sag_m: float) -> float:
 
 
 def catenary_points_m(from_ne_m: Array, to_ne_m: Array, sag_m: float, share: Array) -> Array:
-    """(K, 2) places at shares (K,) of the length between two points (2,), sagging to the right of the way there."""
+    """Return (K, 2) places at shares (K,) of the length between two points (2,), with the sag to the right of that
+    direction.
+    """
     way = to_ne_m - from_ne_m
     if sag_m == 0.0:
         straight: Array = from_ne_m + share[:, None] * way

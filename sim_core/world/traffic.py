@@ -1,12 +1,12 @@
-"""Scripted vessels: along a track at a speed, in closed form, whatever is in the way.
+"""Scripted vessels: motion along a track at a speed, in closed form, regardless of obstacles.
 
     vessel = ScriptedVessel.from_spec("barge", spec, water_level_m)
     motion = scripted_motion([vessel], time_s)
 
-A track goes straight from place to place and rounds its corners by arcs: of one radius up to a right angle, smaller the
-sharper the corner is and the less room there is, down to a turn on the spot at a reversal. Arcs tighter than half of
-that radius are gone through in the time that half of it would take. So place and heading are continuous in time, and
-the heading is that of the way over ground.
+A track goes straight between places and rounds its corners by arcs. The arcs have one radius up to a right angle.
+Sharper corners and shorter pieces have smaller radii, down to a turn on the spot at a reversal. Arcs tighter than half
+of the radius take the time of half the radius. Position and heading are therefore continuous in time. The heading is
+the course over ground.
 """
 
 from __future__ import annotations
@@ -27,14 +27,16 @@ from sim_core.world.plan import Point, inset
 from sim_core.world.spec import TrafficSpec
 
 BOW_SHARE, BOW_BEAM = 0.15, 0.5
-"""The share of its length over which a scripted vessel narrows, to this share of its beam."""
-_TIGHTEST = 0.5  # of the turning radius: what is tighter takes longer
+"""Share of a scripted vessel's length over which it narrows, and the bow's share of its beam."""
+_TIGHTEST = 0.5  # of the turning radius: tighter arcs take longer
 _ROUNDED_M, _ROUNDED_SHARE = 0.5, 0.25  # corners, for contact: at most, and of the beam
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A straight or an arc from begin_s on: from a place and a heading over a length, turning clockwise."""
+    """A straight piece or an arc: from a place and a heading over a length, with a clockwise turn. It begins at
+    begin_s.
+    """
 
     begin_s: float
     duration_s: float
@@ -44,7 +46,9 @@ class Piece:
     turn_rad: float = 0.0
 
     def after(self, share: float) -> tuple[Point, float]:
-        """Place and heading after a share of it; the chord of an arc a is sin(a / 2) / (a / 2) of its length."""
+        """Return place and heading after a share of the piece. The chord of an arc a is sin(a / 2) / (a / 2) of its
+        length.
+        """
         half = 0.5 * share * self.turn_rad
         chord_m = share * self.length_m * (math.sin(half) / half if half else 1.0)
         course = self.heading_rad + half
@@ -54,18 +58,16 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class ScriptedTrack:
-    """Pieces one after the other, the first at start_s, at rest before and after.
-
-    lap_s: from the first piece's begin to where a way round joins it that is gone again and again, None for none.
-    """
+    """Consecutive pieces, the first at start_s, at rest before and after."""
 
     pieces: tuple[Piece, ...]
     start_s: float
     lap_s: float | None
+    """Time from the begin of the first piece to the begin of the repeated loop, None for no loop."""
 
     @classmethod
     def at_rest(cls, place_ne_m: Point, heading_rad: float) -> ScriptedTrack:
-        """Of what lies still."""
+        """Return the track of a vessel at rest."""
         return cls((Piece(0.0, 0.0, place_ne_m, heading_rad, 0.0),), 0.0, None)
 
     @classmethod
@@ -77,7 +79,9 @@ class ScriptedTrack:
         loop: bool = False,
         start_s: float = 0.0,
     ) -> ScriptedTrack:
-        """Through two places or more, each elsewhere than the one before; loop: from the last to the first, and on."""
+        """Return a track through two or more places, each different from the previous one. loop: from the last to the
+        first, repeatedly.
+        """
         places = [*places_ne_m, *(places_ne_m[:1] if loop else ())]
         legs = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(places)]
         lengths = [math.hypot(*leg) for leg in legs]
@@ -104,11 +108,11 @@ class ScriptedTrack:
 
     @property
     def end_s(self) -> float:
-        """From start_s to the end of the last piece."""
+        """Time from start_s to the end of the last piece."""
         return self.pieces[-1].begin_s + self.pieces[-1].duration_s
 
     def at(self, time_s: float) -> tuple[Point, float, float, float]:
-        """Place, heading, speed and turning rate at an instant."""
+        """Return place, heading, speed and turning rate at an instant."""
         since_s = time_s - self.start_s
         if self.lap_s is not None and since_s >= self.end_s:
             since_s = self.lap_s + math.fmod(since_s - self.lap_s, self.end_s - self.lap_s)
@@ -124,7 +128,7 @@ class ScriptedTrack:
 
 
 def _corner(turn_rad: float, turn_radius_m: float, room_m: float) -> tuple[float, float]:
-    """How far before and behind a corner its arc begins and ends, and the radius of the arc."""
+    """Return the distance of an arc's ends from its corner, and the radius of the arc."""
     if not turn_rad:
         return 0.0, 0.0
     tangent = math.tan(0.5 * turn_rad)
@@ -134,22 +138,25 @@ def _corner(turn_rad: float, turn_radius_m: float, room_m: float) -> tuple[float
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScriptedVessel:
-    """A vessel that keeps to its track: a pontoon as long, wide, deep and high as it says, with a narrower bow.
+    """A vessel that keeps to its track: a pontoon of given length, beam, draft and height, with a narrower bow.
 
-    In its own axes, forward, right and down about its middle at the waterline: mesh, plan_m (P, 2) forward and right of
-    its corners clockwise, and the outline that is run into. down_m: of the still water.
+    Its axes are forward, right and down about its middle at the waterline.
     """
 
     name: str
     track: ScriptedTrack
     mesh: Mesh
+    """In its axes."""
     plan_m: Array
+    """Corners in plan, forward and right, (P, 2), clockwise."""
     outline: Outline
+    """Outline for contact."""
     down_m: float
+    """Down coordinate of the still water."""
 
     @classmethod
     def from_spec(cls, name: str, spec: TrafficSpec, water_level_m: float = 0.0) -> ScriptedVessel:
-        """Rounds corners by an arc of its length."""
+        """Return the vessel of a specification. It rounds corners by arcs with a radius of its length."""
         length_m, beam_m = spec.length_m, spec.beam_m
         if spec.speed_mps is None:
             track = ScriptedTrack.at_rest(spec.track_ned_m[0], math.radians(spec.heading_deg or 0.0))
@@ -177,7 +184,7 @@ class ScriptedVessel:
 
 
 def scripted_motion(vessels: Sequence[ScriptedVessel], time_s: float) -> Kinematics:
-    """Of T vessels, upright on the still water."""
+    """Return the motion of T vessels, upright on the still water."""
     count = len(vessels)
     place, velocity, change, euler, gyro, turning = np.zeros((6, count, 3))
     for row, vessel in enumerate(vessels):

@@ -1,8 +1,8 @@
-"""The river that vessels and debris move in: what stands in it, what is put into it, and one step of both.
+"""The river with its fixed structures and drifting bodies, and one step of contact and drift.
 
     afloat = step(waterway, outline, afloat, times, motion, water)
 
-Debris moves in long steps, and with the vessels' while one of them is near: what is far away costs little.
+Debris moves in long steps, and in the vessels' steps while a vessel is near: far bodies cost little.
 """
 
 from __future__ import annotations
@@ -41,16 +41,18 @@ from sim_core.world.river import Bed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waterway:
-    """standing: what stands or lies at anchor; bed: the bottom, None for none; launches: by their instants.
-
-    contact: whether vessels feel any of it; debris always feels all but triangles, which are what else stands.
-    """
+    """The river in which vessels and debris move."""
 
     standing: Capsules
+    """Fixed and anchored structures."""
     bed: Bed | None = None
+    """The bottom, None for none."""
     launches: tuple[Launch, ...] = ()
+    """Launches by their instants."""
     contact: bool = True
+    """True if vessels feel contact. Debris always feels all contacts except triangles."""
     triangles: Triangles = NO_TRIANGLES
+    """Triangles of all other fixed structures."""
 
 
 OPEN_WATER = Waterway(Capsules.joined(()), contact=False)
@@ -58,26 +60,31 @@ OPEN_WATER = Waterway(Capsules.joined(()), contact=False)
 
 @dataclass(frozen=True, slots=True)
 class WaterMotion:
-    """What carries bodies at one instant: `current_ned_mps` and `surface_down_m` at (B, 3) and (B, 2) places."""
+    """Water motion that carries bodies at one instant."""
 
     current_ned_mps: Callable[[Array], Array]
+    """Returns the current at (B, 3) places."""
     surface_down_m: Callable[[Array], Array]
+    """Returns the down coordinate of the surface at (B, 2) places."""
     density_kgpm3: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Afloat:
-    """Debris, what is near the vessels, the contacts of the latest step and their wrench on the vessels, (N, 6)."""
+    """Debris, and the contacts of the vessels."""
 
     debris: DebrisState
     near: Near
+    """Objects near the vessels."""
     contacts: Contacts = NO_CONTACTS
+    """Contacts of the latest step."""
     wrench_frd: Array | None = None
+    """Wrench of the contacts on the vessels, (N, 6)."""
     reachable: Reachable = OUT_OF_REACH
 
     @property
     def idle(self) -> bool:
-        """Whether nothing changes up to the next long step: nothing drifts, nothing is near, nothing presses."""
+        """True if nothing changes until the next long step: nothing drifts, nothing is near, nothing presses."""
         return not self.debris.bodies and self.wrench_frd is None and self.near.nothing and not len(self.reachable)
 
 
@@ -86,17 +93,20 @@ STILL = Afloat(no_debris(), NOTHING_NEAR)
 
 @dataclass(frozen=True, slots=True)
 class StepTimes:
-    """A step from time_ns on, dt_ns long; long_ns: of the debris's long steps, a whole number of dt_ns."""
+    """Times of a step."""
 
     time_ns: int
+    """Start of the step."""
     dt_ns: int
+    """Length of the step."""
     long_ns: int
+    """Length of the debris's long steps, a whole number of dt_ns."""
 
 
 def step(
     waterway: Waterway, outline: Outline, afloat: Afloat, times: StepTimes, motion: Kinematics, water: WaterMotion
 ) -> Afloat:
-    """One step later, with the vessels where they are at its start."""
+    """Return the state one step later, with the vessels at their positions of its start."""
     return step_together(waterway, [outline], [afloat], times, [motion], water)[0]
 
 
@@ -108,7 +118,7 @@ def step_together(
     motions: Sequence[Kinematics],
     water: WaterMotion,
 ) -> list[Afloat]:
-    """The same of vessels of several outlines in one water, with one debris."""
+    """Do the same for vessels of several outlines in one water, with the same debris."""
     long_step, debris = times.time_ns % times.long_ns == 0, afloat[0].debris
     if long_step:
         debris = _launch_due(waterway, debris, times.time_ns, water)
@@ -129,7 +139,7 @@ def step_together(
 def _look_around(
     waterway: Waterway, outline: Outline, motion: Kinematics, debris: DebrisState
 ) -> tuple[Near, Reachable]:
-    """What the vessels may touch before the next long step."""
+    """Return the objects that the vessels may touch before the next long step."""
     if not waterway.contact:
         return NOTHING_NEAR, OUT_OF_REACH
     near = find_near(waterway.standing, waterway.bed, outline, motion, debris)
@@ -145,7 +155,7 @@ def _touch_around(
     reachable: Reachable,
     dt_s: float,
 ) -> tuple[Contacts, Array | None, Push | None]:
-    """Contacts of the vessels, their wrench on them (N, 6), and what presses on the debris."""
+    """Return the contacts of the vessels, their wrench (N, 6), and the push on the debris."""
     contacts, wrench, push = NO_CONTACTS, None, None
     if not near.nothing:
         contacts, wrench, push = compute_contacts(waterway.standing, waterway.bed, outline, motion, debris, near, dt_s)
@@ -160,7 +170,7 @@ def _touch_around(
 def _drifted(
     waterway: Waterway, debris: DebrisState, times: StepTimes, water: WaterMotion, short: bool, push: Push | None
 ) -> DebrisState:
-    """Debris at the step's end; short: in steps of the vessels, one of which is near."""
+    """Return the debris at the step's end. short: in steps of the vessels, because a vessel is near."""
     if not debris.bodies:
         return debris
     if short:
@@ -171,7 +181,7 @@ def _drifted(
 
 
 def launch_body(debris: DebrisState, launch: Launch, water: WaterMotion) -> DebrisState:
-    """One body more, now. Raises ValueError for an impossible length."""
+    """Add one body now. Raises ValueError for an impossible length."""
     place = np.array([[launch.north_m, launch.east_m, 0.0]])
     current = water.current_ned_mps(place)[0]
     surface_down_m = float(water.surface_down_m(place[:, :2])[0])
@@ -179,7 +189,7 @@ def launch_body(debris: DebrisState, launch: Launch, water: WaterMotion) -> Debr
 
 
 def _launch_due(waterway: Waterway, debris: DebrisState, time_ns: int, water: WaterMotion) -> DebrisState:
-    if debris.time_ns != time_ns:  # nothing drifted so far, or something was put in between two long steps
+    if debris.time_ns != time_ns:  # nothing drifted so far, or a body was added between two long steps
         debris = replace(debris, time_ns=time_ns)
     while debris.scheduled < len(waterway.launches) and waterway.launches[debris.scheduled].at_ns <= time_ns:
         debris = launch_body(debris, waterway.launches[debris.scheduled], water)
@@ -188,11 +198,12 @@ def _launch_due(waterway: Waterway, debris: DebrisState, time_ns: int, water: Wa
 
 
 def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: WaterMotion, push: Push | None) -> DebrisState:
-    """Debris one step later, held by what stands in the water and by the banks."""
+    """Return the debris one step later, held by fixed structures and by the banks."""
     place = debris.pos_ned_m
     current, surface = water.current_ned_mps(place), water.surface_down_m(place[:, :2])
     free = drift(debris, dt_ns, current, surface, push)
-    # What holds a body must stop what the current gives it in this very step: light ones take all of it in one.
+    # The holding force must stop the velocity that the current adds in this step. Light bodies reach the current in one
+    # step.
     going = replace(debris, vel_ned_mps=free.vel_ned_mps, yaw_rate_radps=free.yaw_rate_radps)
     held = held_by(waterway.standing, waterway.bed, going, dt_ns * 1e-9)
     return free if held is None else drift(debris, dt_ns, current, surface, together(held, push))

@@ -1,4 +1,4 @@
-"""xitl's own plug-ins. Each registers by entry points in `pyproject.toml`, as those of other packages do.
+"""The plug-ins of xitl. Each registers by entry points in `pyproject.toml`, like the plug-ins of other packages.
 
 A plug-in imports the core (the rest of `xitl_cli`, and `xitl_cli.logs`) and no other plug-in. The core imports none.
 """

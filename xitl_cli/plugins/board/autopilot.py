@@ -1,4 +1,4 @@
-"""Another autopilot on a board: its program, its parameters, and the unit that starts it beside the agent."""
+"""Another autopilot on a board: its program, its parameters, and the unit that starts it together with the agent."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _SETTLE = "set -e; systemctl daemon-reload; systemctl enable --now {unit}; syste
 
 
 def put_autopilot(board: EmulatedBoard, program: Path, parameters: str) -> None:
-    """Bring an ArduPilot built for armhf Linux to a running board and have it started now and at each boot.
+    """Copy an ArduPilot built for armhf Linux to a running board, and start it now and at each boot.
 
     parameters: a file or a profile, as for `xitl params push`. Raises UserError.
     """

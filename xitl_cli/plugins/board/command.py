@@ -246,7 +246,7 @@ def enter(name: Name, command: Command = None) -> None:
 
 
 def _given(command: list[str] | None) -> list[str]:
-    """Without the -- that may stand before it."""
+    """Return the command without a leading `--`."""
     words = command or []
     return words[1:] if words[:1] == ["--"] else words
 
@@ -298,7 +298,7 @@ def _used_mib(board: EmulatedBoard) -> int:
 
 @contextmanager
 def _telling() -> Iterator[Callable[[str], None]]:
-    """What is being done: in one line that changes at a terminal, else a line for each thing that is new."""
+    """Return a function that shows progress: one changing line at a terminal, otherwise a line for each new text."""
     from xitl_cli.commands.terminal import progress, terminal
 
     if terminal(stderr=True).is_terminal:

@@ -1,4 +1,4 @@
-"""A board's console: what it has said so far, from its file, and this terminal in its place."""
+"""A board's console: its output so far, from its file, and an attached terminal."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ _CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\x1b[()][A-Z0-9]|\x1b[=>78]|[\x00
 
 
 class ConsoleFile:
-    """The file that the emulator writes its console to."""
+    """The file to which the emulator writes its console."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def text(self) -> str:
-        """All of it, without what moves a cursor; empty where there is none."""
+        """Return all output without cursor control sequences; empty if there is none."""
         try:
             return _CONTROL.sub("", self._path.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n"))
         except OSError:
             return ""
 
     def last_line(self) -> str:
-        """The last line that is not empty."""
+        """Return the last line that is not empty."""
         lines = [line.strip() for line in self.text().splitlines() if line.strip()]
         return lines[-1] if lines else ""
 
@@ -39,7 +39,7 @@ LEAVE = b"\x1d"  # Ctrl-]
 
 
 def attach(path: Path, log: Path) -> None:
-    """This terminal becomes the console's until Ctrl-], the end of the input or of the emulator. Raises UserError."""
+    """Attach this terminal to the console until Ctrl-], the end of the input or of the emulator. Raises UserError."""
     connection = socket.socket(socket.AF_UNIX)
     try:
         connection.connect(str(path))

@@ -1,4 +1,4 @@
-"""The emulated machine: its command line, starting it, waiting until the board is up, and ending it."""
+"""The emulated machine: its command line, start, the wait until the board is up, and stop."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from xitl_cli.plugins.board.tools import find_program, last_words
 
 PROGRAM = "qemu-system-arm"
 START_S, STOP_S = 180.0, 60.0
-_LONGEST_SOCKET = 100  # what the system allows for the path of one, less a little
+_LONGEST_SOCKET = 100  # slightly less than the system's limit for the path of a socket
 _TRY_S = 0.5
 _PANIC = "Kernel panic"
 Progress = Callable[[str], None]
 
 
 def machine_arguments(cores: int, memory_mib: int, kernel: Path, early: Path, kernel_arguments: str) -> list[str]:
-    """The command of an ARMv7 machine that starts this kernel, without disk, network and console."""
+    """Return the command of an ARMv7 machine that starts this kernel, without disk, network and console."""
     return [
         PROGRAM, "-machine", "virt,highmem=off", "-accel", "tcg,tb-size=256", "-cpu", "cortex-a15",
         "-smp", str(cores), "-m", str(memory_mib), "-kernel", str(kernel), "-initrd", str(early),
@@ -36,12 +36,12 @@ def machine_arguments(cores: int, memory_mib: int, kernel: Path, early: Path, ke
 
 
 def sockets(board: EmulatedBoard) -> tuple[Path, Path]:
-    """Of the monitor and of the console."""
+    """Return the sockets of the monitor and of the console."""
     return board.folder / "monitor.sock", board.folder / "console.sock"
 
 
 def board_arguments(board: EmulatedBoard, kernel: Path) -> list[str]:
-    """The whole command that boots a board in the background, in the namespace that it is started in."""
+    """Return the whole command that boots a board in the background, in the namespace of the caller."""
     monitor, console = sockets(board)
     return [
         *machine_arguments(
@@ -65,12 +65,12 @@ def _escaped(path: Path) -> str:
 
 
 def running(board: EmulatedBoard) -> int | None:
-    """The process of its emulator, None where it does not run."""
+    """Return the process of its emulator, None if it does not run."""
     return emulator_process(board.pid_file)
 
 
 def the_process(board: EmulatedBoard) -> int:
-    """As `running`. Raises UserError where it does not run."""
+    """Return the process as `running`. Raises UserError if it does not run."""
     pid = running(board)
     if pid is None:
         raise UserError(f"{board.name}: does not run; start it: xitl board start {board.name}")
@@ -78,14 +78,16 @@ def the_process(board: EmulatedBoard) -> int:
 
 
 def the_running_board(name: str) -> EmulatedBoard:
-    """Raises UserError where there is none of that name, or it does not run."""
+    """Return a running board. Raises UserError if no board has this name, or it does not run."""
     board = the_board(name)
     the_process(board)
     return board
 
 
 def the_reached_board(name: str, command: str) -> EmulatedBoard:
-    """As `the_running_board`, where its ports are reached from here; command: what to do in its namespace otherwise."""
+    """Return a running board with reachable ports. Raises UserError; command: suggested for use in the board's
+    namespace.
+    """
     board = the_board(name)
     if not network.is_reached(board, the_process(board)):
         raise UserError(f"{name}: is in a network namespace of its own; enter it: xitl board enter {name} {command}")
@@ -93,7 +95,7 @@ def the_reached_board(name: str, command: str) -> EmulatedBoard:
 
 
 def boot(board: EmulatedBoard, kernel: Path) -> None:
-    """Start its emulator in the background. Raises UserError, as for a disk that cannot be opened."""
+    """Start its emulator in the background. Raises UserError, for example for a disk that cannot be opened."""
     monitor, console = sockets(board)
     if len(str(monitor)) > _LONGEST_SOCKET:
         raise UserError(
@@ -117,9 +119,9 @@ def boot(board: EmulatedBoard, kernel: Path) -> None:
 
 
 def wait_until_up(board: EmulatedBoard, limit_s: float, progress: Progress) -> float:
-    """Until its ssh server lets us in; returns the seconds it took.
+    """Wait until the board's ssh server accepts a login. Return the seconds it took.
 
-    Raises UserError with the last lines of its console when that takes too long, or the machine stops.
+    Raises UserError with the last lines of its console after the limit, or if the machine stops.
     """
     begun_s = time.monotonic()
     said = ConsoleFile(board.console)
@@ -148,7 +150,7 @@ def _lets_us_in(board: EmulatedBoard) -> bool:
 
 
 def run_there(board: EmulatedBoard, words: list[str], limit_s: float) -> subprocess.CompletedProcess[str]:
-    """A command on the board, over ssh. Its exit code is 255 when ssh could not connect or it took too long."""
+    """Run a command on the board, over ssh. Its exit code is 255 if ssh could not connect or it took too long."""
     command = ["ssh", "-F", str(board.ssh_config), "-o", "ConnectTimeout=10", board.name, *words]
     try:
         return subprocess.run(
@@ -160,7 +162,7 @@ def run_there(board: EmulatedBoard, words: list[str], limit_s: float) -> subproc
 
 
 def shut_down(board: EmulatedBoard, limit_s: float = STOP_S) -> bool:
-    """Have the board end by itself; where it does not within the limit its power is cut, and False returned."""
+    """Shut the board down. After the limit, cut its power and return False."""
     run_there(board, ["systemctl", "poweroff"], limit_s)
     end_s = time.monotonic() + limit_s
     while time.monotonic() < end_s:
@@ -172,7 +174,7 @@ def shut_down(board: EmulatedBoard, limit_s: float = STOP_S) -> bool:
 
 
 def cut_power(board: EmulatedBoard) -> None:
-    """End its emulator at once; what the board had not written to its disk is lost."""
+    """End its emulator at once. Data that the board had not written to its disk is lost."""
     pid = running(board)
     if pid is None:
         return
@@ -183,7 +185,7 @@ def cut_power(board: EmulatedBoard) -> None:
 
 @contextmanager
 def stopped(board: EmulatedBoard) -> Iterator[None]:
-    """Its processors and clocks stand still meanwhile."""
+    """Stop the board's processors and clocks inside the context."""
     with EmulatorMonitor(sockets(board)[0]) as monitor:
         monitor.do("stop")
         try:
@@ -194,7 +196,7 @@ def stopped(board: EmulatedBoard) -> Iterator[None]:
 
 @contextmanager
 def unplugged(board: EmulatedBoard) -> Iterator[None]:
-    """Its network cable is out meanwhile."""
+    """Unplug the board's network cable inside the context."""
     with EmulatorMonitor(sockets(board)[0]) as monitor:
         monitor.do("set_link", name="nic", up=False)
         try:

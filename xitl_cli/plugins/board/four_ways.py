@@ -1,4 +1,4 @@
-"""The same mission four ways: in process, as a loopback, on an emulated board, and on a real one where there is one."""
+"""The same mission four ways: in process, as a loopback, on an emulated board, and on a real board if there is one."""
 
 from __future__ import annotations
 
@@ -23,21 +23,23 @@ _KEPT = {True: "yes", False: "no", None: "lockstep"}
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One of the runs: its title, what it extends, and the keys that differ.
-
-    path_ne_m (N, 2): the true one. off_path_m: RMS and largest distance from the first run's. summary: as written.
-    """
+    """One of the runs."""
 
     title: str
     extends: str
+    """Profile that it extends."""
     keys: str = ""
+    """Keys that differ, as YAML."""
     summary: Mapping[str, Any] | None = None
+    """Summary as the run wrote it."""
     path_ne_m: Floats | None = None
+    """True path, (N, 2)."""
     off_path_m: tuple[Told, Told] = (None, None)
+    """RMS and largest distance from the first run's path."""
 
 
 def ways(emulated: str | None, real: str | None) -> Iterator[Way]:
-    """emulated: the name of an emulated board that runs. real: the URL of an agent on a board. Raises UserError."""
+    """Yield the runs. emulated: name of a running emulated board. real: URL of a board's agent. Raises UserError."""
     yield Way("in process", "sitl")
     yield Way("loopback", "hitl-beaglebone-loopback")
     if emulated is not None:
@@ -49,7 +51,7 @@ def ways(emulated: str | None, real: str | None) -> Iterator[Way]:
 
 
 def sail(setup: ExperimentSetup, chosen: Sequence[Way]) -> list[Way]:
-    """All of them, one after the other. Raises UserError where one cannot be made, and InterruptedRunError."""
+    """Run all, one after the other. Raises UserError if a run cannot be set up, and InterruptedRunError."""
     sailed: list[Way] = []
     first: Path | None = None
     for number, way in enumerate(chosen, 1):
@@ -66,7 +68,7 @@ def sail(setup: ExperimentSetup, chosen: Sequence[Way]) -> list[Way]:
 
 
 def _off_path_m(first: Path, other: Path) -> tuple[Told, Told]:
-    """RMS and largest; None where there is too little of either run."""
+    """Return RMS and largest distance; None if either run is too short."""
     with open_log(first) as a, open_log(other) as b:
         try:
             sections = compare(a, b, of_a="truth", of_b="truth").sections
@@ -77,7 +79,7 @@ def _off_path_m(first: Path, other: Path) -> tuple[Told, Told]:
 
 
 def table(sailed: Sequence[Way]) -> list[list[str]]:
-    """A row for each quantity: its name, and its value in each run."""
+    """Return a row for each quantity: its name, and its value in each run."""
     columns = [dict(_quantities(way.summary or {}, way.off_path_m)) for way in sailed]
     return [[name, *(told_text(column.get(name)) for column in columns)] for name in columns[0]]
 
@@ -119,7 +121,7 @@ def _milli(value_us: float | None) -> float | None:
 
 
 def write_page(sailed: Sequence[Way], path: Path) -> None:
-    """One page with the paths and the table; nothing is loaded from elsewhere. Raises LogError."""
+    """Write one page with the paths and the table. It loads nothing from elsewhere. Raises LogError."""
     from xitl_cli.logs.report.html import write_sections
 
     known = [(way.title, *way.path_ne_m.T) for way in sailed if way.path_ne_m is not None and len(way.path_ne_m)]

@@ -3,7 +3,7 @@
     packages -> unpacked under fakeroot, with dpkg's database as after `dpkg --unpack` -> ext4 -> configured by
     Debian's own scripts, in the emulator -> image.json
 
-Each step leaves a mark, so that one that was interrupted is taken up where it stood.
+Each step leaves a mark, so that an interrupted build continues at that step.
 """
 
 from __future__ import annotations
@@ -37,17 +37,20 @@ _DEPENDS = re.compile(rb"\0depends=([^\0]*)\0")
 
 @dataclass(frozen=True, slots=True)
 class BoardImage:
-    """folder: where its files are. kernel_release: as `uname -r` tells it there. packages: how many are installed."""
+    """Image of a suite."""
 
     folder: Path
+    """Folder of its files."""
     suite: str
     version: str
     kernel_release: str
+    """Kernel release, as in the board's `uname -r`."""
     packages: int
+    """Number of installed packages."""
 
     @property
     def disk(self) -> Path:
-        """The root file system, ext4; boards write to files of their own over it."""
+        """The root file system, ext4. Boards write to overlay files."""
         return self.folder / "disk.qcow2"
 
     @property
@@ -57,12 +60,12 @@ class BoardImage:
 
     @property
     def early(self) -> Path:
-        """The early user space that finds the disk."""
+        """The early user space that mounts the disk."""
         return self.folder / "early.cpio.gz"
 
 
 def find_image(suite: str) -> BoardImage | None:
-    """The image of this version of xitl, None where it has not been made."""
+    """Return the image of this version of xitl, None if it does not exist."""
     folder = images_root() / f"{suite}-{recipe.recipe_version()}"
     try:
         read = json.loads((folder / "image.json").read_text(encoding="utf-8"))
@@ -72,7 +75,7 @@ def find_image(suite: str) -> BoardImage | None:
 
 
 def make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
-    """The image of a suite, made where it is not there yet. Raises UserError; what was done so far is kept."""
+    """Return the image of a suite; make it if it does not exist. Raises UserError. Completed steps are kept."""
     make_folder(images_root())
     with _alone(images_root() / f"{suite}.lock", progress):
         return find_image(suite) or _make_image(suite, mirror, progress)
@@ -80,7 +83,7 @@ def make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage
 
 @contextmanager
 def _alone(lock: Path, progress: Progress) -> Iterator[None]:
-    """No two at a time; the second finds what the first has made."""
+    """Hold the lock of an image. A second process waits and then finds the finished image."""
     with lock.open("w") as held:
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -118,7 +121,7 @@ def _make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImag
 
 
 def _unpack(image: BoardImage, packages: FetchedPackages, progress: Progress) -> str:
-    """Disk, kernel and early user space; returns the kernel's release."""
+    """Make disk, kernel and early user space. Return the kernel's release."""
     tree = image.folder / "tree"
     shutil.rmtree(tree, ignore_errors=True)
     progress(f"unpacking {len(packages.installed)} packages")
@@ -142,7 +145,7 @@ def _unpack(image: BoardImage, packages: FetchedPackages, progress: Progress) ->
 
 
 def early_archive(busybox: Path, modules: Path) -> bytes:
-    """The early user space, compressed. modules: the folder of the kernel's."""
+    """Return the early user space, compressed. modules: folder of the kernel's modules."""
     loaded = list(_in_order(modules))
     files = {"init": (0o755, recipe.EARLY_INIT.encode()), "bin/busybox": (0o755, busybox.read_bytes())}
     files |= {f"modules/{path.name}": (0o644, path.read_bytes()) for path in loaded}
@@ -151,12 +154,12 @@ def early_archive(busybox: Path, modules: Path) -> bytes:
 
 
 def _in_order(root: Path) -> Iterator[Path]:
-    """The early modules and all that they depend on, each after what it needs."""
+    """Return the early modules and all their dependencies, each after the modules it needs."""
     files = {path.name.partition(".")[0].replace("-", "_"): path for path in root.rglob("*.ko")}
     done: set[str] = set()
 
     def with_needed(name: str) -> Iterator[Path]:
-        if name in done or name not in files:  # what is built in is no file
+        if name in done or name not in files:  # built-in modules have no file
             return
         done.add(name)
         said = _DEPENDS.search(files[name].read_bytes())
@@ -169,7 +172,9 @@ def _in_order(root: Path) -> Iterator[Path]:
 
 
 def cpio_archive(files: dict[str, tuple[int, bytes]]) -> bytes:
-    """Files by path, each its mode and content, as root's, in the format that Linux starts from (newc)."""
+    """Return an archive of files by path, each with mode and content, owned by root, in the format of Linux's initramfs
+    (newc).
+    """
     folders = sorted({str(parent) for path in files for parent in Path(path).parents if str(parent) != "."})
     entries = [(folder, 0o040755, b"") for folder in folders]
     entries += [(path, 0o100000 | mode, data) for path, (mode, data) in files.items()]
@@ -184,14 +189,14 @@ def cpio_archive(files: dict[str, tuple[int, bytes]]) -> bytes:
 
 
 def make_overlay(disk: Path, base: Path, kind: str) -> None:
-    """A disk that holds only what differs from `base`, of the format `kind`."""
+    """Make a disk that holds only the differences from `base`, in the format `kind`."""
     disk.unlink(missing_ok=True)
     words = ["qemu-img", "create", "-q", "-f", "qcow2", "-F", kind, "-b", str(base), str(disk)]
     checked_run(words, f"{disk}: cannot be made", "make room, or check who may write there")
 
 
 def _configure(image: BoardImage, progress: Progress) -> None:
-    """Have Debian's own scripts set the packages up, in the emulator."""
+    """Configure the packages with Debian's scripts, in the emulator."""
     disk, console = image.folder / "configuring.qcow2", image.folder / "setup.log"
     make_overlay(disk, image.folder / "unpacked.img", "raw")
     arguments = machine_arguments(
@@ -217,7 +222,7 @@ def _configure(image: BoardImage, progress: Progress) -> None:
 
 
 def _watch(process: subprocess.Popen[bytes], said: ConsoleFile, packages: int, progress: Progress) -> bool:
-    """Whether the setup ended as it should."""
+    """Return True if the setup ended correctly."""
     end_s = time.monotonic() + SETUP_LIMIT_S
     while time.monotonic() < end_s and process.poll() is None:
         progress(f"configuring package {said.text().count('Setting up ')} of {packages} in the emulator")

@@ -1,4 +1,4 @@
-"""A board's ssh: a key to log in with, the key that the board shows, and settings that know both."""
+"""A board's ssh: a login key, the board's host key, and settings that contain both."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LOGIN_KEY, HOST_KEY, KNOWN = "id_ed25519", "ssh_host_ed25519_key", "known_hosts"
 
 
 def make_keys(folder: Path, name: str) -> None:
-    """Both keys, where they are not there yet; readable by their owner only."""
+    """Make both keys if they do not exist, readable only by their owner."""
     for key, comment in ((LOGIN_KEY, f"xitl board {name}"), (HOST_KEY, name)):
         file = folder / key
         if not file.is_file():
@@ -24,7 +24,7 @@ def make_keys(folder: Path, name: str) -> None:
 
 
 def write_ssh_config(board: EmulatedBoard) -> None:
-    """Settings for `ssh -F`, under which the board is known by its name, and by its key."""
+    """Write settings for `ssh -F` with the board's name and host key."""
     folder = board.folder
     public = (folder / f"{HOST_KEY}.pub").read_text(encoding="utf-8").split()
     (folder / KNOWN).write_text(f"{board.name} {' '.join(public[:2])}\n", encoding="utf-8")
@@ -50,7 +50,7 @@ def write_ssh_config(board: EmulatedBoard) -> None:
 
 
 def seed_files(board: EmulatedBoard) -> dict[str, tuple[int, bytes]]:
-    """What makes this board of an image, by path on its disk: its name and its keys."""
+    """Return the files that turn an image into this board, by path on its disk: its name and its keys."""
     host, login = board.folder / HOST_KEY, board.folder / f"{LOGIN_KEY}.pub"
     return {
         "etc/hostname": (0o644, f"{board.name}\n".encode()),

@@ -1,4 +1,4 @@
-"""A board from its making to its removal."""
+"""Life cycle of a board from creation to removal."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Progress = Callable[[str], None]
 def create(
     name: str, suite: str, cores: int, memory_mib: int, port: int | None, mirror: str | None, progress: Progress
 ) -> EmulatedBoard:
-    """Make a board, with an image of its suite that others share. Raises UserError; what was done is kept."""
+    """Make a board, with an image of its suite that other boards share. Raises UserError. Completed steps are kept."""
     folder = board_folder(name)
     if suite not in recipe.SUITES:
         raise UserError(f"--suite {suite}: not one that boards are made of; use {' or '.join(recipe.SUITES)}")
@@ -78,9 +78,9 @@ def _seed(board: EmulatedBoard) -> bytes:
 def start(
     name: str, port: int | None, network: str | None, limit_s: float, progress: Progress
 ) -> tuple[EmulatedBoard, float | None]:
-    """Boot a board and wait until it is up; the seconds that took, None where it was running already.
+    """Boot a board and wait until it is up. Return the seconds it took, None if it was running already.
 
-    port, network: as they were the last time where they are None. Raises UserError.
+    port, network: None for the values of the last start. Raises UserError.
     """
     kept = the_board(name)
     if network not in (None, FORWARDED, NAMESPACE):
@@ -110,7 +110,7 @@ def start(
 def remove(name: str, images: bool, force: bool = False) -> list[str]:
     """Remove a board, and with `images` every image that no board uses any more. Returns the paths removed.
 
-    Raises UserError for a board that runs, unless `force` is set, which cuts its power first.
+    Raises UserError for a running board, unless `force` is set, which cuts its power first.
     """
     folder = board_folder(name)
     if not folder.is_dir():

@@ -1,4 +1,4 @@
-"""The emulator's monitor, QMP: one JSON object a line over a socket of this user's own."""
+"""The emulator's monitor, QMP: one JSON object per line over a private socket of this user."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TIMEOUT_S = 10.0
 
 
 class EmulatorMonitor:
-    """A connection to the monitor of a running emulator. Raises UserError where none answers."""
+    """A connection to the monitor of a running emulator. Raises UserError if it does not answer."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -30,7 +30,7 @@ class EmulatorMonitor:
         self.do("qmp_capabilities")
 
     def do(self, command: str, **arguments: Any) -> Any:
-        """Carry out a command of the monitor; returns what it returns."""
+        """Run a command of the monitor and return its result."""
         words: dict[str, Any] = {"execute": command}
         if arguments:
             words["arguments"] = {name.replace("_", "-"): value for name, value in arguments.items()}
@@ -52,7 +52,7 @@ class EmulatorMonitor:
         return dict(answer)
 
     def close(self) -> None:
-        """Leave the emulator as it is."""
+        """Close the connection. The emulator continues unchanged."""
         self._file.close()
         self._socket.close()
 

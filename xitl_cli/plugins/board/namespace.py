@@ -1,6 +1,7 @@
-"""The network namespace that an emulator is in: its process holds it, other processes enter it.
+"""The network namespace of an emulator: its process holds it, other processes enter it.
 
-ssh starts this file as a program (ProxyCommand in `keys.py`), whatever its environment: the standard library alone.
+ssh starts this file as a program (ProxyCommand in `keys.py`) in any environment. It therefore imports only the standard
+library.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ _CONNECT_S = 10.0
 
 
 def emulator_process(pid_file: Path) -> int | None:
-    """The process that wrote this file, None where it does not run."""
+    """Return the process that wrote this file, None if it does not run."""
     try:
         pid = int(pid_file.read_text())
         command = Path(f"/proc/{pid}/cmdline").read_bytes()
@@ -25,12 +26,12 @@ def emulator_process(pid_file: Path) -> int | None:
 
 
 def shares_network(pid: int) -> bool:
-    """Whether this process and that one are in the same network namespace."""
+    """Return True if this process and the given process are in the same network namespace."""
     return _is_same("net", pid)
 
 
 def entered(pid: int, words: Sequence[str]) -> list[str]:
-    """The words as a command that runs, as this user, in the network namespace of a process that is in another one."""
+    """Return a command that runs these words, as this user, in the network namespace of another process."""
     user = () if _is_same("user", pid) else ("--user", "--preserve-credentials")
     return ["nsenter", "--target", str(pid), *user, "--net", "--", *words]
 

@@ -1,4 +1,4 @@
-"""The network that a board is in: ports of 127.0.0.1 forwarded to it, or a tap in a network namespace of its own."""
+"""The network of a board: forwarded ports of 127.0.0.1, or a tap in a separate network namespace."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TUN, TAP = "/dev/net/tun", "tap0"
 
 
 def backend(board: EmulatedBoard) -> str:
-    """For the emulator's option -netdev, as `net`."""
+    """Return the value of the emulator's option -netdev, with the id `net`."""
     if board.network == NAMESPACE:
         return f"tap,id=net,ifname={TAP},script=no,downscript=no"
     forwarded = [("tcp", board.ssh_port, recipe.SSH_PORT), ("tcp", board.mavlink_port, recipe.MAVLINK_PORT)]
@@ -30,13 +30,13 @@ def backend(board: EmulatedBoard) -> str:
 
 
 def started_in(board: EmulatedBoard, words: Sequence[str]) -> list[str]:
-    """The words as a command in the board's network, which is made for it where it is a namespace."""
+    """Return the words as a command in the board's network. It creates the namespace if the board has one."""
     if board.network == FORWARDED:
         return list(words)
     ip = shlex.quote(find_program("ip") or "ip")
     prefix = recipe.NETWORK.partition("/")[2]
-    # What is started keeps no capabilities: where it had some, a process without could not look up its namespaces.
-    # Who is not root may ping there only as a member of the groups named.
+    # The command keeps no capabilities: otherwise a process without them could not look up its namespaces. Users other
+    # than root may ping there only as members of the groups named.
     script = f"""\
 {ip} link set lo up
 {ip} tuntap add dev {TAP} mode tap user "$(id -u)"
@@ -50,7 +50,7 @@ exec setpriv --ambient-caps=-all "$@"
 
 
 def check_network(board: EmulatedBoard) -> None:
-    """Raises UserError where a port of the board is in use, or its namespace cannot be made."""
+    """Raises UserError if a port of the board is in use, or its namespace cannot be made."""
     if board.network == NAMESPACE:
         _check_namespace(board)
         return
@@ -89,7 +89,7 @@ def _check_free(board: EmulatedBoard, port: int) -> None:
 
 
 def is_reached(board: EmulatedBoard, pid: int) -> bool:
-    """Whether this process may talk to the ports of a board whose emulator is the process `pid`. Raises UserError."""
+    """Return True if this process can reach the ports of a board; pid: its emulator. Raises UserError."""
     try:
         return board.network == FORWARDED or shares_network(pid)
     except OSError as error:
@@ -99,7 +99,7 @@ def is_reached(board: EmulatedBoard, pid: int) -> bool:
 
 
 def entering(board: EmulatedBoard, pid: int, words: Sequence[str]) -> list[str]:
-    """The words as a command in the namespace of a board whose emulator is the process `pid`. Raises UserError."""
+    """Return the words as a command in the namespace of a board; pid: its emulator. Raises UserError."""
     if board.network == FORWARDED:
         raise UserError(
             f"{board.name}: has forwarded ports and no namespace to enter; xitl board stop {board.name}, then "

@@ -1,7 +1,7 @@
-"""Debian's packages for another processor, fetched by apt with lists and a package database of its own.
+"""Debian's packages for another processor, fetched by apt with a private package database and lists.
 
-Nothing is installed on this machine, and no root is needed. What was fetched once is kept, and a download that broke
-off is taken up again.
+Nothing is installed on this machine, and no root is needed. Downloaded packages are kept, and an interrupted download
+continues.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ _KERNEL = re.compile(r"Depends: (linux-image-\S+)")
 
 @dataclass(frozen=True, slots=True)
 class FetchedPackages:
-    """Archives on this machine: those to install, the kernel's, and the shell for the time before there is a disk."""
+    """Archives on this machine: packages to install, the kernel's, and the shell for the time before the disk is
+    mounted.
+    """
 
     installed: tuple[Path, ...]
     kernel: Path
@@ -30,7 +32,9 @@ class FetchedPackages:
 
 
 def fetch(suite: str, mirror: str | None, work: Path) -> FetchedPackages:
-    """Bring what an image of `suite` needs to the folder `work`, from `mirror` or from apt's own. Raises UserError."""
+    """Fetch the packages of an image of `suite` to the folder `work`, from `mirror` or from apt's mirror. Raises
+    UserError.
+    """
     if not KEYRING.is_file():
         raise UserError(f"{KEYRING}: missing, with Debian's keys; install it: apt install debian-archive-keyring")
     apt = _Apt(work, suite, mirror or _own_mirror())
@@ -47,7 +51,7 @@ def _own_mirror() -> str:
 
 
 class _Apt:
-    """apt-get with everything of its own under a folder."""
+    """apt-get with a private configuration under a folder."""
 
     def __init__(self, work: Path, suite: str, mirror: str) -> None:
         for folder in ("lists/partial", "archives/partial", "etc/preferences.d"):
@@ -82,7 +86,7 @@ class _Apt:
         self._get(["update"], "the list of its packages cannot be fetched")
 
     def fetch_all(self, packages: tuple[str, ...]) -> tuple[Path, ...]:
-        """The essential packages, these, and all that they depend on."""
+        """Fetch the essential packages, these, and all their dependencies."""
         wanted = ["install", "--yes", "--download-only", "?essential", *packages]
         self._get(wanted, "its packages cannot be fetched")
         self._empty.mkdir(parents=True, exist_ok=True)
@@ -104,7 +108,7 @@ class _Apt:
         return self.fetch_one(named[1])
 
     def fetch_one(self, package: str) -> Path:
-        """One package without what it depends on."""
+        """Fetch one package without its dependencies."""
         said = self._get(["download", "--print-uris", package], "is not there")
         named = re.search(r"^'[^']*' (\S+\.deb) ", said, re.MULTILINE)
         if named is None:

@@ -1,4 +1,4 @@
-"""Where boards and their images are, and what is known of each board: CACHE/boards/NAME/board.json."""
+"""Paths of boards and their images, and the record of each board: CACHE/boards/NAME/board.json."""
 
 from __future__ import annotations
 
@@ -14,74 +14,74 @@ from xitl_cli.plugins.board.recipe import BOARD_ADDRESS, SERVICE_PORTS
 RECORD = "board.json"
 PORTS_EACH, FIRST_PORT, LAST_PORT = 10, 14700, 14990
 FORWARDED, NAMESPACE = "forwarded", "namespace"
-"""How a board is reached: by ports of 127.0.0.1 that its emulator forwards, or in a network namespace of its own."""
+"""Access to a board: ports of 127.0.0.1 that its emulator forwards, or a separate network namespace."""
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,30}")
 
 
 def boards_root() -> Path:
-    """The folder of all boards; it need not exist."""
+    """Return the folder of all boards. It need not exist."""
     return cache_root() / "boards"
 
 
 def images_root() -> Path:
-    """The folder of what several boards share."""
+    """Return the folder of files that several boards share."""
     return cache_root() / "board-images"
 
 
 @dataclass(frozen=True, slots=True)
 class EmulatedBoard:
-    """One board. image: the version of the recipe it was made by.
-
-    port: the first of its ports on this machine where they are forwarded. network: FORWARDED or NAMESPACE.
-    """
+    """One board."""
 
     name: str
     suite: str
     image: str
+    """Version of the recipe of its image."""
     cores: int
     memory_mib: int
     port: int
+    """First of its forwarded ports on this machine."""
     network: str = FORWARDED
+    """FORWARDED or NAMESPACE."""
 
     @property
     def folder(self) -> Path:
-        """Where all of it is."""
+        """Folder of all its files."""
         return board_folder(self.name)
 
     @property
     def address(self) -> str:
-        """Where its ports are: of this machine where they are forwarded, its own in its namespace."""
+        """Address of its ports: of this machine if they are forwarded, otherwise of the board in its namespace."""
         return BOARD_ADDRESS if self.network == NAMESPACE else "127.0.0.1"
 
     @property
     def ssh_port(self) -> int:
-        """Of its ssh server."""
+        """Port of its ssh server."""
         return self.ports[0]
 
     @property
     def autopilot_port(self) -> int:
-        """Of the autopilot's agent."""
+        """Port of the autopilot's agent."""
         return self.ports[1]
 
     @property
     def companion_port(self) -> int:
-        """Of the companion's agent."""
+        """Port of the companion's agent."""
         return self.ports[2]
 
     @property
     def mavlink_port(self) -> int:
-        """Of an ArduPilot, for ground stations."""
+        """Port of an ArduPilot for ground stations."""
         return self.ports[3]
 
     @property
     def ports(self) -> tuple[int, ...]:
-        """All of them at its address, in the order of SERVICE_PORTS."""
+        """All ports at its address, in the order of SERVICE_PORTS."""
         forwarded = tuple(range(self.port, self.port + len(SERVICE_PORTS)))
         return SERVICE_PORTS if self.network == NAMESPACE else forwarded
 
     @property
     def disk(self) -> Path:
-        """What differs from the image's disk."""
+        """The overlay disk with the differences from the image's disk."""
         return self.folder / "disk.qcow2"
 
     @property
@@ -91,17 +91,17 @@ class EmulatedBoard:
 
     @property
     def ssh_config(self) -> Path:
-        """For `ssh -F`: the board under its name."""
+        """Settings for `ssh -F` with the board's name."""
         return self.folder / "ssh_config"
 
     @property
     def console(self) -> Path:
-        """What its console said since it was started."""
+        """Console output since the start."""
         return self.folder / "console.log"
 
     @property
     def pid_file(self) -> Path:
-        """The process of its emulator while it runs."""
+        """File with the process of its emulator while it runs."""
         return self.folder / "emulator.pid"
 
     @property
@@ -111,14 +111,14 @@ class EmulatedBoard:
 
 
 def board_folder(name: str) -> Path:
-    """Where the board of a name is; it need not exist. Raises UserError for what is no name."""
+    """Return the folder of a board. It need not exist. Raises UserError for an invalid name."""
     if not _NAME.fullmatch(name):
         raise UserError(f"{name!r}: no name for a board; use small letters, digits and hyphens, at most 31 of them")
     return boards_root() / name
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder of the cache, where it is not there yet. Raises UserError."""
+    """Make a folder of the cache if it does not exist. Raises UserError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -128,7 +128,7 @@ def make_folder(folder: Path) -> None:
 
 
 def find_board(name: str) -> EmulatedBoard | None:
-    """The board of a name, None where there is none. Raises UserError for one whose record cannot be read."""
+    """Return the board of a name, None if there is none. Raises UserError if its record cannot be read."""
     file = board_folder(name) / RECORD
     try:
         return EmulatedBoard(**json.loads(file.read_text(encoding="utf-8")))
@@ -141,7 +141,7 @@ def find_board(name: str) -> EmulatedBoard | None:
 
 
 def the_board(name: str) -> EmulatedBoard:
-    """As `find_board`. Raises UserError where there is none."""
+    """Return the board like `find_board`. Raises UserError if there is none."""
     found = find_board(name)
     if found is None:
         known = ", ".join(board_names()) or "none yet"
@@ -150,10 +150,10 @@ def the_board(name: str) -> EmulatedBoard:
 
 
 def board_names() -> list[str]:
-    """Of all boards that there are, in order."""
+    """Return the names of all boards, in order."""
     return sorted(file.parent.name for file in boards_root().glob(f"*/{RECORD}"))
 
 
 def write_record(board: EmulatedBoard) -> None:
-    """Keep what is known of it."""
+    """Write the record of a board."""
     (board.folder / RECORD).write_text(json.dumps(asdict(board), indent=2) + "\n", encoding="utf-8")

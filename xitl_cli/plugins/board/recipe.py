@@ -1,4 +1,4 @@
-"""What an image of a board is made of. Whatever is said here changes `recipe_version`."""
+"""Contents of a board's image. Every change here changes `recipe_version`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import hashlib
 import json
 
 LAYOUT = 1
-"""Of the files that `image.py` makes."""
+"""Version of the format of the files that `image.py` makes."""
 
 SUITES = ("bookworm", "bullseye")
-"""Debian 12 with Python 3.11, and Debian 11 with Python 3.9, the oldest that the agent runs on."""
+"""Debian 12 with Python 3.11, and Debian 11 with Python 3.9, the oldest version that the agent supports."""
 
 KERNEL = "linux-image-armmp"
 ARCHITECTURE = "armhf"
@@ -30,10 +30,10 @@ PACKAGES = (
 ONLY_IN = {"bookworm": ("usr-is-merged",)}
 NUMPY = "python3-numpy"
 BUSYBOX = "busybox-static"
-"""Runs before the root file system is there, and is not installed."""
+"""Runs before the root file system is mounted, and is not installed."""
 
 EARLY_MODULES = ("virtio_mmio", "virtio_pci", "virtio_blk", "ext4", "crc32c_generic")
-"""What it takes to reach the disk."""
+"""Kernel modules needed to reach the disk."""
 
 MODULES = (
     "arch/*",
@@ -64,7 +64,7 @@ MODULES = (
     "net/packet/*",
     "net/sched/*",
 )
-"""Which of the kernel's modules the emulated machine has devices for, or that are of use there."""
+"""Kernel modules for devices of the emulated machine, or of other use there."""
 
 LEFT_OUT = ("usr/share/doc/*", "usr/share/man/*", "usr/share/locale/*", "usr/share/info/*", "usr/share/lintian/*")
 KEPT = ("usr/share/doc/*/copyright",)
@@ -73,9 +73,9 @@ INTERFACE = "usb0"
 """The board's network interface, as on a board behind USB-Ethernet."""
 HOST_ADDRESS, BOARD_ADDRESS, NETWORK = "192.168.7.1", "192.168.7.2", "192.168.7.0/24"
 BOARD_PORTS = (14660, 14661)
-"""Where an agent on the board listens: the autopilot's, the companion's."""
+"""Ports of the agents on the board: the autopilot's, the companion's."""
 MAVLINK_PORT = 5762
-"""Where an ArduPilot on the board listens for ground stations."""
+"""Port of an ArduPilot on the board for ground stations."""
 SSH_PORT = 22
 SERVICE_PORTS = (SSH_PORT, *BOARD_PORTS, MAVLINK_PORT)
 DISK_MIB = 3072
@@ -134,7 +134,7 @@ MASKED = (
     "systemd-networkd-wait-online.service",
     "systemd-pstore.service",
 )
-"""Units that only cost an emulated board time."""
+"""Units that only cost time on an emulated board."""
 
 SETUP = f"""\
 #!/bin/sh
@@ -195,15 +195,15 @@ ROOT_FILES = {
     "etc/systemd/journald.conf.d/xitl.conf": "[Journal]\nStorage=persistent\nSystemMaxUse=64M\n",
     "etc/sysctl.d/xitl.conf": "kernel.printk = 4 4 1 4\n",
 }
-"""Files of the root file system beside those of packages, by path."""
+"""Files of the root file system in addition to those of packages, by path."""
 
 
 def packages_of(suite: str) -> tuple[str, ...]:
-    """What is installed in an image of the suite, beside Debian's essential packages and all that they depend on."""
+    """Return the packages of an image, in addition to Debian's essential packages and all dependencies."""
     return (*PACKAGES, NUMPY, *ONLY_IN.get(suite, ()))
 
 
 def recipe_version() -> str:
-    """Changes with whatever an image is made of."""
+    """Return a version that changes with every input of an image."""
     said = (LAYOUT, KERNEL, PACKAGES, ONLY_IN, NUMPY, EARLY_MODULES, MODULES, LEFT_OUT, EARLY_INIT, SETUP, ROOT_FILES)
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()[:8]

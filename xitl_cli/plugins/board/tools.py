@@ -1,4 +1,4 @@
-"""Programs of this machine that make and run boards: which are missing, and running one."""
+"""Programs of this machine that make and run boards: a check for missing ones, and a function that runs one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from xitl_cli.errors import UserError
 
 FOR_RUNNING = {"qemu-system-arm": "qemu-system-arm", "ssh": "openssh-client"}
-"""Programs by name, and the Debian package that has each."""
+"""Programs by name, with the Debian package of each."""
 FOR_MAKING = {
     **FOR_RUNNING,
     "apt-get": "apt",
@@ -22,12 +22,12 @@ FOR_MAKING = {
     "tar": "tar",
 }
 FOR_NAMESPACE = {"ip": "iproute2", "nsenter": "util-linux", "setpriv": "util-linux", "unshare": "util-linux"}
-_ALSO = "/usr/sbin:/sbin"  # where only root's PATH leads
+_ALSO = "/usr/sbin:/sbin"  # folders that only root's PATH contains
 _LAST_LINES = 3
 
 
 def require(programs: dict[str, str], what: str = "an emulated board") -> None:
-    """Raises UserError that names the packages of all that are missing; what: that needs them."""
+    """Raises UserError with the packages of all missing programs. what: the feature that needs them."""
     missing = {name: package for name, package in programs.items() if find_program(name) is None}
     if missing:
         raise UserError(
@@ -37,14 +37,14 @@ def require(programs: dict[str, str], what: str = "an emulated board") -> None:
 
 
 def find_program(name: str) -> str | None:
-    """Its path, also where only root's PATH leads."""
+    """Return the path of a program, also from root's PATH."""
     return shutil.which(name) or shutil.which(name, path=_ALSO)
 
 
 def checked_run(
     command: Sequence[str], what: str, todo: str, cwd: Path | None = None, timeout_s: float | None = None
 ) -> str:
-    """Its standard output. Raises UserError: `what` failed, its last words, what `todo`."""
+    """Return its standard output. Raises UserError with the failed task `what`, its last lines, and the fix `todo`."""
     words = [find_program(command[0]) or command[0], *command[1:]]
     try:
         done = subprocess.run(
@@ -61,7 +61,7 @@ def checked_run(
 
 
 def last_words(text: str) -> str:
-    """The last lines of what a program said, in one."""
+    """Return the last lines of a program's output in one line."""
     return " / ".join([line.strip() for line in text.splitlines() if line.strip()][-_LAST_LINES:])
 
 

@@ -1,4 +1,4 @@
-"""Run under fakeroot: packages into a folder as root would own it, dpkg's database of them, and an ext4 of it all."""
+"""Program for fakeroot: unpacks packages with root as owner, writes dpkg's database, and makes an ext4 of it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def main(job: dict[str, object]) -> None:
 
 
 def extract(package: Path, tree: Path, options: list[str]) -> None:
-    """The package's files into the folder; links that the folder has in place of folders stay."""
+    """Extract the package's files into the folder. Existing links in place of folders stay."""
     with subprocess.Popen(["dpkg-deb", "--fsys-tarfile", str(package)], stdout=subprocess.PIPE) as reader:
         words = ["tar", "-x", "-C", str(tree), "--keep-directory-symlink", "--numeric-owner", *options]
         subprocess.run(words, stdin=reader.stdout, check=True)
@@ -48,7 +48,7 @@ def extract(package: Path, tree: Path, options: list[str]) -> None:
 
 
 def write_database(packages: list[Path], tree: Path) -> None:
-    """dpkg's database as it is when all are unpacked and none is configured."""
+    """Write dpkg's database in its state after unpacking and before configuration."""
     root = tree / "var/lib/dpkg"
     info, triggers = root / "info", root / "triggers"
     for folder in (info, triggers, root / "updates", root / "parts", root / "alternatives"):
@@ -106,7 +106,9 @@ def _conffiles(listed: Path, tree: Path) -> str:
 
 
 def unpack_kernel(package: Path, tree: Path) -> None:
-    """Kernel and the modules that are wanted; its package is not in the database, as the emulator brings it along."""
+    """Extract the kernel and the selected modules. The database omits its package, because the emulator loads the
+    kernel.
+    """
     extract(package, tree, ["--exclude=./usr/share/doc/*", "--exclude=./boot/System.map*"])
     for root in (tree / "lib/modules").glob("*/kernel"):
         for path in list(root.rglob("*.ko*")):
@@ -116,7 +118,7 @@ def unpack_kernel(package: Path, tree: Path) -> None:
 
 
 def prepare(tree: Path) -> None:
-    """What has to be there before the first package is configured, and the files of the recipe."""
+    """Create the files needed before the first package is configured, and the files of the recipe."""
     for path, text in recipe.ROOT_FILES.items():
         file = tree / path
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,14 +1,14 @@
-"""Many runs of a profile: a plan, its points, their runs on Dask, a table of what they say.
+"""Many runs of a profile: a plan, its points, their runs on Dask, a table of their results.
 
 plan.py          PlanSpec (the file) -> CampaignPlan
-base.py          the profile that runs begin with, and what a point makes of it
+base.py          the base profile of all runs, and the overrides of a point
 axes.py          axes -> RunPoint
 expression.py    constraints and verdicts, read without eval
 figures.py       figures of a summary
 execution.py     one run as one subprocess within limits: RunTask -> Row
-warden.py        program beside a worker: ends the runs of one that is gone
+warden.py        companion program of a worker: ends the runs of a dead worker
 cluster.py       Dask: workers here or by address
-results.py       CampaignFolder writes rows as they come; ResultTable reads them
+results.py       CampaignFolder writes rows at once; ResultTable reads them
 engine.py        Campaign: asks for points, submits, collects. Campaign.submit(points) -> rows
 search_spec.py   keys of searches and sensitivity -> Search
 search.py        Search -> points, round by round -> SearchFinding

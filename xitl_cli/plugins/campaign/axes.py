@@ -1,13 +1,13 @@
-"""Axes of a plan: which values a key of the profile takes, and the points of a campaign that follow.
+"""Axes of a plan: values of the profile's keys, and the resulting points of a campaign.
 
     environment.wind.mean_mps: [0, 4, 8]                           # a list
     environment.current.speed_mps: {from: 0, to: 1, count: 5}      # a range: count or step, scale: linear or log
     faults.lossy-link.link.loss: {uniform: [0, 0.5]}               # a distribution
     faults.gnss-dropout: [off, on]                                 # a fault by name, the base's or a shipped one
-    extends.environment: [environments/calm, environments/current] # parts of profiles, laid on the base
+    extends.environment: [environments/calm, environments/current] # parts of profiles, merged into the base
     autopilot.firmware: [ardurover-4.5, ardurover-4.6]             # programs, relative to the plan
 
-The same plan gives the same points on every machine: each axis is drawn from the plan's seed and its own key.
+The same plan gives the same points on every machine. The plan's seed and the key of an axis determine its draws.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ AxisValue: TypeAlias = float | int | str | bool | tuple[Any, ...] | dict[str, An
 Combine: TypeAlias = Literal["grid", "latin_hypercube", "one_at_a_time"]
 
 MOST_VALUES = 10_000_000
-"""A range with more values than that is a slip."""
+"""A range with more values is treated as a mistake."""
 EXTENDS, FAULTS = "extends", "faults"
 _BELOW_ONE = 1.0 - 1e-15
 _MOMENTS = {"uniform": 2, "loguniform": 2, "normal": 2, "lognormal": 2, "triangular": 3, "integers": 2}
@@ -44,28 +44,32 @@ _MEANING = {
 
 @dataclass(frozen=True, slots=True)
 class RunPoint:
-    """One run of a campaign. number: its place from 1. values: by key of the profile, what differs from the base."""
+    """One run of a campaign."""
 
     number: int
+    """Index, from 1."""
     values: Mapping[str, AxisValue]
+    """Differences from the base, by key of the profile."""
     seed: int
 
     def key(self, base: str) -> str:
-        """What a resumed campaign knows it by; base: the digest of the profile without the axes."""
+        """Return the key that identifies the run in a resumed campaign; base: digest of the profile without axes."""
         text = json.dumps([base, sorted(self.values.items()), self.seed], default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """kind: one of uniform, loguniform, normal, lognormal, triangular, integers. within: what it is cut off at."""
+    """Distribution of the values of an axis."""
 
     kind: str
+    """One of uniform, loguniform, normal, lognormal, triangular, integers."""
     moments: tuple[float, ...]
     within: tuple[float, float] | None = None
+    """Limits at which it is truncated."""
 
     def quantile(self, share: float) -> float | int:
-        """The value that a share (in [0, 1)) of all draws lies below."""
+        """Return the value with a share (in [0, 1)) of all draws below it."""
         if self.within is not None:
             low, high = (self._share_below(bound) for bound in self.within)
             share = low + share * (high - low)
@@ -94,7 +98,7 @@ class Distribution:
         return int(first) + int(share * (int(second) - int(first) + 1))
 
     def _share_below(self, value: float) -> float:
-        """By halving: quantiles grow with the share."""
+        """Return the share by bisection: quantiles grow with the share."""
         if value <= self._quantile(0.0):
             return 0.0
         if value >= self._quantile(1.0):
@@ -108,34 +112,34 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A key of the profile with its values (a list or a range), or the distribution that it is drawn from.
-
-    ends: (low, high) of a range without count and step, which has no values of its own. log: the range is logarithmic.
-    weights: of the values of a choice. count: how many are drawn in a grid.
-    """
+    """A key of the profile with its values (a list or a range), or its distribution."""
 
     key: str
     origin: Origin
     values: tuple[AxisValue, ...] = ()
     distribution: Distribution | None = None
     ends: tuple[float, float] | None = None
+    """(low, high) of a range without count and step, which has no list of values."""
     log: bool = False
+    """The range is logarithmic."""
     weights: tuple[float, ...] = ()
+    """Weights of the values of a choice."""
     count: int | None = None
+    """Number of draws in a grid."""
 
     @property
     def drawn(self) -> bool:
-        """Whether a grid has to draw its values."""
+        """True if a grid has to draw its values."""
         return self.distribution is not None or bool(self.weights)
 
     @property
     def numeric(self) -> bool:
-        """Whether all that it takes are numbers."""
+        """True if all its values are numbers."""
         numbers = (isinstance(value, (int, float)) and not isinstance(value, bool) for value in self.values)
         return self.distribution is not None or self.ends is not None or (bool(self.values) and all(numbers))
 
     def quantile(self, share: float) -> AxisValue:
-        """The value at a share in [0, 1) of the axis: of its distribution, or along its range or list."""
+        """Return the value at a share in [0, 1) of the axis: of its distribution, or along its range or list."""
         if self.distribution is not None:
             return self.distribution.quantile(share)
         if self.weights:
@@ -151,7 +155,7 @@ class Axis:
         return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
 
     def grid_values(self, seed: int) -> tuple[AxisValue, ...]:
-        """Its values in a grid; those of a distribution are drawn from the plan's seed."""
+        """Return its values in a grid. The plan's seed draws the values of a distribution."""
         if not self.drawn:
             if self.ends is not None:
                 raise _wrong(self.origin, self.key, "is a range without values; add count or step")
@@ -164,19 +168,19 @@ class Axis:
         return tuple(self.quantile(float(share)) for share in rng.random(self.count))
 
     def example(self) -> AxisValue:
-        """One of its values."""
+        """Return one of its values."""
         return self.quantile(0.5) if self.drawn or self.ends is not None else self.values[0]
 
 
 def axis_generator(seed: int, key: str) -> Any:
-    """The random generator of one axis, whatever other axes a plan has."""
+    """Return the random generator of one axis, independent of the other axes of a plan."""
     from numpy.random import SeedSequence, default_rng
 
     return default_rng(SeedSequence([seed, *hashlib.sha256(key.encode()).digest()[:8]]))
 
 
 def read_axes(entry: Entry | None) -> tuple[Axis, ...]:
-    """The axes of a plan's `axes:`. Raises ProfileError with every problem."""
+    """Return the axes of a plan's `axes:`. Raises ProfileError with every problem."""
     if entry is None or entry.value is None:
         return ()
     if not isinstance(entry.value, dict):
@@ -258,7 +262,7 @@ def _range(key: str, entry: Entry, given: Mapping[str, Entry]) -> Axis:
 
 
 def _tidy(values: Sequence[float], *written: float) -> tuple[AxisValue, ...]:
-    """0.30000000000000004 as 0.3, and whole numbers where all that was written are."""
+    """Round 0.30000000000000004 to 0.3, and return whole numbers if all written numbers are whole."""
     rounded = [float(f"{value:.12g}") for value in values]
     whole = all(isinstance(one, int) for one in written) and all(value.is_integer() for value in rounded)
     return tuple(int(value) if whole else value for value in rounded)
@@ -349,11 +353,11 @@ def combinations(
     constraints: Sequence[Expression],
     base_values: Mapping[str, AxisValue],
 ) -> Iterator[dict[str, AxisValue]]:
-    """The values of each point, those that every constraint allows.
+    """Yield the values of each point that satisfies all constraints.
 
-    samples: of a Latin hypercube, before constraints; each of its axes is cut into so many layers of equal probability
-    and every layer is met once (McKay, Beckman and Conover 1979). base_values: by key, what the base has; one at a time
-    begins with the base itself.
+    samples: size of a Latin hypercube, before constraints. Each axis is divided into that many layers of equal
+    probability, and every layer is used once (McKay, Beckman and Conover 1979). base_values: values of the base, by
+    key. One at a time begins with the base itself.
     """
     for values in _all_combinations(axes, combine, samples, seed):
         if combine == "one_at_a_time" and any(base_values[key] == value for key, value in values.items()):
@@ -364,7 +368,7 @@ def combinations(
 
 
 def raw_count(axes: Sequence[Axis], combine: Combine, samples: int | None) -> int:
-    """How many combinations there are before constraints."""
+    """Return the number of combinations before constraints."""
     if combine == "latin_hypercube":
         return samples or 0
     counts = [axis.count or 0 if axis.drawn else len(axis.values) for axis in axes]
@@ -397,13 +401,13 @@ def _layers(axis: Axis, samples: int, seed: int) -> list[float]:
 
 
 def short(value: float) -> float | int:
-    """A number as people read it."""
+    """Return a number rounded for display."""
     rounded = float(f"{value:.4g}")
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
 
 
 def value_text(value: Any) -> str:
-    """A value of an axis as a plan has it, numbers by four figures."""
+    """Return a value of an axis in the form of a plan, with numbers to four digits."""
     if isinstance(value, float) and math.isfinite(value):
         return str(short(value))
     if isinstance(value, (tuple, list)):

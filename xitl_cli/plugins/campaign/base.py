@@ -1,4 +1,4 @@
-"""The profile that every run of a campaign begins with, and what a point makes of it."""
+"""The base profile of every run of a campaign, and the overrides of a point."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ from xitl_cli.profile.load import LoadedProfile, loaded_profile, prepared, with_
 
 @dataclass(frozen=True, slots=True)
 class RunOverrides:
-    """What makes a run of the base: parts laid on it, then keys set (as on the command line), then the seed."""
+    """Overrides that turn the base into a run: parts merged into it, then keys set (as on the command line), then the
+    seed.
+    """
 
     parts: tuple[str, ...]
     values: tuple[tuple[str, Any], ...]
@@ -29,13 +31,13 @@ class RunOverrides:
 
     @property
     def arguments(self) -> list[str]:
-        """Of `xitl sim`, without the profile and its parts."""
+        """Return arguments of `xitl sim`, without the profile and its parts."""
         sets = [word for key, value in self.values for word in ("--set", f"{key}={_text(value)}")]
         return [*sets, "--seed", str(self.seed)]
 
 
 def _text(value: Any) -> str:
-    """A value as YAML that the command line reads as the same."""
+    """Return a value as YAML that the command line reads as the same value."""
     if isinstance(value, str):
         plain = plain_scalar(value) == value and value[:1] not in "-?:,[]{}#&*!|>'\"%@`" and value == value.strip()
         return value if plain and value and ": " not in value and " #" not in value else json.dumps(value)
@@ -44,11 +46,13 @@ def _text(value: Any) -> str:
 
 @dataclass(frozen=True)
 class BaseProfile:
-    """name: as the command line takes it. folder: what relative paths of the plan are meant from."""
+    """The base profile of a campaign."""
 
     name: str
+    """Name for the command line."""
     path: Path
     folder: Path
+    """Folder to which the plan's paths are relative."""
     fixed: tuple[tuple[str, Entry], ...]
     loaded: LoadedProfile
     _composed: dict[tuple[str, ...], Entry] = field(default_factory=dict, compare=False, repr=False)
@@ -56,7 +60,7 @@ class BaseProfile:
 
     @classmethod
     def load(cls, name: str, written: Entry | None, fixed: Entry | None, folder: Path) -> BaseProfile:
-        """The profile with what a plan sets. Raises ProfileError, and UserError for one that does not run."""
+        """Load the profile with the plan's values. Raises ProfileError, and UserError for an unusable profile."""
         origin = written.origin if written is not None else Origin(name)
         try:
             path = find_profile(name, beside=folder)
@@ -72,20 +76,20 @@ class BaseProfile:
 
     @property
     def vessels(self) -> tuple[str, ...]:
-        """Names of a fleet's vessels; none where there is one vessel without a name."""
+        """Names of a fleet's vessels; empty for one vessel without a name."""
         return tuple(getattr(self.loaded.profile, "vessels", None) or ())
 
     @property
     def digest(self) -> str:
-        """Of the profile without axes, as composed: an edit of it makes other runs."""
+        """Digest of the composed profile without axes. A change of the profile makes other runs."""
         return hashlib.sha256(self.text(()).encode()).hexdigest()[:16]
 
     def own_seeds(self) -> tuple[int, ...]:
-        """The seed that it has."""
+        """Return the seed of the profile."""
         return (self.loaded.profile.run_profiles()[0].clock.seed,)
 
     def value(self, key: str) -> Any:
-        """What it has at a dotted key; None where it has nothing, and for parts."""
+        """Return its value at a dotted key; None for a missing key, and for parts."""
         if key.split(".")[0] == EXTENDS:
             return None
         if _fault(key):
@@ -101,13 +105,13 @@ class BaseProfile:
         return found if isinstance(found, (str, int, float, bool, tuple)) else None
 
     def text(self, parts: tuple[str, ...]) -> str:
-        """The profile with these parts, as JSON (which is YAML): all that a worker elsewhere needs."""
+        """Return the profile with these parts, as JSON (which is YAML). A remote worker needs nothing else."""
         if parts not in self._texts:
             self._texts[parts] = json.dumps(self._with_parts(parts).plain(), ensure_ascii=False)
         return self._texts[parts]
 
     def overrides(self, point: RunPoint, origins: Mapping[str, Origin] | None = None) -> RunOverrides:
-        """What a point makes of it. Relative paths are meant from the plan; raises ProfileError for an unknown part."""
+        """Return the overrides of a point. Paths are relative to the plan. Raises ProfileError for an unknown part."""
         parts: list[str] = []
         values: list[tuple[str, Any]] = []
         for key, value in point.values.items():
@@ -124,14 +128,16 @@ class BaseProfile:
         return RunOverrides(tuple(parts), tuple(values), point.seed)
 
     def command(self, point: RunPoint) -> str:
-        """The command that repeats a run."""
+        """Return the command that repeats a run."""
         made = self.overrides(point)
         fixed = [word for key, entry in self.fixed for word in ("--set", f"{key}={_text(entry.plain())}")]
         parts = [word for part in made.parts for word in ("--with", part)]
         return shlex.join(["xitl", "sim", self.name, *fixed, *parts, *made.arguments])
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Try the written values on the base, one at a time, of many a dozen. Raises ProfileError with all problems."""
+        """Try the written values on the base, one at a time, at most a dozen per axis. Raises ProfileError with all
+        problems.
+        """
         problems: list[Problem] = []
         for axis in axes:
             for value in _samples(axis.values) or (axis.example(),):
@@ -144,7 +150,7 @@ class BaseProfile:
             raise ProfileError(problems, self.name)
 
     def check(self, point: RunPoint, origins: Mapping[str, Origin]) -> LoadedProfile:
-        """The profile of a point. Raises ProfileError."""
+        """Return the profile of a point. Raises ProfileError."""
         made = self.overrides(point, origins)
         some = next(iter(origins.values()), Origin(self.name))
         pairs = [(key, _entry(value, origins.get(key, some))) for key, value in made.values]
@@ -188,7 +194,7 @@ class BaseProfile:
         return part
 
     def _absolute(self, key: str, value: AxisValue, origin: Origin) -> Any:
-        """A file that is named relative to the plan, by its whole path; everything else as it is."""
+        """Return the absolute path of a file that is relative to the plan; return other values unchanged."""
         if not isinstance(value, (str, tuple)):
             return value
         keys = key.split(".")
@@ -203,7 +209,7 @@ class BaseProfile:
 
 
 def _samples(values: tuple[AxisValue, ...]) -> tuple[AxisValue, ...]:
-    """Some of many: both ends, and what lies evenly between."""
+    """Return some of many values: both ends, and evenly spaced values between."""
     few = 12
     if len(values) <= few:
         return values
@@ -211,12 +217,12 @@ def _samples(values: tuple[AxisValue, ...]) -> tuple[AxisValue, ...]:
 
 
 def _fault(key: str) -> bool:
-    """Whether a key names a fault as a whole."""
+    """Return True if a key refers to a whole fault."""
     return key.startswith(f"{FAULTS}.") and key.count(".") == 1
 
 
 def _leaves(entry: Entry, above: str = "") -> list[tuple[str, Entry]]:
-    """What a plan sets, by dotted key; keys may be nested."""
+    """Return the values that a plan sets, by dotted key. Keys may be nested."""
     if not isinstance(entry.value, dict):
         what = "set is not a group; write `key of the profile: value` under it"
         raise ProfileError([Problem(entry.origin, what)], entry.origin.source)
@@ -234,7 +240,7 @@ def _placed(entry: Entry, pairs: Sequence[tuple[str, Entry]]) -> Entry:
 
 
 def _entry(value: Any, origin: Origin) -> Entry:
-    """Plain values as entries of one origin."""
+    """Return plain values as entries with one origin."""
     if isinstance(value, Mapping):
         return Entry({key: _entry(below, origin) for key, below in value.items()}, origin)
     if isinstance(value, (tuple, list)):

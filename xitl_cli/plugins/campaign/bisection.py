@@ -1,7 +1,7 @@
-"""Bisection of one axis with runs that pass or fail by chance: where the pass rate crosses a wanted one.
+"""Bisection of one axis with random pass or fail: find the value at which the pass rate crosses a given rate.
 
-A search is a generator: it yields batches of places, is sent what came of them, and returns what it found. Who drives
-it may run a batch in any order and on any number of machines; places and findings stay the same.
+A search is a generator. It yields batches of places, receives their results, and returns its finding. The caller may
+run a batch in any order and on any number of machines; places and findings stay the same.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from xitl_cli.plugins.campaign.statistics import (
 )
 
 NOT_MONOTONE_BELOW = 0.01
-"""A false alarm in a hundred searches: they look twice, after the first points and at the end."""
+"""One false alarm in a hundred searches. The test runs twice, after the first points and at the end."""
 
 
 class Outcome(StrEnum):
-    """How a search over an axis ended."""
+    """Outcome of a search over an axis."""
 
     FOUND = "found"
     PASSES = "passes throughout"
@@ -39,23 +39,23 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bisection:
-    """What is looked for on an axis from low to high. points: evenly spaced ones to begin with, the ends among them.
-
-    width: of the boundary's interval, at most, in the unit of the axis. most_runs: where it gives up.
-    """
+    """Settings of a bisection on an axis from low to high."""
 
     low: float
     high: float
     rate: float
     confidence: float
     width: float
+    """Largest width of the boundary's interval, in the unit of the axis."""
     runs_per_point: int
     points: int
+    """Number of evenly spaced initial points, ends included."""
     most_runs: int
+    """Limit of runs."""
     logarithmic: bool = False
 
     def between(self, low: float, high: float, share: float) -> float:
-        """The place at `share` of the way, even on the axis' own scale."""
+        """Return the place at a share of the interval, on the scale of the axis (linear or logarithmic)."""
         if share in (0.0, 1.0):
             return high if share else low
         if self.logarithmic:
@@ -65,24 +65,24 @@ class Bisection:
 
 @dataclass(frozen=True, slots=True)
 class BoundaryFinding:
-    """What a bisection says. rising: it passes at the high end. estimate: None where there is no verdict at all.
-
-    silent: runs without a verdict, which count neither way.
-    """
+    """Result of a bisection."""
 
     outcome: Outcome
     rising: bool
+    """True if it passes at the high end."""
     estimate: BoundaryEstimate | None
+    """None without any verdict."""
     counts: PassCounts
     silent: int
+    """Runs without a verdict, which do not count."""
     monotony_p_value: float
 
 
 def bisect(search: Bisection) -> Generator[list[float], Sequence[bool | None], BoundaryFinding]:
-    """Yields places, `runs_per_point` times each; is sent whether each run passed, None for one without a verdict.
+    """Yield places, `runs_per_point` times each. Receive True or False for each run, None for a run without a verdict.
 
-    Every run needs a seed of its own: with the same ones at each place, what they have in common would move the
-    boundary and the interval would not know.
+    Every run needs a different seed. With equal seeds at each place, their common random part would shift the boundary,
+    and the interval would not include this error.
     """
     at: list[float] = []
     passed: list[bool] = []
@@ -113,7 +113,7 @@ def bisect(search: Bisection) -> Generator[list[float], Sequence[bool | None], B
 
 
 def is_rising(counts: PassCounts) -> bool:
-    """Whether a rising curve is likelier than a falling one."""
+    """Return True if a rising curve is more likely than a falling one."""
     rising, falling = (counts.log_likelihood(monotone_rates(counts, way)) for way in (True, False))
     return rising > falling + 1e-9
 
@@ -127,7 +127,7 @@ def _outcome(search: Bisection, interval: Interval, rising: bool) -> Outcome | N
 
 
 def _next_places(search: Bisection, interval: Interval, counts: PassCounts) -> list[float]:
-    """The middle of the interval; where there is one already, both its quarters; an end that is in doubt itself."""
+    """Return the middle of the interval, both quarters if the middle exists already, and each uncertain end."""
     low, high = max(interval.low, search.low), min(interval.high, search.high)
     ends = [end for end, open_ in ((low, interval.low < search.low), (high, interval.high > search.high)) if open_]
     if low >= high:

@@ -1,4 +1,4 @@
-"""A plan from its folder to its table: what the command and `xitl.campaign` do."""
+"""A plan from its folder to its table, for the command and `xitl.campaign`."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ RUNS_FOLDER = "runs"
 
 
 class CampaignWatch(Protocol):
-    """Who is told how far it is."""
+    """Receives the progress of a campaign."""
 
     def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
-        """So many runs at once, here or on a scheduler, with the address of Dask's dashboard where there is one."""
+        """Called at the start with the number of parallel runs, the scheduler, and the address of Dask's dashboard if
+        any.
+        """
 
     def __call__(self, progress: CampaignProgress) -> None:
-        """Now and then."""
+        """Called at intervals."""
 
 
 class NoWatch:
-    """Nobody."""
+    """Ignores the progress."""
 
     def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
         """See CampaignWatch."""
@@ -47,10 +49,10 @@ def carry_out(
     watch: CampaignWatch | None = None,
     tls: TlsFiles | None = None,
 ) -> ResultTable:
-    """All runs of a plan that its folder lacks, on this machine or on a scheduler; the table of all.
+    """Carry out the runs of a plan that its folder lacks, here or on a scheduler. Return the table of all runs.
 
     tls: files for a scheduler at a `tls://` address; by default those of Dask's configuration.
-    Raises UserError for what has to be put right; what ended until then is kept, also by a KeyboardInterrupt.
+    Raises UserError for a problem that the user has to fix. Completed runs are kept, also after a KeyboardInterrupt.
     """
     watch = watch or NoWatch()
     name = uuid.uuid4().hex[:12]
@@ -69,13 +71,13 @@ def carry_out(
     finally:
         folder.close()
         if folder.done:
-            with contextlib.suppress(FullDiskError):  # what is in the lines is told anyway
+            with contextlib.suppress(FullDiskError):  # the table is returned anyway
                 folder.write_table()
     return folder.table()
 
 
 def open_folder(plan: CampaignPlan, out: Path | None, resume: bool) -> CampaignFolder:
-    """Where a campaign writes: a new folder, or the one that it goes on in. Raises UserError."""
+    """Return the folder of a campaign: a new folder, or the one to resume. Raises UserError."""
     if not resume:
         return CampaignFolder.create(out or _default_path(plan), plan)
     before = folders_of(plan, out)
@@ -86,14 +88,14 @@ def open_folder(plan: CampaignPlan, out: Path | None, resume: bool) -> CampaignF
 
 
 def folders_of(plan: CampaignPlan, out: Path | None) -> list[Path]:
-    """Folders of earlier campaigns with the plan's name, the latest one last: `out` alone, or those in `runs/`."""
+    """Return folders of earlier campaigns with the plan's name, the latest last: only `out`, or those in `runs/`."""
     found = [out / CAMPAIGN] if out is not None else Path(RUNS_FOLDER).glob(f"{plan.name}-*/{CAMPAIGN}")
     existing = [path for path in found if path.is_file()]
     return [path.parent for path in sorted(existing, key=lambda path: path.stat().st_mtime)]
 
 
 def _default_path(plan: CampaignPlan) -> Path:
-    """`runs/<plan>-<UTC time>`, with a number behind it when it is taken."""
+    """Return `runs/<plan>-<UTC time>`, with a number appended if the name is taken."""
     base = Path(RUNS_FOLDER) / f"{plan.name}-{datetime.now(UTC).strftime('%Y%m%dT%H%M%SZ')}"
     path, number = base, 1
     while path.exists():

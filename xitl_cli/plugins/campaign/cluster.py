@@ -1,7 +1,8 @@
 """Dask: workers on this machine, or those of a scheduler by address.
 
-A Dask scheduler and its workers run whatever a client sends. The cluster on this machine therefore listens on loopback
-only, and accepts only holders of a certificate that is made for the campaign and never written to a file that stays.
+A Dask scheduler and its workers run all code that a client sends. The cluster on this machine therefore listens on
+loopback only. It accepts only holders of a certificate that is made for the campaign and never written to a permanent
+file.
 """
 
 from __future__ import annotations
@@ -34,16 +35,16 @@ from xitl_cli.plugins.campaign.execution import Row, RunTask, run_point, stop_ru
 LOOPBACK = "127.0.0.1"
 CONNECT_S = 10.0
 WORKERS_S = 30.0
-"""For those of somebody else's scheduler; OWN_WORKERS_S for those that this process starts."""
+"""Timeout for workers of an external scheduler; OWN_WORKERS_S is for workers that this process starts."""
 OWN_WORKERS_S = 180.0
 _CAPACITY_EVERY_S = 2.0
 _SCRATCH = "temporary-directory"
 _SETTINGS = {
-    "distributed.scheduler.allowed-failures": 0,  # attempts are counted here
-    "distributed.scheduler.worker-saturation": 1.0,  # none waits at a worker that may be killed
+    "distributed.scheduler.allowed-failures": 0,  # the campaign counts attempts
+    "distributed.scheduler.worker-saturation": 1.0,  # no run waits at a worker that may be killed
     "distributed.worker.daemon": False,
     "distributed.scheduler.active-memory-manager.start": False,
-    # Dask watches its own work, which is done by other processes here: it took 2 % of a core.
+    # Dask monitors its work, which runs in other processes here: this took 2 % of a core.
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.tick.limit": "60s",
@@ -56,7 +57,7 @@ _SETTINGS = {
 
 
 class SchedulerAwayError(UserError):
-    """A scheduler that cannot be reached, or not any more."""
+    """A scheduler is not reachable, or not any more."""
 
 
 def check_installed() -> None:
@@ -66,17 +67,17 @@ def check_installed() -> None:
 
 @dataclass(frozen=True, slots=True)
 class TlsFiles:
-    """PEM files to reach a scheduler by TLS. None: as Dask's own configuration has it."""
+    """PEM files to reach a scheduler by TLS. None: use Dask's configuration."""
 
     ca_file: str | None = None
-    """Certificates of the authority that signed those of the cluster."""
+    """Certificates of the authority that signed the cluster's certificates."""
     certificate: str | None = None
-    """Of this client, signed by that authority."""
+    """Certificate of this client, signed by that authority."""
     key: str | None = None
-    """Of the certificate; None where the certificate's file holds it too."""
+    """Key of the certificate; None if the certificate's file contains it."""
 
     def security(self, address: str) -> Any:
-        """Dask's description of a client's TLS.
+        """Return Dask's description of a client's TLS.
 
         Raises UserError for a file that cannot be read, a `tls://` address without files, and files without `tls://`.
         """
@@ -93,7 +94,7 @@ class TlsFiles:
             )
         try:
             security.get_connection_args("client")
-        except OSError as error:  # ssl.SSLError is one
+        except OSError as error:  # includes ssl.SSLError
             why = error.strerror or str(error)
             raise UserError(
                 f"--on {address}: the TLS files cannot be used ({why}); give PEM files that exist"
@@ -102,7 +103,7 @@ class TlsFiles:
 
 
 def is_open(address: str) -> bool:
-    """Whether a scheduler's address is on a network and without TLS."""
+    """Return True if a scheduler's address is on a network and without TLS."""
     scheme, _, host = address.rpartition("://")
     return scheme != "tls" and not host.startswith(("127.", "localhost:", "[::1]"))
 
@@ -119,7 +120,7 @@ class DaskWorkers:
 
     @property
     def dashboard(self) -> str | None:
-        """Address of Dask's dashboard, where bokeh is there."""
+        """Address of Dask's dashboard, if bokeh is installed."""
         if find_spec("bokeh") is None:
             return None
         link: str | None = self._client.dashboard_link
@@ -127,7 +128,7 @@ class DaskWorkers:
 
     @property
     def threads(self) -> int:
-        """How many runs are carried out at once."""
+        """Number of parallel runs."""
         if time.monotonic() - self._asked_s >= _CAPACITY_EVERY_S:
             self._threads = sum(worker["nthreads"] for worker in self._scheduler_info()["workers"].values())
             self._asked_s = time.monotonic()
@@ -135,7 +136,9 @@ class DaskWorkers:
 
     @property
     def capacity(self) -> int:
-        """As many again wait at the scheduler, so that no worker waits for this process."""
+        """Twice the number of parallel runs: the others wait at the scheduler, so that no worker waits for this
+        process.
+        """
         return 2 * max(self.threads, 1) + 1
 
     def submit(self, task: RunTask) -> None:
@@ -158,7 +161,7 @@ class DaskWorkers:
                 raise self._away() from None
             return None
         if future is not self._futures.get(number):
-            return None  # of an attempt before
+            return None  # of a previous attempt
         return number, self._row(future)
 
     def _row(self, future: Any) -> Row | None:
@@ -184,14 +187,14 @@ class DaskWorkers:
     def _scheduler_info(self) -> Any:
         try:
             return self._client.scheduler_info(n_workers=-1)
-        except TypeError:  # before it had a limit
+        except TypeError:  # older versions had no limit
             return self._client.scheduler_info()
 
     def _away(self) -> SchedulerAwayError:
         return SchedulerAwayError(f"{self._where}: the scheduler is away; what ended is kept, --resume goes on")
 
     def stop(self) -> None:
-        """Give up what is under way and waits."""
+        """Cancel running and waiting runs."""
         with contextlib.suppress(Exception):
             self._client.cancel(list(self._futures.values()), force=True)
         with contextlib.suppress(Exception):
@@ -199,18 +202,18 @@ class DaskWorkers:
 
 
 def _silence_logs() -> None:
-    """Dask gives some of its loggers a level of their own; what goes wrong is said by us."""
+    """Silence Dask's loggers, some of which have a separate level. xitl reports problems itself."""
     for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 @contextlib.contextmanager
 def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
-    """A scheduler in this process and worker processes of one thread on this machine, a core each unless counted.
+    """Run a scheduler in this process and worker processes of one thread on this machine, one per core by default.
 
-    A worker that is killed is replaced. All of them end with this process, whatever ends it. They listen on loopback
-    and speak TLS with a certificate of this campaign alone. Their scratch files are in a directory that only this user
-    may enter: Dask's default is a shared name in /tmp, which another user may make first.
+    A killed worker is replaced. All workers end when this process ends for any reason. They listen on loopback and use
+    TLS with a certificate of this campaign alone. Their scratch files are in a directory that only this user may enter.
+    Dask's default is a shared name in /tmp, which another user may create first.
     """
     check_installed()
     import dask
@@ -224,7 +227,7 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
         dask.config.set({**_SETTINGS, _SCRATCH: scratch}),
         warnings.catch_warnings(),
     ):
-        warnings.simplefilter("ignore")  # such as of a port of the dashboard that is taken
+        warnings.simplefilter("ignore")  # for example for a dashboard port in use
         with (
             LocalCluster(
                 n_workers=0,
@@ -251,7 +254,7 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
 
 
 class _WorkerProcesses:
-    """So many of `python -m xitl_cli.plugins.campaign.cluster ADDRESS SCRATCH`, kept at that number.
+    """A constant number of processes `python -m xitl_cli.plugins.campaign.cluster ADDRESS SCRATCH`.
 
     Each reads the campaign's certificate and key from its standard input: other users see neither.
     """
@@ -264,7 +267,8 @@ class _WorkerProcesses:
         self._keeper = threading.Thread(target=self._keep, name="campaign workers", daemon=True)
 
     def _started(self) -> subprocess.Popen[bytes]:
-        # Its standard input ends with this process, and it with that. A Ctrl-C at the terminal is ours alone.
+        # Its standard input ends with this process, which ends the worker. Only this process gets a Ctrl-C at the
+        # terminal.
         process = subprocess.Popen(
             self._command,
             stdin=subprocess.PIPE,
@@ -273,7 +277,7 @@ class _WorkerProcesses:
             start_new_session=True,
         )
         assert process.stdin is not None
-        with contextlib.suppress(OSError):  # a worker that has ended already is replaced
+        with contextlib.suppress(OSError):  # a worker that has already ended is replaced
             process.stdin.write(self._credentials)
             process.stdin.flush()
         return process
@@ -308,10 +312,10 @@ class _WorkerProcesses:
 
 @contextlib.contextmanager
 def workers_at(address: str, campaign: str, folder: Path | None, tls: TlsFiles | None = None) -> Iterator[DaskWorkers]:
-    """Those of a scheduler that is there. folder: of runs that are kept, which workers have to see.
+    """Use the workers of an existing scheduler. folder: of kept runs, which workers must see.
 
-    tls: files for a `tls://` address. Raises UserError, before anything runs, when the scheduler does not answer or
-    has no workers, when versions differ, and for TLS files that cannot be used.
+    tls: files for a `tls://` address. Raises UserError before any run in these cases: the scheduler does not answer or
+    has no workers, versions differ, or TLS files are unusable.
     """
     check_installed()
     from distributed import Client
@@ -319,7 +323,7 @@ def workers_at(address: str, campaign: str, folder: Path | None, tls: TlsFiles |
     security = (tls or TlsFiles()).security(address)
     _silence_logs()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what differs is said by us
+        warnings.simplefilter("ignore")  # this module reports differences
         try:
             client = Client(address, timeout=CONNECT_S, set_as_default=False, security=security)
         except (OSError, ValueError, RuntimeError, TypeError) as error:
@@ -348,7 +352,7 @@ def workers_at(address: str, campaign: str, folder: Path | None, tls: TlsFiles |
 def _workers_come(client: Any, count: int, timeout_s: float) -> bool:
     try:
         client.wait_for_workers(count, timeout=timeout_s)
-    except OSError:  # too late, or the scheduler has gone
+    except OSError:  # timeout, or the scheduler has gone
         return False
     return True
 
@@ -361,12 +365,12 @@ def _own_versions() -> dict[str, str]:
 
 
 def _worker_facts(folder: str | None) -> dict[str, Any]:
-    """What a worker says of itself."""
+    """Return facts about a worker."""
     return {**_own_versions(), "xitl": __version__, "folder": folder is None or os.path.isdir(folder)}  # noqa: PTH112
 
 
 def _check_versions(client: Any, address: str) -> None:
-    """Raise UserError where scheduler or a worker have other versions than this process."""
+    """Raise UserError if the scheduler or a worker has other versions than this process."""
     own = _own_versions()
     found = client.get_versions(check=False)
     for who, facts in (("the scheduler", found["scheduler"]), *found["workers"].items()):
@@ -384,7 +388,7 @@ def _refuse_other(address: str, who: str, theirs: dict[str, Any], own: dict[str,
 
 
 def _check_folder(client: Any, address: str, folder: Path | None) -> None:
-    """Raise UserError where a worker has another xitl, or none, or does not see the folder."""
+    """Raise UserError if a worker has another xitl, or none, or does not see the folder."""
     try:
         facts = client.run(_worker_facts, None if folder is None else str(folder.absolute()))
     except (ImportError, AttributeError) as error:
@@ -399,9 +403,9 @@ def _check_folder(client: Any, address: str, folder: Path | None) -> None:
 
 
 async def _work(address: str, scratch: str, certificate: str, key: str) -> None:
-    """A worker of one thread on loopback, until its scheduler is gone. certificate, key: of the campaign, PEM.
+    """Run a worker of one thread on loopback until its scheduler ends. certificate, key: PEM, of the campaign.
 
-    scratch: directory for Dask's own files.
+    scratch: directory for Dask's files.
     """
     import dask
     from distributed import Security, Worker
@@ -421,7 +425,7 @@ async def _work(address: str, scratch: str, certificate: str, key: str) -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of standard input, and end this process then and there."""
+    """Wait for the end of standard input, then end this process at once."""
     with contextlib.suppress(OSError):
         while os.read(0, 1024):
             pass

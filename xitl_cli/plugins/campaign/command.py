@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from xitl_cli.plugins.campaign.results import ResultTable
 
 MANY = 10_000
-"""More runs than that are asked about."""
+"""Number of runs above which the command asks."""
 PASSED, SOME_FAILED, INTERRUPTED = 0, 1, 130
 DEFAULT_COMMAND = "run"
 _SHOWN = 20
@@ -45,7 +45,7 @@ class CampaignGroup(typer.core.TyperGroup):
     default_command = DEFAULT_COMMAND
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As of click."""
+        """Parse arguments like click."""
         if args and args[0] not in self.commands and args[0] not in ("-h", "--help"):
             args = [DEFAULT_COMMAND, *args]
         return super().parse_args(ctx, args)
@@ -124,7 +124,7 @@ def run(
 
 
 def _fulfilled(table: ResultTable) -> bool:
-    """Whether all runs passed; of a search, whether it found what it was after."""
+    """Return True if all runs passed; for a search, if it found its result."""
     if (document := table.about.get("search")) is None:
         return all(row["passed"] for row in table.rows)
     from xitl_cli.plugins.campaign.bisection import Outcome
@@ -136,7 +136,7 @@ def _fulfilled(table: ResultTable) -> bool:
 
 
 def _tls_files(on: str | None, ca_file: Path | None, certificate: Path | None, key: Path | None) -> TlsFiles | None:
-    """The files for --on. Raises UserError when there are some without --on."""
+    """Return the files for --on. Raises UserError if there are some without --on."""
     paths = [None if path is None else str(path) for path in (ca_file, certificate, key)]
     if on is None:
         if any(paths):
@@ -156,7 +156,7 @@ def _carried_out(
     yes: bool,
     out: Path | None,
 ) -> tuple[ResultTable, bool]:
-    """The table, and whether all runs are there."""
+    """Return the table, and True if it has all runs."""
     from xitl_cli.plugins.campaign.cluster import check_installed, is_open
 
     check_installed()
@@ -184,7 +184,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _count(plan: CampaignPlan, yes: bool) -> int:
-    """How many runs there are; many of them only after a yes. Raises UserError for none, and without a yes."""
+    """Return the number of runs; ask if there are many. Raises UserError for none, and without consent."""
     most = plan.most_runs()
     if most > MANY and not yes:
         _ask(plan, most)
@@ -209,14 +209,14 @@ def _ask(plan: CampaignPlan, most: int) -> None:
 
 
 class _Watch:
-    """Tells how far a campaign is: one line that changes at a terminal, one now and then elsewhere."""
+    """Shows the progress of a campaign: one changing line at a terminal, otherwise a line at intervals."""
 
     def __init__(self, tell: Callable[[str], None], show: Callable[[str], None], every_s: float) -> None:
         self._tell, self._show, self._every_s = tell, show, every_s
         self._next_s = 0.0
 
     def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
-        """Where runs are carried out, and how many at once."""
+        """Show the location of the runs and the number of parallel runs."""
         at = f"{threads} at once {'here' if on is None else f'on {on}'}"
         self._tell(f"{at}, dashboard {dashboard}" if dashboard else at)
 
@@ -228,7 +228,7 @@ class _Watch:
 
 
 def progress_text(progress: CampaignProgress) -> str:
-    """One line: how many of how many, rate, estimate of the end, failures so far by status."""
+    """Return one line: completed and total runs, rate, estimated end, failures so far by status."""
     words = [f"{progress.done} of {progress.total} runs" if progress.total is not None else f"{progress.done} runs"]
     if (rate_hz := progress.rate_hz) is not None:
         words.append(f"{rate_hz:.1f} a second" if rate_hz >= 1 else f"{rate_hz * 60:.1f} a minute")
@@ -241,7 +241,7 @@ def progress_text(progress: CampaignProgress) -> str:
 
 
 def duration_text(seconds: float) -> str:
-    """`2 h 05 min`, `4 min 10 s`, `12 s`."""
+    """Return `2 h 05 min`, `4 min 10 s`, `12 s`."""
     whole = round(seconds)
     if whole >= 3600:
         return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
@@ -269,7 +269,7 @@ def _report(table: ResultTable) -> Path:
 
 
 def _show_points(plan: CampaignPlan, as_json: bool, on: str | None, workers: int | None, out: Path | None) -> None:
-    """`--dry-run`. Raises UserError for a plan without runs, or with a figure that its runs do not have."""
+    """Run `--dry-run`. Raises UserError for a plan without runs, or with a figure that its runs do not have."""
     from xitl_cli.plugins.campaign.axes import value_text
     from xitl_cli.plugins.campaign.carry_out import folders_of
     from xitl_cli.plugins.campaign.estimate import run_cost
@@ -305,7 +305,7 @@ def _show_points(plan: CampaignPlan, as_json: bool, on: str | None, workers: int
 
 
 def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers: int | None) -> str:
-    """Wall time and disk of a campaign in a sentence each, and the basis of both."""
+    """Return wall time and disk of a campaign in a sentence each, and the basis of both."""
     from xitl_cli.plugins.campaign.estimate import ROW_BYTES
 
     about = "at most about" if cost.at_most else "about"
@@ -329,7 +329,7 @@ def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers
 
 
 def size_text(size_bytes: float) -> str:
-    """`1.2 GB`, `350 MB`, `20 kB`: powers of ten, two digits or whole units."""
+    """Return `1.2 GB`, `350 MB`, `20 kB`: powers of ten, two digits or whole units."""
     for unit, factor in (("GB", 1e9), ("MB", 1e6)):
         if size_bytes >= factor:
             return f"{size_bytes / factor:.{1 if size_bytes < 10 * factor else 0}f} {unit}"
@@ -337,7 +337,7 @@ def size_text(size_bytes: float) -> str:
 
 
 def result_document(table: ResultTable, complete: bool, page: Path | None) -> dict[str, Any]:
-    """What `--json` prints."""
+    """Return the document of `--json`."""
     from collections import Counter
 
     from xitl_cli.commands.sections import sections_document
@@ -362,7 +362,9 @@ def result_document(table: ResultTable, complete: bool, page: Path | None) -> di
 
 
 def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
-    """What a campaign comes to: statuses, verdicts with their intervals, the worst runs and how to repeat them."""
+    """Show the results of a campaign: statuses, verdicts with their intervals, the worst runs and commands to repeat
+    them.
+    """
     from collections import Counter
 
     from xitl_cli.plugins.campaign.execution import RAN

@@ -1,4 +1,4 @@
-"""Two campaigns on the same seeds, or one split by an axis: pairs, their differences and what tests say of them."""
+"""Comparison of two campaigns on the same seeds, or of one campaign split by an axis: pairs, differences and tests."""
 
 from __future__ import annotations
 
@@ -20,56 +20,60 @@ PASSED = "passed"
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One of two that are compared: what to call it, and its runs."""
+    """One of two compared sides."""
 
     name: str
+    """Display name."""
     rows: tuple[Row, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class FigureComparison:
-    """adjusted: the p-value for as many figures as were compared (Holm); None where there is no test."""
+    """Comparison of a figure."""
 
     figure: str
     difference: PairedDifference
     adjusted: float | None
+    """P-value adjusted for the number of compared figures (Holm); None without a test."""
 
 
 @dataclass(frozen=True, slots=True)
 class VerdictComparison:
-    """verdict: its text, or "passed" for all of them together.
-
-    alike: other verdicts, and "passed", that the same runs fulfil. They are the same test and are counted once.
-    """
+    """Comparison of a verdict."""
 
     verdict: str
+    """Text of the verdict, or "passed" for all verdicts together."""
     rates: PairedRates
     adjusted: float
     alike: tuple[str, ...] = ()
+    """Other verdicts, and "passed", that the same runs satisfy. They are the same test and count once."""
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignComparison:
-    """pairs: runs with the same seed and axes on both sides. unpaired: runs of each side that have no partner.
+    """Comparison of two campaigns.
 
-    seeds: of the pairs. Pairs of one seed are a cluster: they share gusts and noise, so they depend on each other.
-    incomplete: pairs whose figures are not compared, as a run did not complete or broke.
+    Pairs of one seed are a cluster: they share gusts and noise, so they depend on each other.
     """
 
     a: str
     b: str
     paired_by: tuple[str, ...]
     pairs: int
+    """Number of runs with the same seed and axes on both sides."""
     seeds: int
+    """Number of seeds of the pairs."""
     unpaired: tuple[int, int]
+    """Runs of each side without a partner."""
     incomplete: int
+    """Pairs excluded from the figures, because a run did not complete or failed."""
     confidence: float
     figures: tuple[FigureComparison, ...]
     verdicts: tuple[VerdictComparison, ...]
 
 
 def compare_tables(a: ResultTable, b: ResultTable, confidence: float = 0.95) -> CampaignComparison:
-    """Paired by seed and by every axis that takes several values. Raises UserError where nothing can be paired."""
+    """Pair by seed and by every axis with several values. Raises UserError if no pairs exist."""
     axes = []
     for key in dict.fromkeys([*a.axes, *b.axes]):
         values = [{_text(row.get(key)) for row in table.rows} for table in (a, b)]
@@ -87,7 +91,7 @@ def compare_tables(a: ResultTable, b: ResultTable, confidence: float = 0.95) -> 
 
 
 def compare_by(table: ResultTable, axis: str, confidence: float = 0.95) -> list[CampaignComparison]:
-    """One campaign split by an axis: its first value against each other one. Raises UserError."""
+    """Compare the first value of an axis with each other value in one campaign. Raises UserError."""
     if axis not in table.axes:
         raise UserError(f"--by {axis}: is no axis of {table.folder}; those are {', '.join(table.axes) or 'none'}")
     first: dict[str, list[Row]] = {}
@@ -105,7 +109,7 @@ def compare_by(table: ResultTable, axis: str, confidence: float = 0.95) -> list[
 def compare_sides(
     a: Side, b: Side, paired_by: Sequence[str], figures: Sequence[str], verdicts: Sequence[str], confidence: float
 ) -> CampaignComparison:
-    """Raises UserError where no run has a partner, or a seed is there twice."""
+    """Compare two sides. Raises UserError if no run has a partner, or a seed occurs twice."""
     keys = (*paired_by, "seed")
     ours, theirs = (_by_key(side, keys) for side in (a, b))
     both = [key for key in ours if key in theirs]
@@ -140,7 +144,10 @@ def compare_sides(
 def _judged(
     pairs: Sequence[tuple[Row, Row]], verdicts: Sequence[str], confidence: float
 ) -> tuple[VerdictComparison, ...]:
-    """Pass rates of each verdict and of all together. Verdicts with the same outcome in all pairs are one test."""
+    """Compare pass rates of each verdict and of all verdicts together.
+
+    Verdicts with the same outcome in all pairs are one test.
+    """
     alike: dict[tuple[tuple[Any, Any], ...], list[str]] = {}
     for verdict in (*verdicts, PASSED) if len(verdicts) != 1 else verdicts:
         ran = _ran_and_known(pairs, verdict)
@@ -157,7 +164,7 @@ def _judged(
 
 
 def _ran_and_known(pairs: Sequence[tuple[Row, Row]], verdict: str) -> tuple[tuple[bool | None, bool | None], ...]:
-    """Outcomes of each pair; None for both where a run did not end by itself or a verdict is unknown."""
+    """Return the outcomes of each pair; None for both if a run did not end by itself or a verdict is unknown."""
     found: list[tuple[bool | None, bool | None]] = []
     for one, other in pairs:
         outcome = (one.get(verdict), other.get(verdict))
@@ -167,12 +174,12 @@ def _ran_and_known(pairs: Sequence[tuple[Row, Row]], verdict: str) -> tuple[tupl
 
 
 def seed_of(row: Row) -> str:
-    """The cluster of a run: its seed, the same text for the same number."""
+    """Return the cluster of a run: its seed, as the same text for the same number."""
     return _text(row.get("seed"))
 
 
 def _adjusted(found: list[CampaignComparison]) -> list[CampaignComparison]:
-    """With the p-values of all figures and verdicts of all comparisons adjusted together."""
+    """Adjust the p-values of all figures and verdicts of all comparisons together."""
     raw = [one.difference.p_value for told in found for one in told.figures]
     raw += [one.rates.p_value for told in found for one in told.verdicts]
     adjusted = iter(holm([value for value in raw if value is not None]))
@@ -201,7 +208,7 @@ def _by_key(side: Side, keys: Sequence[str]) -> dict[tuple[str, ...], Row]:
 
 
 def _names(a: ResultTable, b: ResultTable) -> tuple[str, str]:
-    """Folders by as much of their path as tells one from the other."""
+    """Return the shortest different ends of both folders' paths."""
     parts = (a.folder.resolve().parts, b.folder.resolve().parts)
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(one[-depth:]) for one in parts]
@@ -211,7 +218,7 @@ def _names(a: ResultTable, b: ResultTable) -> tuple[str, str]:
 
 
 def _shares(axis: str, a: Iterable[Row], b: Iterable[Row]) -> bool:
-    """Whether some value is on both sides; one that differs throughout is what is compared."""
+    """Return True if both sides share a value. An axis that differs throughout is the compared one."""
     return bool({_text(row.get(axis)) for row in a} & {_text(row.get(axis)) for row in b})
 
 
@@ -220,7 +227,9 @@ def _both(a: Sequence[str], b: Sequence[str]) -> list[str]:
 
 
 def counted_statuses(verdicts: Iterable[str]) -> tuple[str, ...]:
-    """Of runs whose figures count. Where completing is asked for, what a run left halfway says would be too good."""
+    """Return the statuses of runs that count. If a verdict requires completion, figures of incomplete runs would be too
+    good.
+    """
     asked = any(text.split(".")[-1].startswith("completed") or ".completed" in text for text in verdicts)
     return (COMPLETED,) if asked else RAN
 

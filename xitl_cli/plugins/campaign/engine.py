@@ -1,4 +1,4 @@
-"""A campaign under way: points in, rows out, everything kept at once. `Campaign.submit` is what a search builds on."""
+"""Execution of a campaign: points in, rows out, all results kept at once. A search uses `Campaign.submit`."""
 
 from __future__ import annotations
 
@@ -31,58 +31,61 @@ from xitl_cli.plugins.campaign.results import RUNS, CampaignFolder, FullDiskErro
 
 _PROBE_S = 0.1
 _STRUCTURE = ("extends", "world", "vessels", "companion", "sensors", "driver", "autopilot", "mission")
-"""Groups of the profile that decide which sections a summary has."""
+"""Groups of the profile that determine the sections of a summary."""
 _NO_ROOM = tuple(os.strerror(number) for number in (errno.ENOSPC, errno.EDQUOT))
 
 
 class Workers(Protocol):
-    """Where runs are carried out."""
+    """Executors of runs."""
 
     @property
     def capacity(self) -> int:
-        """How many runs to have under way or waiting."""
+        """Number of runs to keep running or waiting."""
 
     def submit(self, task: RunTask) -> None:
-        """Carry out a run, some time."""
+        """Queue a run."""
 
     def next(self, wait_s: float) -> tuple[int, Row | None] | None:
-        """Number and row of a run that ended; no row where its worker was lost with it. None: none so soon.
+        """Return number and row of an ended run; the row is None if its worker was lost. None: no run ended in time.
 
-        Raises UserError when the workers are out of reach.
+        Raises UserError if the workers are not reachable.
         """
 
 
 @dataclass
 class CampaignProgress:
-    """How far a campaign is. total: None while a search does not know. statuses: of runs that ended, now or before."""
+    """Progress of a campaign."""
 
     total: int | None
+    """None while a search does not know it."""
     statuses: Counter[str] = field(default_factory=Counter)
+    """Statuses of ended runs, now or before."""
     passed: int = 0
     running: int = 0
     ended_now: int = 0
+    """Runs that ended in this session."""
     begun_s: float = field(default_factory=time.monotonic)
 
     @property
     def done(self) -> int:
-        """Runs that ended, now or before."""
+        """Number of runs that ended, now or before."""
         return self.statuses.total()
 
     @property
     def rate_hz(self) -> float | None:
-        """Runs a second, of those that were carried out now."""
+        """Runs per second in this session."""
         elapsed_s = time.monotonic() - self.begun_s
         return self.ended_now / elapsed_s if self.ended_now and elapsed_s > 0 else None
 
     @property
     def left_s(self) -> float | None:
-        """How long the rest takes at this rate."""
+        """Estimated remaining time at this rate."""
         if self.total is None or not self.rate_hz:
             return None
         return (self.total - self.done) / self.rate_hz
 
     def add(self, row: Row, now: bool) -> None:
-        """Count a row. now: it was carried out and not read."""
+        """Count a row. now: it was carried out in this session and not read."""
         self.statuses[row["status"]] += 1
         self.passed += bool(row["passed"])
         self.ended_now += now
@@ -91,8 +94,8 @@ class CampaignProgress:
 class Campaign:
     """A plan on workers, with its folder.
 
-    `submit` takes points, from a plan or from a search, and yields their rows as they end; what the folder has already
-    is not run again.
+    `submit` takes points, from a plan or from a search, and yields their rows as they end. Runs that the folder already
+    contains are not repeated.
     """
 
     def __init__(
@@ -112,14 +115,15 @@ class Campaign:
         self._origins = {axis.key: axis.origin for axis in plan.axes}
 
     def run(self) -> Iterator[Row]:
-        """All runs of the plan."""
+        """Carry out all runs of the plan."""
         return self.submit(self.plan.points())
 
     def submit(self, points: Iterable[RunPoint]) -> Iterator[Row]:
-        """Rows of these points as their runs end; points are asked for as workers get free, so they may be endless.
+        """Yield rows of these points as their runs end. Points are requested when workers are free, so they may be
+        endless.
 
-        Raises UserError when results cannot be kept, workers are out of reach, or the first run shows that a figure of
-        the plan does not exist. What ended until then is kept.
+        Raises UserError if results cannot be kept, workers are not reachable, or the first run lacks a figure of the
+        plan. Completed runs are kept.
         """
         coming, under_way = iter(points), dict[int, _UnderWay]()
         exhausted = False
@@ -134,7 +138,7 @@ class Campaign:
                     self.progress.add(row, now=False)
                     yield row
                     continue
-                if point.number in under_way:  # asked for again: its row will do
+                if point.number in under_way:  # requested again: one row is sufficient
                     coming = itertools.chain([point], coming)
                     break
                 one = under_way[point.number] = _UnderWay(point, key, self._task(point))
@@ -179,12 +183,12 @@ class Campaign:
         return self.folder.path / RUNS / f"{number:04d}"
 
     def _again(self, one: _UnderWay, found: Row | None) -> bool:
-        """Whether a run gets another attempt: after a crash, a limit or a kill, or when it was lost with its worker."""
+        """Return True if a run gets another attempt: after a crash, a limit or a kill, or if its worker was lost."""
         if one.attempts >= self.plan.spec.limits.attempts:
             return False
         if found is None or found["status"] in RETRIED:
             return True
-        return bool(found["status"] == FAILED and found["began"])  # such as an autopilot that fell silent
+        return bool(found["status"] == FAILED and found["began"])  # for example, an autopilot stopped responding
 
     def _row(self, one: _UnderWay, found: Row | None) -> Row:
         plan, point = self.plan, one.point
@@ -238,7 +242,7 @@ class Campaign:
         return str(path)
 
     def _check_figures(self, summary: Mapping[str, Any] | None, status: str) -> None:
-        """Raises PlanError when the first summary does not have a figure of the plan."""
+        """Raises PlanError if the first summary lacks a figure of the plan."""
         if self._checked or summary is None or status not in RAN:
             return
         check_figures(self.plan, summary)
@@ -254,7 +258,7 @@ class _UnderWay:
 
 
 def check_figures(plan: CampaignPlan, summary: Mapping[str, Any]) -> None:
-    """Raises PlanError when a summary of this plan does not have a figure of it."""
+    """Raises PlanError if a summary of this plan lacks one of its figures."""
     needed = [name for verdict in plan.verdicts for name in verdict.names]
     for key, paths in (("verdicts", needed), ("keep", plan.spec.keep or ())):
         if (absent := absent_figure(summary, paths)) is not None:
@@ -269,10 +273,10 @@ def check_figures(plan: CampaignPlan, summary: Mapping[str, Any]) -> None:
 
 
 def try_first_run(plan: CampaignPlan, duration_s: float = _PROBE_S, folder: Path | None = None) -> Row | None:
-    """The beginning of the first run, here, before anything else: that it runs, and has the figures asked for.
+    """Carry out the beginning of the first run, here, to check that it runs and has the requested figures.
 
-    Only where it is a matter of a second: in lockstep, all in one process; None otherwise. duration_s: simulated time.
-    folder: where the run's files stay, nowhere if left out. Raises UserError.
+    Only for runs that take about a second: in lockstep, all in one process. Otherwise, return None. duration_s:
+    simulated time. folder: folder for the run's files, which are discarded if it is None. Raises UserError.
     """
     point = next(plan.points())
     loaded = plan.base.check(point, {axis.key: axis.origin for axis in plan.axes})

@@ -1,4 +1,4 @@
-"""The wall time and the disk that a campaign takes: from rows of an earlier one, or from two short runs."""
+"""Estimate of a campaign's wall time and disk space, from rows of an earlier campaign or from two short runs."""
 
 from __future__ import annotations
 
@@ -17,29 +17,30 @@ from xitl_cli.plugins.campaign.warden import TEMPORARY
 from xitl_cli.profile.schema.agents import MissionSpec
 
 FIRST_S, SECOND_S = 0.1, 10.0
-"""Simulated time of the two short runs. The first shows that all figures exist, and the files of a run without time."""
+"""Simulated time of the two short runs. The first shows that all figures exist, and the size of a run's fixed files."""
 ROW_BYTES = 1000
-"""Of a row with a dozen figures in results.jsonl and results.parquet."""
+"""Size of a row with a dozen figures in results.jsonl and results.parquet."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunCost:
-    """Of one run: wall time, and the size of its folder where it is kept. None where it is unknown. basis: its source.
-
-    at_most: the run is counted up to the profile's limit of time, so it may take less.
-    """
+    """Cost of one run. None for an unknown value."""
 
     wall_s: float | None
+    """Wall time."""
     folder_bytes: float | None
+    """Size of its folder, if it is kept."""
     basis: str
+    """Source of the estimate."""
     at_most: bool = False
+    """The estimate assumes the profile's time limit, so the run may be shorter."""
 
 
 def run_cost(plan: CampaignPlan, folders: Sequence[Path]) -> RunCost:
-    """Of the plan's runs. folders: campaigns, the latest one last, of which those of the same plan count.
+    """Return the cost of the plan's runs. folders: campaigns, the latest last. Only those of the same plan count.
 
-    Without a row there, the first run is carried out for two short times. Raises UserError where it does not run, or
-    does not have a figure of the plan.
+    Without a row there, the first run is carried out for two short times. Raises UserError if it does not run, or lacks
+    a figure of the plan.
     """
     first = _short(plan, FIRST_S)
     if (known := _earlier(plan, folders)) is not None:
@@ -69,7 +70,7 @@ def run_cost(plan: CampaignPlan, folders: Sequence[Path]) -> RunCost:
 
 
 def _earlier(plan: CampaignPlan, folders: Sequence[Path]) -> RunCost | None:
-    """The means of the latest campaign of the same plan that has rows."""
+    """Return the means of the latest campaign of the same plan with rows."""
     for folder in reversed(folders):
         try:
             table = ResultTable.read(folder)
@@ -92,16 +93,17 @@ def _ended(row: Row) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _ShortRun:
-    """loop_wall_s: of wall_s, without the start of the process and the composition of the run."""
+    """Result of a short run."""
 
     simulated_s: float
     wall_s: float
     loop_wall_s: float
+    """Part of wall_s without process start and composition of the run."""
     folder_bytes: int
 
 
 def _short(plan: CampaignPlan, duration_s: float) -> _ShortRun | None:
-    """The first run up to a simulated time; None where that is no matter of a moment, or it broke."""
+    """Carry out the first run up to a simulated time. Return None if it takes too long, or it failed."""
     with tempfile.TemporaryDirectory(prefix=TEMPORARY) as name:
         row = try_first_run(plan, duration_s, Path(name))
         if row is None or not _ended(row):
@@ -112,12 +114,12 @@ def _short(plan: CampaignPlan, duration_s: float) -> _ShortRun | None:
 
 
 def folder_bytes(folder: Path) -> int:
-    """Of all files below a folder."""
+    """Return the size of all files below a folder."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def _simulated_s(plan: CampaignPlan) -> tuple[float, bool]:
-    """How long the first run simulates, and whether that is the profile's limit, as there is no shorter course."""
+    """Return the simulated time of the first run, and True if it is the profile's limit, without a shorter course."""
     point = next(plan.points())
     runs = plan.base.check(point, {axis.key: axis.origin for axis in plan.axes}).profile.run_profiles()
     limit_s = runs[0].clock.duration_s
@@ -126,6 +128,6 @@ def _simulated_s(plan: CampaignPlan) -> tuple[float, bool]:
 
 
 def course_s(mission: MissionSpec) -> float:
-    """The length of its waypoints' course from the start over its speed; 0 without waypoints."""
+    """Return the length of the waypoints' course from the start over its speed; 0 without waypoints."""
     places = [(mission.start.north_m, mission.start.east_m), *(place[:2] for place in mission.waypoints_ned_m)]
     return sum(map(math.dist, places, places[1:])) / mission.speed_mps

@@ -1,7 +1,7 @@
-"""One run as one subprocess within limits, and what becomes of it: a plain row. What a Dask worker calls.
+"""One run as one subprocess within limits, and its result as a plain row. A Dask worker calls `run_point`.
 
-What a run started ends with it, whatever session it is in: all of it carries a mark in its environment. A warden beside
-each worker process ends the runs of one that is killed.
+All processes that a run starts end with it, in any session: all carry a mark in their environment. A warden process for
+each worker process ends the runs of a killed worker.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ Row: TypeAlias = dict[str, Any]
 COMPLETED, INCOMPLETE, FAILED = "completed", "incomplete", "failed"
 CRASHED, TIMEOUT, MEMORY, KILLED = "crashed", "timeout", "memory", "killed"
 RAN = (COMPLETED, INCOMPLETE)
-"""Statuses of runs that came to an end of their own."""
+"""Statuses of runs that ended by themselves."""
 RETRIED = (CRASHED, TIMEOUT, MEMORY, KILLED)
-"""Statuses that another attempt may mend."""
+"""Statuses after which another attempt may succeed."""
 
 SUMMARY, ERRORS, BASE_FILE = "summary.json", "stderr.txt", "base.yaml"
 _POLL_S = 0.2
@@ -45,31 +45,33 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEX
 
 @dataclass(frozen=True, slots=True)
 class RunTask:
-    """All that a worker needs of a run, on whichever machine it is.
-
-    profile: text of the profile without the axes. name: of it. arguments: of `xitl sim` behind the profile. keep:
-    figures by path. directory: the run's folder where recordings are kept, None for one that nobody needs afterwards.
-    campaign: which one it is of, so that its runs can be stopped. whole: the row brings the whole summary too.
-    """
+    """Everything that a worker on any machine needs for a run."""
 
     number: int
     profile: str
+    """Text of the profile without the axes."""
     name: str
+    """Name of the profile."""
     arguments: tuple[str, ...]
+    """Arguments of `xitl sim` after the profile."""
     keep: tuple[str, ...]
+    """Figures to keep, by path."""
     time_s: float
     memory_mb: float | None
     directory: str | None
+    """Folder of the run if it is kept, None for a temporary one."""
     campaign: str
+    """Campaign of the run, by which its runs can be stopped."""
     whole: bool = False
+    """The row also contains the whole summary."""
 
 
 def run_point(task: RunTask) -> Row:
-    """Carry out one run; what became of it, with the figures asked for.
+    """Carry out one run. Return its result with the requested figures.
 
-    Its keys: number, status, exit_code (negative: a signal), error (what went wrong or was left undone, in a sentence),
-    began (it left a summary), the figures by path, wall_s, and `summary` where it is asked for. Raises OSError where
-    the run's folder cannot be made.
+    Keys of the result: number, status, exit_code (negative: a signal), error (a problem or an incomplete task, as a
+    sentence), began (it left a summary), the figures by path, wall_s, and `summary` if requested. Raises OSError if the
+    run's folder cannot be made.
     """
     begun_s = time.monotonic()
     folder = Path(tempfile.mkdtemp(prefix=TEMPORARY)) if task.directory is None else Path(task.directory)
@@ -96,10 +98,12 @@ def run_point(task: RunTask) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class _Ended:
-    """code: exit code, negative for a signal. limit: the status of the limit that it went over, None for none."""
+    """End of a run's process."""
 
     code: int
+    """Exit code, negative for a signal."""
     limit: str | None
+    """Status of the exceeded limit, None for none."""
 
 
 def _carried_out(task: RunTask, folder: Path) -> _Ended:
@@ -129,7 +133,7 @@ def _carried_out(task: RunTask, folder: Path) -> _Ended:
 
 
 def _waited_for(process: subprocess.Popen[bytes], time_s: float, memory_mb: float | None) -> str | None:
-    """The status of the limit that it went over, None when it ended by itself."""
+    """Return the status of the exceeded limit, None if the process ended by itself."""
     until_s = time.monotonic() + time_s
     with _exit_notice(process) as notice:
         while not notice(min(_POLL_S, max(until_s - time.monotonic(), 0.0))):
@@ -142,7 +146,9 @@ def _waited_for(process: subprocess.Popen[bytes], time_s: float, memory_mb: floa
 
 @contextlib.contextmanager
 def _exit_notice(process: subprocess.Popen[bytes]) -> Iterator[Callable[[float], bool]]:
-    """Whether the process ends within so many seconds: at once when it does, where the kernel can say so."""
+    """Yield a function that returns True if the process ends within a number of seconds. It returns at once at the end,
+    if the kernel supports this.
+    """
     try:
         handle = os.pidfd_open(process.pid)
     except (AttributeError, OSError):
@@ -163,7 +169,7 @@ def _exit_notice(process: subprocess.Popen[bytes]) -> Iterator[Callable[[float],
 
 
 def memory_of_tree_mb(pid: int) -> float:
-    """Resident memory of a process and all below it, in megabytes (10^6 bytes)."""
+    """Return the resident memory of a process and its descendants, in megabytes (10^6 bytes)."""
     pages, left = 0, [pid]
     while left:
         one = left.pop()
@@ -184,7 +190,7 @@ def _summary(folder: Path) -> dict[str, Any] | None:
 
 
 def _judged(ended: _Ended, summary: dict[str, Any] | None, folder: Path) -> tuple[str, str | None]:
-    """Status, and what went wrong or was left undone, in a sentence."""
+    """Return the status, and a sentence about a problem or an incomplete task."""
     if ended.limit is not None:
         return ended.limit, {TIMEOUT: "over its time limit", MEMORY: "over its memory limit"}[ended.limit]
     if ended.code < 0:
@@ -201,7 +207,7 @@ def _judged(ended: _Ended, summary: dict[str, Any] | None, folder: Path) -> tupl
 
 
 def left_undone(summary: dict[str, Any]) -> str:
-    """How far a run came that did not complete, and what it and its companion warned of."""
+    """Return the progress of an incomplete run, and the warnings of the run and its companion."""
     came, companion = summary.get("verdict") or {}, summary.get("companion") or {}
     said = [came.get("why"), *(summary.get("warnings") or ()), *(companion.get("warnings") or ())]
     return "; ".join(str(each) for each in said if each)[:_LONGEST_ERROR]
@@ -216,7 +222,7 @@ def _last_line(path: Path) -> str:
 
 
 class _Warden:
-    """A process beside this one that ends the marked runs when this one is gone, also by kill -9."""
+    """A separate process that ends the marked runs when this process ends, also by kill -9."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -258,5 +264,5 @@ def _watched_over(mark: str, folder: str) -> Iterator[None]:
 
 
 def stop_runs(campaign: str) -> int:
-    """End the runs of a campaign that this process carries out; how many processes there were."""
+    """End the runs of a campaign that this process carries out. Return the number of ended processes."""
     return sum(end_marked(mark) for mark in list(_running) if mark.startswith(f"{campaign}-"))

@@ -1,7 +1,7 @@
-"""Search over several axes for the failing point that is nearest to the nominal one, by Optuna's ask and tell.
+"""Search over several axes for the failing point nearest to the nominal one, by Optuna's ask and tell.
 
-A generator like `bisection.bisect`: batches of places out, verdicts in. Places are shares of each axis' range, 0 to 1,
-so that a distance means the same along all of them.
+A generator like `bisection.bisect`: it yields batches of places and receives verdicts. Places are shares of each axis'
+range, 0 to 1, so that a distance means the same along all of them.
 """
 
 from __future__ import annotations
@@ -16,34 +16,37 @@ from xitl_cli.plugins.campaign.bisection import Bisection, BoundaryFinding, Outc
 from xitl_cli.plugins.campaign.statistics import Interval, wilson_interval
 
 Place = tuple[float, ...]
-_RUNS_AT_NOMINAL = 10  # at least: whether it passes is what the rest stands on
-_BEYOND = 1.3  # how far behind a failing place a bisection ends, as it may lie just on the boundary
-_CANDIDATES = 5  # failing points that are tried from the nearest on, as one of few runs may have failed by chance
+_RUNS_AT_NOMINAL = 10  # at least: all further results depend on its verdict
+_BEYOND = 1.3  # a bisection ends this factor beyond a failing place, which may lie exactly on the boundary
+_CANDIDATES = 5  # nearest failing points to try, because some of few runs may have failed by chance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration:
-    """nominal: where the vessel is at home. points: places in all, of `runs_per_point` runs, `batch` at a time.
+    """Settings of an exploration.
 
-    width: of the boundary's interval, at most. most_runs: where it gives up.
-
-    The batch is part of the search and not of the cluster: with any number of workers the places are the same.
+    The batch belongs to the search and not to the cluster: the places are the same for any number of workers.
     """
 
     nominal: Place
+    """Nominal place of the vessel."""
     rate: float
     confidence: float
     runs_per_point: int
     points: int
+    """Total number of places."""
     batch: int
+    """Number of places per batch."""
     seed: int
     width: float
+    """Largest width of the boundary's interval."""
     most_runs: int
+    """Limit of runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointCount:
-    """Runs with a verdict at one place, and how many of them passed."""
+    """Runs with a verdict at one place, and the number of passed runs."""
 
     place: Place
     runs: int
@@ -55,21 +58,21 @@ class PointCount:
 
 @dataclass(frozen=True, slots=True)
 class ExplorationFinding:
-    """nearest: where the straight way from nominal to the nearest failing place crosses the boundary; None without one.
-
-    along: the bisection on that way, in distance from nominal. points: all places, that of nominal first. An outcome of
-    `Outcome.FAILS` means that the nominal place itself does.
-    """
+    """Result of an exploration. `Outcome.FAILS` means that the nominal place fails."""
 
     outcome: Outcome
     points: tuple[PointCount, ...]
+    """All places, the nominal one first."""
     nearest: Place | None
+    """Crossing of the boundary on the straight line from nominal to the nearest failing place; None without one."""
     along: BoundaryFinding | None
+    """Bisection on that line, in distance from nominal."""
     silent: int
+    """Number of runs without a verdict."""
 
 
 class _Counted:
-    """What came of each place, in the order in which they were asked for."""
+    """Results of each place, in the order of the requests."""
 
     def __init__(self) -> None:
         self.points: dict[Place, PointCount] = {}
@@ -89,7 +92,7 @@ class _Counted:
 
 
 def explore(search: Exploration) -> Generator[list[Place], Sequence[bool | None], ExplorationFinding]:
-    """Yields places, is sent whether each run passed, None for one without a verdict."""
+    """Yield places. Receive True or False for each run, None for a run without a verdict."""
     counted = _Counted()
 
     def ended(outcome: Outcome, along: BoundaryFinding | None = None, to: Place | None = None) -> ExplorationFinding:
@@ -160,7 +163,7 @@ def _bisect_toward(
 
 
 def _beyond(nominal: Place, place: Place) -> Place:
-    """Somewhat farther from nominal, within the range of every axis."""
+    """Return a place slightly farther from nominal, within the range of every axis."""
     shares = [_BEYOND]
     for home, there in zip(nominal, place, strict=True):
         if there != home:
@@ -169,12 +172,14 @@ def _beyond(nominal: Place, place: Place) -> Place:
 
 
 def toward(start: Place, end: Place, share: float) -> Place:
-    """The place at `share` of the straight way."""
+    """Return the place at a share of the straight line."""
     return tuple(a + share * (b - a) for a, b in zip(start, end, strict=True))
 
 
 def _study(search: Exploration) -> Any:
-    """Nearest to nominal among those that fail: distance is the objective, failing the constraint."""
+    """Return a study that searches near nominal among failing places: distance is the objective, failure the
+    constraint.
+    """
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)

@@ -3,7 +3,7 @@
 mission.cross_track_rms_m < 2 and driver.completed
 abs(environment.wind.mean_mps - 4) + 2 * faults.lossy-link.link.loss <= 8
 
-Here a value may be unknown (None), of a run that ended early: what hangs on it is unknown too.
+A value may be unknown (None) for a run that ended early. A result that depends on it is unknown too.
 """
 
 from __future__ import annotations
@@ -48,23 +48,26 @@ _LANGUAGE = Language(
 )
 _SCALAR: Mapping[str, Callable[[Any, Any], Any]] = {
     **ARITHMETIC,
-    "**": lambda base, exponent: float(base) ** float(exponent),  # Python's errors are unknowns
+    "**": lambda base, exponent: float(base) ** float(exponent),  # Python errors give an unknown value
 }
 _PREFIXES: Mapping[str, Callable[[Any], Any]] = {"not": operator.not_, "-": operator.neg, "+": operator.pos}
 
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """text: as written. names: the values that it needs, dotted."""
+    """A parsed expression."""
 
     text: str
+    """The text as written."""
     names: tuple[str, ...]
+    """Dotted names of the needed values."""
     _tree: Tree
 
     def value(self, values: Mapping[str, Any]) -> Value:
-        """What it says of these values by name; None where that hangs on one that is None or cannot be computed.
+        """Return its result for these values by name; None if it depends on an unknown value or cannot be computed.
 
-        `and` and `or` go by what is known: false and unknown is false. Raises ExpressionError where text meets numbers.
+        `and` and `or` use known values: false and unknown is false. Raises ExpressionError for a mix of text and
+        numbers.
         """
         try:
             found = self._evaluate(self._tree, values)
@@ -75,7 +78,7 @@ class Expression:
         return None if isinstance(found, complex) or (isinstance(found, float) and math.isnan(found)) else found
 
     def holds(self, values: Mapping[str, Any]) -> bool | None:
-        """The same as true, false or unknown."""
+        """Return the result as true, false or unknown."""
         found = self.value(values)
         return None if found is None else bool(found)
 
@@ -125,14 +128,14 @@ class Expression:
 
 
 def _called(function: str, numbers: list[Any]) -> float | None:
-    """None of what has no value, such as the root of a negative number."""
+    """Return None for an undefined result, such as the root of a negative number."""
     with np.errstate(all="ignore"):
         found = float(ELEMENTWISE[function].apply(*numbers))
     return found if math.isfinite(found) else None
 
 
 def parse_expression(text: str, known: Iterable[str] = ()) -> Expression:
-    """The expression in `text`. known: names that may hold what is no part of a word, such as `faults.lossy-link`.
+    """Return the expression in `text`. known: names with characters outside words, such as `faults.lossy-link`.
 
     Raises ExpressionError.
     """

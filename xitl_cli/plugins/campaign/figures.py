@@ -1,4 +1,4 @@
-"""Figures of a run: dotted paths into its summary, with units as they are there (docs/recording.md)."""
+"""Figures of a run: dotted paths into its summary, with the units of the summary (docs/recording.md)."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ USUAL = (
     "estimation.heading_rms_deg",
     "collisions.count",
 )
-"""What is kept of every summary where a plan says nothing."""
+"""Default figures of every summary."""
 COMPLETED = "driver.completed"
-"""The verdict where a plan has none."""
+"""Default verdict."""
 RUN_FIGURES = ("duration_s", "driver", "verdict", "ended", "wall_s", "real_time_factor", "encounters", "debris", "pace")
 _MISSING = object()
 
 
 def figure(summary: Mapping[str, Any], path: str) -> Any:
-    """The value at a dotted path (`links.0.lost`), None where it is null or below something that is.
+    """Return the value at a dotted path (`links.0.lost`), None if it or a parent is null.
 
-    Raises KeyError where there is none.
+    Raises KeyError for a missing path.
     """
     found: Any = summary
     for key in path.split("."):
@@ -43,7 +43,7 @@ def figure(summary: Mapping[str, Any], path: str) -> Any:
 
 
 def figures(summary: Mapping[str, Any] | None, paths: Iterable[str]) -> dict[str, Any]:
-    """Those of a summary by path; None where it has none, as after a crash, and for groups."""
+    """Return figures of a summary by path; None for groups and for missing values, for example after a crash."""
     found = {}
     for path in paths:
         try:
@@ -55,7 +55,7 @@ def figures(summary: Mapping[str, Any] | None, paths: Iterable[str]) -> dict[str
 
 
 def null_group(summary: Mapping[str, Any], path: str) -> str | None:
-    """The group on the way to a figure that is null in this summary, as `companion` without a companion."""
+    """Return the null group on the path to a figure, such as `companion` without a companion."""
     keys = path.split(".")
     for depth in range(1, len(keys)):
         above = ".".join(keys[:depth])
@@ -68,7 +68,7 @@ def null_group(summary: Mapping[str, Any], path: str) -> str | None:
 
 
 def absent_figure(summary: Mapping[str, Any], paths: Iterable[str]) -> tuple[str, str] | None:
-    """The first path that this summary does not have, or that is a group, and how to put it right."""
+    """Return the first path that this summary lacks, or that is a group, and how to fix it."""
     for path in paths:
         try:
             value = figure(summary, path)
@@ -96,7 +96,7 @@ def _paths(value: Any, above: str) -> Iterator[str]:
 
 
 def usual_figures(vessels: Sequence[str] = ()) -> tuple[str, ...]:
-    """`USUAL`, of a fleet for each of its vessels by name."""
+    """Return `USUAL`, for a fleet once per vessel with its name."""
     if not vessels:
         return USUAL
     run = [path for path in USUAL if path.split(".")[0] in RUN_FIGURES]

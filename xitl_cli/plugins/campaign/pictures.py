@@ -1,4 +1,4 @@
-"""Plots of a campaign's page, as plotly has them, in the page's colours."""
+"""Plots of a campaign's page, for plotly, in the page's colours."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _figure(key: str, title: str, data: list[dict[str, Any]], layout: dict[str, 
 
 
 def titled(key: str) -> str:
-    """A key or figure with its unit."""
+    """Return the title of a key or figure, with its unit."""
     unit = unit_of(key)
     return f"{key} ({unit})" if unit else key
 
@@ -44,7 +44,7 @@ def _axis(key: str, **more: Any) -> dict[str, Any]:
 
 
 def _line(at: float, across: bool, colour: str, dash: str = "dash") -> dict[str, Any]:
-    """Over the whole plot, at a value of x, or of y with `across`."""
+    """Return a line over the whole plot, at a value of x, or of y with `across`."""
     ends = (
         {"xref": "paper", "x0": 0, "x1": 1, "y0": at, "y1": at}
         if across
@@ -54,7 +54,7 @@ def _line(at: float, across: bool, colour: str, dash: str = "dash") -> dict[str,
 
 
 def boxes(figure: str, axis: str, by_value: Mapping[str, Sequence[float]], limits: Sequence[float]) -> Plot:
-    """Quartiles, whiskers and every run, for each value of an axis."""
+    """Return quartiles, whiskers and every run, for each value of an axis."""
     data = [
         {
             "type": "box",
@@ -79,7 +79,7 @@ def boxes(figure: str, axis: str, by_value: Mapping[str, Sequence[float]], limit
 
 
 def histogram(figure: str, values: Sequence[float], limits: Sequence[float]) -> Plot:
-    """Runs by a figure, and the limit of its verdict."""
+    """Return a histogram of runs by a figure, with the limit of its verdict."""
     data = [{"type": "histogram", "x": list(values), "marker": {"color": MAIN}, "opacity": 0.75, "nbinsx": 40}]
     layout = {
         "xaxis": _axis(figure),
@@ -92,7 +92,7 @@ def histogram(figure: str, values: Sequence[float], limits: Sequence[float]) -> 
 
 
 def boundary(key: str, search: Search, found: BoundaryFinding, fit: Floats, where: str) -> Plot:
-    """Pass rate at each point with its interval, the monotone fit, and the boundary with its band."""
+    """Return the pass rate at each point with its interval, the monotone fit, and the boundary with its band."""
     axis, counts = search.ranges[0], found.counts
     pairs = zip(counts.passed, counts.runs, strict=True)
     intervals = [wilson_interval(int(passed), int(runs), search.spec.confidence) for passed, runs in pairs]
@@ -142,12 +142,12 @@ def boundary(key: str, search: Search, found: BoundaryFinding, fit: Floats, wher
 
 
 def _held(interval: Interval, axis: AxisRange) -> tuple[float, float]:
-    """Its ends, within the axis."""
+    """Return the interval's ends, clipped to the axis."""
     return min(max(interval.low, axis.low), axis.high), min(max(interval.high, axis.low), axis.high)
 
 
 def boundaries(search: Search, findings: Sequence[SearchFinding], names: Sequence[str]) -> Plot:
-    """The boundary of each group side by side."""
+    """Return the boundary of each group in one plot."""
     axis = search.ranges[0]
     told = [
         (name, one.found.estimate)
@@ -186,7 +186,7 @@ def pass_map(
     rate: float,
     beside: str,
 ) -> Plot:
-    """Runs that passed and failed over two axes, a cell of colours where several are at one place."""
+    """Return passed and failed runs over two axes, with coloured cells for several runs at one place."""
     places: dict[tuple[float, float], list[bool]] = {}
     for one, other, each in zip(x.tolist(), y.tolist(), passed, strict=True):
         places.setdefault((one, other), []).append(each)
@@ -245,7 +245,7 @@ def _contours(surface: LogisticSurface, x: Floats, y: Floats, rate: float) -> li
 
 
 def effects(told: Sensitivity) -> Plot:
-    """Bars of the total effects with their intervals, the strongest on top."""
+    """Return bars of the total effects with their intervals, the strongest on top."""
     shown = list(reversed(told.effects))
     data = [
         {
@@ -270,7 +270,7 @@ def effects(told: Sensitivity) -> Plot:
 
 
 def differences(told: CampaignComparison) -> list[Plot]:
-    """Standardised mean differences of all figures with their intervals, in one picture."""
+    """Return one plot of the standardised mean differences of all figures with their intervals."""
     known = [
         (one.figure, one.difference)
         for one in told.figures
@@ -279,7 +279,7 @@ def differences(told: CampaignComparison) -> list[Plot]:
     if not known:
         return []
     known.reverse()
-    # An interval in the figure's unit over the standard deviation of the differences.
+    # Interval in the figure's unit, divided by the standard deviation of the differences.
     arms = [of.effect * (of.interval.high - of.mean) / of.mean for _, of in known if of.effect and of.interval]
     data = [
         {

@@ -37,7 +37,7 @@ MOST_SEEDS = 1_000_000
 
 
 class PlanError(UserError):
-    """A plan that cannot be carried out. `str()` is the first problem and a count; `problems` holds all of them."""
+    """The plan cannot be carried out. `str()` is the first problem and a count; `problems` holds all of them."""
 
     def __init__(self, problems: tuple[Problem, ...]) -> None:
         self.problems = problems
@@ -60,7 +60,7 @@ def _seeds_problem(value: object) -> str | None:
 
 
 def seeds_of(value: object) -> tuple[int, ...]:
-    """`1-20`, `1-5, 9`, a count (1 to so many) or a list. Raises ValueError to follow `seeds = value`."""
+    """Parse `1-20`, `1-5, 9`, a count n (1 to n) or a list. Raises ValueError with text to follow `seeds = value`."""
     if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_SEEDS:
         return tuple(range(1, value + 1))
     if isinstance(value, str):
@@ -82,7 +82,7 @@ def seeds_of(value: object) -> tuple[int, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitsSpec(Specification):
-    """What a run may take."""
+    """Limits of a run."""
 
     time_s: Annotated[Positive, "of the wall clock"] = 3600.0
     memory_mb: Annotated[Positive | None, "of all its processes together; null: no limit"] = 4096.0
@@ -115,31 +115,33 @@ class PlanSpec(Specification):
 
 
 SAME_RUNS = ("description", "limits", "recordings")
-"""Keys that a resumed campaign may have other values of."""
+"""Keys that may change when a campaign is resumed."""
 
 
 @dataclass(frozen=True)
 class CampaignPlan:
-    """A checked plan. keep: figures by path; what verdicts need is kept too. entry: the file, for where keys stand."""
+    """A checked plan."""
 
     name: str
     path: Path
     spec: PlanSpec
     entry: Entry
+    """The file, for the position of keys."""
     base: BaseProfile
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
     constraints: tuple[Expression, ...]
     verdicts: tuple[Expression, ...]
     keep: tuple[str, ...]
+    """Figures by path, including those of the verdicts."""
 
     @property
     def axis_keys(self) -> tuple[str, ...]:
-        """Columns of the table, one an axis."""
+        """Columns of the table, one per axis."""
         return tuple(axis.key for axis in self.axes)
 
     def points(self) -> Iterator[RunPoint]:
-        """All runs in their order: for each combination of values every seed. Of a search those of its first round."""
+        """Yield all runs in order: every seed for each combination of values. For a search, yield its first round."""
         spec = self.spec
         if self.search is not None:
             from xitl_cli.plugins.campaign.search import first_points
@@ -159,7 +161,7 @@ class CampaignPlan:
                 yield RunPoint(number, values, seed)
 
     def most_runs(self) -> int:
-        """How many runs there are before constraints, or may be in a search."""
+        """Return the number of runs before constraints, or the largest number of a search."""
         if self.search is not None:
             return self.search.most_runs
         if self.spec.sensitivity is not None:
@@ -168,7 +170,7 @@ class CampaignPlan:
 
     @cached_property
     def search(self) -> Search | None:
-        """What is searched for. Raises PlanError where the axes are not for it."""
+        """Return the search. Raises PlanError if the axes do not fit it."""
         if self.spec.search is None:
             return None
         try:
@@ -178,7 +180,7 @@ class CampaignPlan:
             raise self.problem("/".join(map(str, keys)), f"{'.'.join(map(str, keys))} {error.text}") from None
 
     def analysis(self) -> dict[str, Any]:
-        """What is to be told from the runs, as plain JSON for the campaign's folder."""
+        """Return the requested analyses as plain JSON for the campaign's folder."""
         found: dict[str, Any] = {"base_values": dict(self.base_values)}
         if self.search is not None:
             found["search"] = self.search.document()
@@ -191,27 +193,27 @@ class CampaignPlan:
 
     @cached_property
     def base_values(self) -> Mapping[str, Any]:
-        """What the base has at the keys of the axes."""
+        """Return the values of the base at the keys of the axes."""
         return {axis.key: self.base.value(axis.key) for axis in self.axes}
 
     def document(self) -> dict[str, Any]:
-        """The plan as plain JSON, for what a campaign's folder says of itself."""
+        """Return the plan as plain JSON for the record in the campaign's folder."""
         plain: Any = self.entry.plain()
         return {**json.loads(json.dumps(plain)), "base_digest": self.base.digest}
 
     def digest(self) -> str:
-        """Of all that decides which runs there are."""
+        """Digest of everything that determines the runs."""
         kept = {key: value for key, value in self.document().items() if key not in SAME_RUNS}
         return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
 
     def problem(self, key: str, sentence: str) -> PlanError:
-        """An error about a key of the plan, where it is written."""
+        """Return an error about a key of the plan, at its position."""
         keys = tuple(int(part) if part.isdigit() else part for part in key.split("/"))
         return PlanError((Problem(self.entry.nearest(keys)[0].origin, sentence),))
 
 
 def find_plan(name: str) -> Path:
-    """The file of a plan: a path, or the name of a shipped one. Raises UserError."""
+    """Return the file of a plan: a path, or the name of a shipped one. Raises UserError."""
     from xitl_cli.shipped import campaigns_dir
 
     path = Path(name).expanduser()
@@ -230,7 +232,7 @@ def find_plan(name: str) -> Path:
 
 
 def read_plan(path: Path) -> CampaignPlan:
-    """The plan in a file, with its base loaded and every axis tried on it. Raises PlanError with every problem."""
+    """Read the plan in a file, load its base and try every axis on it. Raises PlanError with every problem."""
     try:
         return _read(path)
     except ProfileError as error:
@@ -254,7 +256,7 @@ def _read(path: Path) -> CampaignPlan:
 
 
 def _with_seeds_at_top(entry: Entry) -> Entry:
-    """`seeds` under `axes:` is the same as beside it."""
+    """Move `seeds` from `axes:` to the top level, which has the same meaning."""
     axes = entry.child("axes")
     if axes is None or (seeds := axes.child("seeds")) is None:
         return entry
@@ -288,7 +290,7 @@ def _names(expressions: tuple[Expression, ...]) -> list[str]:
 
 
 def _check(plan: CampaignPlan) -> None:
-    """What keys of a plan must fulfil together. Raises PlanError."""
+    """Check conditions between keys of a plan. Raises PlanError."""
     spec, keys = plan.spec, plan.axis_keys
     draws = spec.combine == "latin_hypercube" or any(plan.entry.child(way) for way in ("search", "sensitivity"))
     if not draws:
@@ -322,7 +324,7 @@ def _check(plan: CampaignPlan) -> None:
 
 
 def _check_way(plan: CampaignPlan) -> None:
-    """That a plan says in one way only which runs there are. Raises PlanError."""
+    """Check that a plan defines its runs in only one way. Raises PlanError."""
     spec = plan.spec
     ways = [way for way in ("search", "sensitivity") if getattr(spec, way) is not None]
     if not ways:
@@ -346,12 +348,12 @@ def _check_way(plan: CampaignPlan) -> None:
 
 
 def _ends(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
-    """Both ends of those that are searched, as axes with these values: a search goes there first."""
+    """Return the searched axes with both ends as values. A search starts there."""
     return tuple(replace(axis, values=axis.ends, ends=None) for axis in axes if axis.ends is not None)
 
 
 def base_heads() -> tuple[str, ...]:
-    """The sections that summaries have, those of fleets and encounters among them."""
+    """Return the sections of summaries, including those of fleets and encounters."""
     from xitl_cli.run.summary import merged
 
     top = (

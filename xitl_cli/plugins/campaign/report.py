@@ -1,4 +1,4 @@
-"""What a campaign says, as sections: the same for the terminal, for --json and for its page."""
+"""Results of a campaign as sections: the same for the terminal, for --json and for its page."""
 
 from __future__ import annotations
 
@@ -46,21 +46,22 @@ _BOTH_SIDES = "See why by a run on each side of it: results.jsonl has the comman
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Of a verdict such as `mission.cross_track_rms_m < 2`. upper: the figure has to stay below it."""
+    """Limit of a verdict such as `mission.cross_track_rms_m < 2`."""
 
     figure: str
     value: float
     upper: bool
+    """True if the figure has to stay below the limit."""
 
 
 def limits(verdicts: Iterable[str]) -> list[Limit]:
-    """Of those verdicts that hold one figure against one number."""
+    """Return the limits of verdicts that compare one figure with one number."""
     found = (_LIMIT.fullmatch(text) for text in verdicts)
     return [Limit(one[1], float(one[3]), one[2].startswith("<")) for one in found if one is not None]
 
 
 def campaign_sections(table: ResultTable) -> list[Section]:
-    """Everything that its runs tell, as far as they are there."""
+    """Return all sections for the existing runs."""
     sections = [runs_section(table)]
     if (document := table.about.get("search")) is not None:
         search = Search.read(document)
@@ -76,12 +77,12 @@ def campaign_sections(table: ResultTable) -> list[Section]:
 
 
 def summary_sections(table: ResultTable) -> list[Section]:
-    """Those for the terminal: without what is told there anyway."""
+    """Return the sections for the terminal, without those printed elsewhere."""
     return [section for section in campaign_sections(table) if section.key not in ("runs", "map", "worst")]
 
 
 def write_report(table: ResultTable) -> Path:
-    """report.html in the campaign's folder: one page that needs no network. Raises LogError."""
+    """Write report.html in the campaign's folder: one page that needs no network. Raises LogError."""
     from xitl_cli.logs.report.html import write_sections
 
     path = table.folder / REPORT
@@ -91,13 +92,13 @@ def write_report(table: ResultTable) -> Path:
 
 
 def subtitle(table: ResultTable) -> str:
-    """What was run, in a line."""
+    """Return a description of the campaign in a line."""
     axes = f", {plural(len(table.axes), 'axis', 'axes')}: {', '.join(table.axes)}" if table.axes else ""
     return f"{plural(len(table), 'run')} of {table.about['base']}{axes}"
 
 
 def runs_section(table: ResultTable) -> Section:
-    """How many passed, and what became of the others."""
+    """Return the number of passed runs, and the statuses of the others."""
     rows = table.rows
     facts = [Fact("runs", "runs", len(rows))]
     statuses = Counter(str(row.get("status")) for row in rows)
@@ -128,7 +129,9 @@ def runs_section(table: ResultTable) -> Section:
 
 
 def figures_section(table: ResultTable) -> Section:
-    """Median, 95th percentile and worst of each figure, for every combination of axes where those are few."""
+    """Return median, 95th percentile and worst of each figure. If the combinations of axes are few, list them
+    separately.
+    """
     groups = _groups(table)
     told, statuses = limits(table.verdicts), counted_statuses(table.verdicts)
     by_figure: dict[str, list[tuple[Value, ...]]] = {}
@@ -174,7 +177,7 @@ def _figure_plots(table: ResultTable, counted: Sequence[Row], told: Sequence[Lim
 
 
 def boundary_section(search: Search, findings: Sequence[SearchFinding]) -> Section:
-    """Where runs begin to fail, with its confidence; or why that cannot be said."""
+    """Return the boundary of failure with its confidence, or the reason for an unknown boundary."""
     said, grids, plots = [], [], []
     for number, one in enumerate(findings):
         where = f" at {_group_text(one.group)}" if one.group else ""
@@ -198,7 +201,7 @@ def boundary_section(search: Search, findings: Sequence[SearchFinding]) -> Secti
 
 
 def boundary_sentence(search: Search, found: BoundaryFinding, axis: str, where: str, key: str) -> Finding:
-    """One sentence; with a severity above OK where there is no boundary to be said."""
+    """Return one sentence, with a severity above OK if there is no boundary."""
     unit = f" {unit_of(axis)}".rstrip()
     low, high = search.ranges[0].low, search.ranges[0].high
     sure = f"{100 * search.spec.confidence:g} %"
@@ -243,7 +246,7 @@ def boundary_sentence(search: Search, found: BoundaryFinding, axis: str, where: 
 
 
 def exploration_sentence(search: Search, found: ExplorationFinding, where: str, key: str) -> Finding:
-    """The nearest failing point to nominal, or why there is none."""
+    """Return the nearest failing point to nominal, or the reason why there is none."""
     home = found.points[0]
     at_home = _place_text(search, home.place)
     runs = plural(sum(point.runs for point in found.points), "run")
@@ -299,7 +302,7 @@ def _points_grid(key: str, title: str, search: Search, found: BoundaryFinding) -
 
 
 def _exploration_grid(key: str, search: Search, found: ExplorationFinding, where: str) -> Grid:
-    """The places nearest to nominal at which fewer passed than wanted."""
+    """Return the places nearest to nominal with a pass rate below the required one."""
     failing = [point for point in found.points if point.runs and point.passed / point.runs < search.spec.pass_rate]
     home = found.points[0].place
     nearest = sorted(failing, key=lambda point: math.dist(point.place, home))[:_WORST]
@@ -317,7 +320,7 @@ def _exploration_grid(key: str, search: Search, found: ExplorationFinding, where
 
 
 def sensitivity_section(table: ResultTable, spec: SensitivitySpec, places: Sequence[int]) -> Section:
-    """Axes by how much they matter, for each figure."""
+    """Return the axes by importance, for each figure."""
     figures = spec.figures or tuple(figure for figure in table.figures if _spread_out(table.column(figure)))
     seed = int(table.about["plan"].get("seed", 1))
     told = sensitivities(spec, table.axes, figures, table.rows, places, len(table.about["seeds"]), seed)
@@ -360,7 +363,7 @@ def _effects_grid(told: Sensitivity) -> Grid:
 
 
 def elasticity_section(table: ResultTable) -> Section:
-    """Of a one-at-a-time plan: by how many per cent a figure changes for one per cent of an axis."""
+    """Return, for a one-at-a-time plan, the change of a figure in per cent for one per cent of an axis."""
     base = table.about.get("base_values", {})
     nominal = {axis: float(base[axis]) for axis in table.axes if is_number(base.get(axis))}
     grids = []
@@ -383,7 +386,7 @@ def _elasticity_row(one: Elasticity) -> tuple[Value, ...]:
 def _series(
     table: ResultTable, figure: str, nominal: Mapping[str, float]
 ) -> dict[str, dict[int, list[tuple[float, float]]]]:
-    """For each axis and seed its values with the figure; the run of the base belongs to every axis."""
+    """Return the values and the figure for each axis and seed. The run of the base belongs to every axis."""
     series: dict[str, dict[int, list[tuple[float, float]]]] = {axis: {} for axis in nominal}
     for row in table.rows:
         if row.get("status") not in RAN or not is_number(row.get(figure)):
@@ -399,7 +402,7 @@ def _series(
 
 
 def map_section(table: ResultTable) -> Section:
-    """Pass or fail over the first two axes that are numbers."""
+    """Return passed and failed runs over the first two numeric axes."""
     across, up = _numeric_axes(table)[:2]
     judged = [row for row in table.rows if verdict(row) is not None]
     judged = [row for row in judged if is_number(row.get(across)) and is_number(row.get(up))]
@@ -419,7 +422,7 @@ def map_section(table: ResultTable) -> Section:
 
 
 def worst_section(table: ResultTable) -> Section:
-    """Runs to look at first, each with the command that repeats it."""
+    """Return the runs to inspect first, each with the command that repeats it."""
     told = limits(table.verdicts)
     worst = table.worst(_WORST)
     passing = [row for row in table.rows if row not in worst and told and is_number(row.get(told[0].figure))]
@@ -442,13 +445,13 @@ def worst_section(table: ResultTable) -> Section:
 
 
 def _margin(row: Row, limit: Limit) -> float:
-    """Least for the run that is nearest to failing."""
+    """Return the margin, which is lowest for the run nearest to failure."""
     away = limit.value - float(row[limit.figure])
     return away if limit.upper else -away
 
 
 def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
-    """Of two sides, B against A. Numbers are B - A."""
+    """Return the comparison of two sides, B against A. Numbers are B - A."""
     sure = f"{100 * told.confidence:g} %"
     facts = [
         Fact("a", "A", told.a),
@@ -559,12 +562,12 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
 
 
 def _over_text(pairs: int, seeds: int) -> str:
-    """`20 pairs`, `40 pairs of 10 seeds`."""
+    """Return `20 pairs`, `40 pairs of 10 seeds`."""
     return plural(pairs, "pair") + ("" if pairs == seeds else f" of {plural(seeds, 'seed')}")
 
 
 def rate_text(rows: Sequence[Row], verdict: str) -> str:
-    """`18 of 20, 90 % (70 to 97 %)`; the interval counts the runs of one seed as a cluster."""
+    """Return `18 of 20, 90 % (70 to 97 %)`; the interval counts the runs of one seed as a cluster."""
     if not rows:
         return "of no run"
     passed, interval = pass_rate(rows, verdict)
@@ -573,9 +576,10 @@ def rate_text(rows: Sequence[Row], verdict: str) -> str:
 
 
 def pass_rate(rows: Sequence[Row], verdict: str) -> tuple[int, Interval]:
-    """How many runs fulfil a verdict, and the interval of the rate; a run without the verdict does not fulfil it.
+    """Return the number of runs that satisfy a verdict, and the interval of the rate. An unknown verdict counts as
+    failed.
 
-    The runs of one seed are a cluster. Where all have the same seed, the interval is that of this seed alone.
+    The runs of one seed are a cluster. If all have the same seed, the interval is valid for this seed alone.
     """
     held, seeds = [row.get(verdict) is True for row in rows], [seed_of(row) for row in rows]
     if len(set(seeds)) == 1:
@@ -584,7 +588,7 @@ def pass_rate(rows: Sequence[Row], verdict: str) -> tuple[int, Interval]:
 
 
 def _groups(table: ResultTable) -> dict[str, list[Row]]:
-    """Runs by what the axes are; all together where that makes too many."""
+    """Group runs by the values of the axes; return one group if there would be too many."""
     found: dict[str, list[Row]] = {}
     for row in table.rows:
         found.setdefault(_group_text({axis: row.get(axis) for axis in table.axes}), []).append(row)
@@ -592,7 +596,7 @@ def _groups(table: ResultTable) -> dict[str, list[Row]]:
 
 
 def _group_text(group: Mapping[str, Any]) -> str:
-    """`wind.mean_mps = 4`; of files and parts only what tells them apart."""
+    """Return `wind.mean_mps = 4`; for files and parts, only the differing text."""
     return ", ".join(
         value.rpartition("/")[2] if isinstance(value, str) else f"{'.'.join(key.split('.')[-2:])} = {value_text(value)}"
         for key, value in group.items()
@@ -604,7 +608,7 @@ def _numeric_axes(table: ResultTable) -> list[str]:
 
 
 def _spread_out(values: Sequence[Any]) -> bool:
-    """Numbers, and not one number alone."""
+    """Return True for numbers with more than one distinct value."""
     return len({float(value) for value in values if is_number(value)}) > 1
 
 

@@ -1,10 +1,10 @@
-"""The folder of a campaign: a line a run as it comes (results.jsonl), now and then the table (.parquet).
+"""The folder of a campaign: a line per run at its end (results.jsonl), and the table (.parquet) at intervals.
 
-campaign.json    which plan, with which axes, verdicts and figures
-plan.yaml        the plan as it was
-results.jsonl    a JSON object a run, in the order in which they ended
+campaign.json    the plan with its axes, verdicts and figures
+plan.yaml        a copy of the plan
+results.jsonl    a JSON object per run, in the order in which they ended
 results.parquet  the same, sorted by number
-runs/NNNN/       folders of runs that are kept
+runs/NNNN/       folders of kept runs
 """
 
 from __future__ import annotations
@@ -35,30 +35,31 @@ HEAD = ("number", "key")
 OUTCOME = ("status", "exit_code", "error", "passed")
 TAIL = ("attempts", "wall_s", "directory", "command")
 NOT_COMPARED = ("wall_s", "attempts", "directory")
-"""Columns that differ from one machine to another; all others of a plan are the same wherever it ran."""
+"""Columns that depend on the machine; all others of a plan are the same on every machine."""
 _TABLE_EVERY_S = 30.0
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 class FullDiskError(UserError):
-    """No room for results; those before are kept."""
+    """No space for results. Earlier results are kept."""
 
 
 @dataclass(frozen=True)
 class ResultTable:
-    """The runs of a campaign that are there, by number. about: campaign.json.
+    """The completed runs of a campaign, by number.
 
-    Columns: number, key, one an axis, seed, one a kept figure, one a verdict (its text: true, false or null), status,
-    exit_code, error, passed, attempts, wall_s, directory, command.
+    Columns: number, key, one per axis, seed, one per kept figure, one per verdict (its text: true, false or null),
+    status, exit_code, error, passed, attempts, wall_s, directory, command.
     """
 
     folder: Path
     about: Mapping[str, Any]
+    """Contents of campaign.json."""
     rows: Sequence[Row]
 
     @classmethod
     def read(cls, folder: Path) -> ResultTable:
-        """What is in a folder, also of a campaign that goes on. Raises UserError where there is none."""
+        """Read the results in a folder, also of a running campaign. Raises UserError if there are none."""
         about = read_about(folder)
         rows = {row["key"]: row for row in _lines(folder / LINES)}
         return cls(folder, about, sorted(rows.values(), key=lambda row: row["number"]))
@@ -80,18 +81,20 @@ class ResultTable:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """All, in order."""
+        """All columns, in order."""
         return (*HEAD, *self.axes, "seed", *self.figures, *self.verdicts, *OUTCOME, *TAIL)
 
     def column(self, name: str) -> list[Any]:
-        """One of them, None where a run has nothing."""
+        """Return one column, None for runs without a value."""
         return [row.get(name) for row in self.rows]
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def worst(self, count: int = 5) -> list[Row]:
-        """Runs that did not pass: those without figures first, then by how many verdicts, then by how far off."""
+        """Return runs that did not pass: first those without figures, then by failed verdicts, then by distance to the
+        limit.
+        """
         failed = [row for row in self.rows if not row["passed"]]
         middles = {path: self._middle(path) for path in self.figures}
 
@@ -111,13 +114,13 @@ class ResultTable:
         return values[len(values) // 2] if values else None
 
     def to_pandas(self) -> pd.DataFrame:
-        """As a data frame (needs pandas)."""
+        """Return a data frame (needs pandas)."""
         import pandas
 
         return pandas.DataFrame([[row.get(name) for name in self.columns] for row in self.rows], columns=self.columns)
 
     def write_parquet(self) -> Path:
-        """results.parquet, whole or not at all. A column of several kinds is written as text. Raises OSError."""
+        """Write results.parquet atomically. A column of several types is written as text. Raises OSError."""
         import pyarrow  # type: ignore[import-untyped]
         from pyarrow import parquet
 
@@ -134,7 +137,7 @@ class ResultTable:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a figure or a value of an axis is a finite number."""
+    """Return True if a figure or a value of an axis is a finite number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -151,7 +154,7 @@ def _array(pyarrow: Any, values: list[Any]) -> Any:
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """campaign.json of a folder. Raises UserError where there is none."""
+    """Read campaign.json of a folder. Raises UserError if there is none."""
     try:
         found: dict[str, Any] = json.loads((folder / CAMPAIGN).read_text(encoding="utf-8"))
         return found
@@ -162,7 +165,7 @@ def read_about(folder: Path) -> dict[str, Any]:
 
 
 def _lines(path: Path) -> Iterator[Row]:
-    """Whole lines; the last one may be torn."""
+    """Yield complete lines; the last line may be incomplete."""
     try:
         with path.open("rb") as file:
             for line in file:
@@ -178,17 +181,18 @@ def _lines(path: Path) -> Iterator[Row]:
 
 @dataclass
 class CampaignFolder:
-    """Where a campaign writes. done: rows that are there, by key."""
+    """Output folder of a campaign."""
 
     path: Path
     plan: CampaignPlan
     done: dict[str, Row] = field(default_factory=dict)
+    """Existing rows, by key."""
     _file: IO[bytes] | None = None
     _next_table_s: float = 0.0
 
     @classmethod
     def create(cls, path: Path, plan: CampaignPlan, extra: Mapping[str, Any] | None = None) -> CampaignFolder:
-        """A new one. Raises UserError where `path` holds one already or cannot be used."""
+        """Create a folder. Raises UserError if `path` already contains a campaign or is unusable."""
         if (path / CAMPAIGN).exists():
             count = sum(1 for _ in _lines(path / LINES))
             raise UserError(f"{path}: holds a campaign already ({count} runs); add --resume or choose another --out")
@@ -219,7 +223,7 @@ class CampaignFolder:
 
     @classmethod
     def resume(cls, path: Path, plan: CampaignPlan) -> CampaignFolder:
-        """One that is there. Raises UserError when it is another plan's, or the plan has changed since."""
+        """Open an existing folder. Raises UserError if it belongs to another plan, or the plan has changed since."""
         about = read_about(path)
         if about["digest"] != plan.digest():
             raise UserError(f"{path}: {_difference(about['plan'], plan)}; put it back, or choose another --out")
@@ -245,7 +249,7 @@ class CampaignFolder:
                 file.truncate(size - back + tail.rfind(b"\n") + 1)
 
     def append(self, row: Row) -> None:
-        """Keep a row, at once. Raises FullDiskError where there is no room, leaving no half of it."""
+        """Write a row at once. Raises FullDiskError if the disk is full, and leaves no partial line."""
         line = json.dumps(row, allow_nan=False, default=list).encode() + b"\n"
         at = None
         try:
@@ -268,11 +272,11 @@ class CampaignFolder:
             self._next_table_s = time.monotonic() + max(_TABLE_EVERY_S, 100.0 * spent_s)
 
     def table(self) -> ResultTable:
-        """What is there so far."""
+        """Return the present results."""
         return ResultTable(self.path, read_about(self.path), sorted(self.done.values(), key=lambda row: row["number"]))
 
     def write_table(self) -> None:
-        """results.parquet. Raises FullDiskError."""
+        """Write results.parquet. Raises FullDiskError."""
         try:
             self.table().write_parquet()
         except OSError as error:
@@ -287,7 +291,7 @@ class CampaignFolder:
         self.close()
 
     def close(self) -> None:
-        """Finish the file of lines."""
+        """Close the file of lines."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -300,7 +304,7 @@ class CampaignFolder:
 
 
 def _difference(before: Mapping[str, Any], plan: CampaignPlan) -> str:
-    """What of the plan is not as it was."""
+    """Describe the differences of the plan from the recorded one."""
     now = plan.document()
     changed = [
         key for key in dict.fromkeys([*before, *now]) if before.get(key) != now.get(key) and key not in SAME_RUNS

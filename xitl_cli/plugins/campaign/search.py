@@ -1,4 +1,4 @@
-"""Searches of a plan, carried out by whoever runs points, or told again from a table of results."""
+"""Searches of a plan: execution with new runs, or evaluation from a table of results."""
 
 from __future__ import annotations
 
@@ -22,21 +22,22 @@ _WIDTH_SHARE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class SearchFinding:
-    """Of one group: its values of the axes that are not searched, and what was found; None while runs are missing."""
+    """Finding of one group."""
 
     group: Mapping[str, AxisValue]
+    """Values of the axes that are not searched."""
     found: BoundaryFinding | ExplorationFinding | None
+    """Result of the search; None while runs are missing."""
 
 
 class MissingRunError(LookupError):
-    """A table lacks a run that a search asks for."""
+    """A table lacks a run that a search requests."""
 
 
 def carry_out(search: Search, submit: Submit) -> list[SearchFinding]:
-    """Ask for points, round by round and for all groups at once, until every group has its finding.
+    """Request points, round by round and for all groups at once, until every group has its finding.
 
-    Which points are asked for, with which numbers and seeds, follows from the verdicts alone. Runs that broke count
-    neither way.
+    The verdicts alone determine the requested points, with their numbers and seeds. Failed executions do not count.
     """
     going = [_Group(search, group) for group in search.groups]
     number = 0
@@ -53,7 +54,7 @@ def carry_out(search: Search, submit: Submit) -> list[SearchFinding]:
 
 
 def first_points(search: Search) -> Iterator[RunPoint]:
-    """Those that are asked for before anything is known."""
+    """Yield the points of the first round, before any result is known."""
     number = 1
     for group in search.groups:
         for point in _Group(search, group).asked(number):
@@ -62,12 +63,12 @@ def first_points(search: Search) -> Iterator[RunPoint]:
 
 
 def verdict(row: Row) -> bool | None:
-    """Whether a run passed; None where it broke: that says nothing of the vessel."""
+    """Return True if a run passed; None if its execution failed, which gives no information about the vessel."""
     return bool(row.get("passed")) if row.get("status") in RAN else None
 
 
 def told_again(search: Search, rows: Iterable[Row]) -> list[SearchFinding]:
-    """The same from a table; without a finding for groups whose runs are not all there yet."""
+    """Evaluate the search from a table. Groups with missing runs have no finding."""
     by_number = {row["number"]: row for row in rows}
 
     def recorded(points: Sequence[RunPoint]) -> Iterator[Row]:
@@ -83,7 +84,7 @@ def told_again(search: Search, rows: Iterable[Row]) -> list[SearchFinding]:
 
 
 class _Group:
-    """One search under way. batch: places that it waits for, empty when it has found."""
+    """One running search."""
 
     def __init__(self, search: Search, values: Mapping[str, AxisValue]) -> None:
         self.values = values
@@ -96,7 +97,7 @@ class _Group:
         self.batch: list[Any] = next(self._search)
 
     def asked(self, first: int) -> list[RunPoint]:
-        """The runs of the batch, numbered from `first`."""
+        """Return the runs of the batch, numbered from `first`."""
         points = []
         for number, place in enumerate(self.batch, first):
             points.append(RunPoint(number, {**self.values, **self._at(place)}, self._next_seed))
@@ -109,7 +110,7 @@ class _Group:
         return {one.key: one.value(share) for one, share in zip(self._ranges, place, strict=True)}
 
     def answer(self, passed: Iterator[bool | None]) -> None:
-        """Take as many answers as it has asked for."""
+        """Take one answer for each requested run."""
         answers = [next(passed) for _ in self.batch]
         try:
             self.batch = self._search.send(answers)
@@ -118,7 +119,7 @@ class _Group:
 
 
 def bisection(search: Search) -> Bisection:
-    """What a search over one axis is to do."""
+    """Return the settings of a search over one axis."""
     spec, (axis,) = search.spec, search.ranges
     return Bisection(
         low=axis.low,
@@ -134,7 +135,7 @@ def bisection(search: Search) -> Bisection:
 
 
 def exploration(search: Search) -> Exploration:
-    """What a search over several axes is to do."""
+    """Return the settings of a search over several axes."""
     spec = search.spec
     return Exploration(
         nominal=search.nominal,

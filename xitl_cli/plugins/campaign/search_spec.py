@@ -1,4 +1,4 @@
-"""`search:` and `sensitivity:` of a plan: their keys, and what they need of the axes. Read without numpy."""
+"""`search:` and `sensitivity:` of a plan: their keys, and their requirements on the axes. No numpy import."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Within = Annotated[float, Bounds(above=0, below=1)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchSpec(Specification):
-    """Where runs begin to fail, along the axes that are ranges without count or step.
+    """Search for the boundary of failure, along the axes that are ranges without count or step.
 
     One such axis is bisected, once for each combination of the others; several are explored together.
     """
@@ -41,7 +41,7 @@ class SearchSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensitivitySpec(Specification):
-    """Which axes matter for which figures; every axis is a range or a distribution."""
+    """Ranking of the axes by their effect on figures; every axis is a range or a distribution."""
 
     method: Annotated[
         Literal["morris", "sobol"], "morris: few runs, a ranking; sobol: many, shares of the variance"
@@ -53,7 +53,7 @@ class SensitivitySpec(Specification):
     confidence: Annotated[Within, "of intervals"] = 0.95
 
     def places(self, axes: int) -> int:
-        """How many places the sample has over so many axes."""
+        """Return the number of places of the sample for a number of axes."""
         return self.samples * (axes + (2 if self.method == "sobol" else 1))
 
     def check(self) -> None:
@@ -64,7 +64,7 @@ class SensitivitySpec(Specification):
 
 @dataclass(frozen=True, slots=True)
 class AxisRange:
-    """One that is searched, from low to high; with `log` in its logarithm."""
+    """A searched axis, from low to high; with `log` on a logarithmic scale."""
 
     key: str
     low: float
@@ -72,14 +72,14 @@ class AxisRange:
     log: bool = False
 
     def value(self, share: float) -> float:
-        """At a share of the way, 0 to 1."""
+        """Return the value at a share of the range, 0 to 1."""
         if share <= 0.0 or share >= 1.0:
             return self.low if share <= 0.0 else self.high
         exact = self.low * (self.high / self.low) ** share if self.log else self.low + share * (self.high - self.low)
         return float(f"{exact:.12g}")
 
     def share(self, value: float) -> float:
-        """The way to a value within."""
+        """Return the share of a value in the range."""
         if self.log:
             return log(value / self.low) / log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
@@ -87,25 +87,25 @@ class AxisRange:
 
 @dataclass(frozen=True)
 class Search:
-    """What a plan looks for. groups: values of the axes that are not searched, one boundary each.
-
-    nominal: shares of the searched axes. first_seed: of each group's first run.
-    """
+    """The search of a plan."""
 
     spec: SearchSpec
     ranges: tuple[AxisRange, ...]
     groups: tuple[Mapping[str, AxisValue], ...]
+    """Values of the axes that are not searched, one boundary each."""
     nominal: tuple[float, ...]
+    """Shares of the searched axes."""
     first_seed: int
+    """Seed of each group's first run."""
     seed: int
 
     def document(self) -> dict[str, Any]:
-        """As JSON, from which `read` makes it again."""
+        """Return the search as JSON for `read`."""
         return asdict(self)
 
     @classmethod
     def read(cls, document: Mapping[str, Any]) -> Search:
-        """What `document` has said."""
+        """Create the search from a document."""
         ranges = tuple(AxisRange(**one) for one in document["ranges"])
         spec = SearchSpec(**document["spec"])
         rest = (tuple(document["groups"]), tuple(document["nominal"]), document["first_seed"], document["seed"])
@@ -113,7 +113,7 @@ class Search:
 
     @property
     def most_runs(self) -> int:
-        """That it may take, all groups together."""
+        """Return the largest number of runs of all groups together."""
         each = self.spec.most_runs or (MOST_RUNS_ONE_AXIS if len(self.ranges) == 1 else MOST_RUNS_SEVERAL)
         return each * len(self.groups)
 
@@ -124,7 +124,10 @@ MOST_RUNS_ONE_AXIS, MOST_RUNS_SEVERAL = 400, 1000
 def make_search(
     spec: SearchSpec, axes: Sequence[Axis], base_values: Mapping[str, Any], seeds: Sequence[int], seed: int
 ) -> Search:
-    """base_values: what the base has at the keys of the axes. Raises SpecificationError, its path below `search`."""
+    """Create a search. base_values: values of the base at the keys of the axes.
+
+    Raises SpecificationError, with its path below `search`.
+    """
     searched = [axis for axis in axes if axis.ends is not None]
     others = [axis for axis in axes if axis.ends is None]
     if not searched:

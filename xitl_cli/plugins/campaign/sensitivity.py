@@ -1,4 +1,6 @@
-"""Which axes matter: samples and indices of Sobol and Morris by SALib, elasticities of one-at-a-time plans."""
+"""Sensitivity of figures to axes: samples and indices of Sobol and Morris by SALib, elasticities of one-at-a-time
+plans.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,11 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class AxisEffect:
-    """What an axis does to a figure, its interval beside it.
+    """Effect of an axis on a figure, with its interval.
 
-    sobol: `main` is the first-order index, `total` the total one, as shares of the variance. morris, of the elementary
-    effects in the figure's unit over the whole range: `main` is mu, their mean, `total` mu*, that of their magnitudes,
-    and `interaction` sigma, their deviation.
+    sobol: `main` is the first-order index, `total` the total one, as shares of the variance. morris uses the elementary
+    effects in the figure's unit over the whole range: `main` is their mean mu, `total` the mean of their magnitudes
+    mu*, and `interaction` their deviation sigma.
     """
 
     axis: str
@@ -38,23 +40,25 @@ class AxisEffect:
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """Of one figure, the strongest axis first. used, dropped: groups of runs that belong together.
-
-    why: what kept it from being told; then there is no effect.
-    """
+    """Sensitivity of one figure."""
 
     figure: str
     method: str
     effects: tuple[AxisEffect, ...]
+    """Effects, the strongest axis first."""
     used: int
+    """Number of used groups of runs."""
     dropped: int
+    """Number of dropped groups of runs."""
     why: str = ""
+    """Reason for missing effects."""
 
 
 def unit_sample(method: Method, axes: int, samples: int, seed: int) -> Floats:
-    """(R, axes) of shares in [0, 1]: R = samples·(axes + 2) of Sobol (Saltelli's scheme), samples·(axes + 1) of Morris.
+    """Return (R, axes) of shares in [0, 1].
 
-    Groups of axes + 2 or axes + 1 rows belong together. samples: a power of two for Sobol.
+    R = samples·(axes + 2) for Sobol (Saltelli's scheme), samples·(axes + 1) for Morris. Groups of axes + 2 or axes + 1
+    rows belong together. samples: a power of two for Sobol.
     """
     problem = _problem(axes)
     if method == "sobol":
@@ -69,9 +73,10 @@ def unit_sample(method: Method, axes: int, samples: int, seed: int) -> Floats:
 def axis_effects(
     figure: str, method: Method, axes: Sequence[str], sample: Floats, values: Floats, confidence: float, seed: int
 ) -> Sensitivity:
-    """sample: as of `unit_sample`; values (R,): the figure at each, NaN where a run has none: its group is left out.
+    """Compute effects. sample: from `unit_sample`. values (R,): the figure at each row, NaN for none, which drops the
+    group.
 
-    Intervals of Sobol are symmetric, from resampling; the index may go beyond [0, 1] by them.
+    Intervals of Sobol are symmetric, from resampling. An index plus its interval may exceed [0, 1].
     """
     group = len(axes) + (2 if method == "sobol" else 1)
     whole = np.isfinite(values.reshape(-1, group)).all(axis=1)
@@ -125,7 +130,7 @@ def _about(middle: float, half: float) -> Interval:
 def sample_places(
     spec: SensitivitySpec, axes: Sequence[Axis], seed: int
 ) -> tuple[list[dict[str, AxisValue]], list[int]]:
-    """The distinct places of a sample, and which of them each of its rows is: Morris repeats some."""
+    """Return the distinct places of a sample, and the index of the place of each row: Morris repeats some."""
     places: list[dict[str, AxisValue]] = []
     known: dict[str, int] = {}
     rows = []
@@ -141,7 +146,9 @@ def sample_places(
 def sensitivity_points(
     spec: SensitivitySpec, axes: Sequence[Axis], seeds: Sequence[int], seed: int
 ) -> Iterator[RunPoint]:
-    """Each place of the sample with every seed, the same ones everywhere: what seeds do is not taken for an axis."""
+    """Yield each place of the sample with every seed. Equal seeds everywhere keep their effect out of the axes'
+    effects.
+    """
     for number, values in enumerate(sample_places(spec, axes, seed)[0]):
         for each, one in enumerate(seeds):
             yield RunPoint(number * len(seeds) + each + 1, values, one)
@@ -156,9 +163,10 @@ def sensitivities(
     seeds: int,
     seed: int,
 ) -> list[Sensitivity]:
-    """Of each figure, its mean over seeds. rows: by their numbers; places that lack one count as without a figure.
+    """Compute the sensitivity of each figure, averaged over seeds. rows: by number. A place with a missing run has no
+    figure.
 
-    places: of each row of the sample, as of `sample_places`.
+    places: place of each row of the sample, from `sample_places`.
     """
     sample = unit_sample(spec.method, len(axes), spec.samples, seed)
     by_number = {row["number"]: row for row in rows}
@@ -177,26 +185,26 @@ def sensitivities(
 
 @dataclass(frozen=True, slots=True)
 class Elasticity:
-    """Of a figure along an axis about nominal: by how many per cent it changes for one per cent of the axis.
-
-    elasticity: None where the axis or the figure is zero at nominal. slope: figure's unit over the axis' unit.
-    interval: of the elasticity, or of the slope where there is none; over seeds, None of a single one.
-    """
+    """Elasticity of a figure along an axis at nominal: its change in per cent for one per cent of the axis."""
 
     axis: str
     elasticity: float | None
+    """None if the axis or the figure is zero at nominal."""
     slope: float
+    """Figure's unit per unit of the axis."""
     interval: Interval | None
+    """Interval over seeds of the elasticity, or of the slope without an elasticity; None for a single seed."""
     seeds: int
 
 
 def elasticities(
     nominal: Mapping[str, float], series: Mapping[str, Mapping[int, Sequence[tuple[float, float]]]], confidence: float
 ) -> list[Elasticity]:
-    """series: for each axis and seed the pairs of axis' value and figure, nominal among them. Strongest axis first.
+    """Compute elasticities, the strongest axis first.
 
-    A straight line is fitted for each seed, so that what seeds have in common cancels; its slope at nominal over the
-    mean of the figure there.
+    series: for each axis and seed, the pairs of axis value and figure, nominal included. A straight line is fitted for
+    each seed, so that common effects of seeds cancel. The result is its slope at nominal over the mean of the figure
+    there.
     """
     found = []
     for axis, by_seed in series.items():

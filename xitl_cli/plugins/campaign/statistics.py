@@ -1,4 +1,4 @@
-"""What numbers of many runs say: intervals, tests and estimates under their statisticians' names. No runs, no files."""
+"""Statistics of many runs: intervals, tests and estimates under their standard names. No runs, no files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Counts = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """From low to high, both within."""
+    """Closed interval."""
 
     low: float
     high: float
@@ -30,11 +30,12 @@ class Interval:
 
 
 def wilson_interval(passed: float, runs: float, confidence: float = 0.95) -> Interval:
-    """Of a pass rate (Wilson 1927). The whole of [0, 1] without a run. Counts are whole, or of effective runs.
+    """Return the interval of a pass rate (Wilson 1927), [0, 1] without runs. Counts are integers or effective numbers
+    of runs.
 
-    Its coverage is near the nominal one at any rate and number of runs, and it says something of 20 out of 20. The
-    exact one of Clopper and Pearson is never below the nominal coverage and therefore some 30 % wider at ten runs:
-    a search would pay for that in runs (Brown, Cai and DasGupta 2001, Statistical Science 16).
+    Its coverage is near the nominal one at any rate and number of runs, and it is informative for 20 out of 20. The
+    exact interval of Clopper and Pearson never covers less than nominal. It is therefore about 30 % wider at ten runs,
+    and a search would need more runs (Brown, Cai and DasGupta 2001, Statistical Science 16).
     """
     if not runs:
         return Interval(0.0, 1.0)
@@ -47,7 +48,7 @@ def wilson_interval(passed: float, runs: float, confidence: float = 0.95) -> Int
 
 @dataclass(frozen=True, slots=True)
 class PassCounts:
-    """Runs and how many of them passed at each point of an axis, in the order of the axis: (K,) each."""
+    """Number of runs and passed runs at each point of an axis, in the order of the axis: (K,) each."""
 
     at: Floats
     runs: Counts
@@ -55,7 +56,7 @@ class PassCounts:
 
     @classmethod
     def counted(cls, at: Sequence[float], passed: Sequence[bool]) -> PassCounts:
-        """From single runs, in any order."""
+        """Count single runs, in any order."""
         points, of = np.unique(np.asarray(at, dtype=np.float64), return_inverse=True)
         runs = np.bincount(of, minlength=len(points))
         return cls(points, runs, np.bincount(of, weights=np.asarray(passed, dtype=np.float64)).astype(np.int64))
@@ -65,7 +66,7 @@ class PassCounts:
         return self.passed / self.runs
 
     def log_likelihood(self, rates: Floats) -> float:
-        """Binomial, without the constant; rates (K,)."""
+        """Return the binomial log-likelihood, without the constant; rates (K,)."""
         failed = self.runs - self.passed
         return float((scipy.special.xlogy(self.passed, rates) + scipy.special.xlog1py(failed, -rates)).sum())
 
@@ -74,16 +75,16 @@ _DRAWS = 400
 
 
 def monotone_rates(counts: PassCounts, rising: bool) -> Floats:
-    """(K,): the rates of greatest likelihood among those that never turn (pool adjacent violators, Ayer 1955)."""
+    """Return the (K,) monotone rates of maximum likelihood (pool adjacent violators, Ayer 1955)."""
     return np.asarray(
         scipy.optimize.isotonic_regression(counts.rates, weights=counts.runs, increasing=rising).x, dtype=np.float64
     )
 
 
 def monotony_p_value(counts: PassCounts, rising: bool) -> float:
-    """How often counts as far from a monotone curve as these come from one, by likelihood ratio.
+    """Return the probability that a monotone curve gives counts as far from monotone as these, by likelihood ratio.
 
-    The distribution is drawn from the monotone fit, with a generator of its own, so that it is the same twice.
+    The distribution is drawn from the monotone fit with a fixed generator, so that the result is reproducible.
     """
     if len(counts.at) < 3:
         return 1.0
@@ -95,7 +96,7 @@ def monotony_p_value(counts: PassCounts, rising: bool) -> float:
     passed = rng.binomial(counts.runs, fit, size=(_DRAWS, len(fit)))
     steps = np.diff(passed / counts.runs, axis=1)
     turns = (steps < 0.0 if rising else steps > 0.0).any(axis=1)
-    drawn = (PassCounts(counts.at, counts.runs, one) for one in passed[turns])  # the others depart by nothing
+    drawn = (PassCounts(counts.at, counts.runs, one) for one in passed[turns])  # the others have no departure
     as_far = sum(_departure(one, rising, monotone_rates(one, rising)) >= found for one in drawn)
     return (as_far + 1) / (_DRAWS + 1)
 
@@ -106,23 +107,25 @@ def _departure(counts: PassCounts, rising: bool, fit: Floats) -> float:
 
 @dataclass(frozen=True, slots=True)
 class BoundaryEstimate:
-    """Where the pass rate crosses the one that is asked for: likeliest at `value`, with the confidence in `interval`.
-
-    An infinite end of the interval: it may lie beyond that end of the axis.
+    """Crossing of the pass rate and the required rate. An infinite end of the interval may lie beyond that end of the
+    axis.
     """
 
     value: float
+    """Maximum likelihood estimate."""
     interval: Interval
+    """Confidence interval."""
 
 
 def monotone_boundary(counts: PassCounts, rate: float, rising: bool, confidence: float = 0.95) -> BoundaryEstimate:
-    """Where a monotone pass rate crosses `rate`, by likelihood ratio. counts: from the low to the high end of the axis.
+    """Return the crossing of a monotone pass rate and `rate`, by likelihood ratio. counts: from the low to the high
+    end.
 
-    A place is in the interval when the best monotone curve that crosses there is not significantly less likely than
-    the best of all (Banerjee and Wellner 2001, Annals of Statistics 29). Only monotony is supposed: a logistic curve
-    needs half the runs where the truth is logistic, and misses it where the truth has another shape or a few per cent
-    of the runs fail for reasons of their own. The likelihood is that of chi² with one degree of freedom, which holds
-    for many runs at a point and is cautious for many points.
+    A place is in the interval if the best monotone curve that crosses there is not significantly less likely than the
+    best of all (Banerjee and Wellner 2001, Annals of Statistics 29). The method assumes only monotony. A logistic curve
+    needs half the runs if the truth is logistic. It fails for other shapes, or if a few per cent of the runs fail for
+    unrelated reasons. The likelihood ratio has the distribution chi² with one degree of freedom. This is valid for many
+    runs at a point and conservative for many points.
     """
     sign = 1 if rising else -1
     best = counts.log_likelihood(monotone_rates(counts, rising))
@@ -137,7 +140,7 @@ def monotone_boundary(counts: PassCounts, rate: float, rising: bool, confidence:
 
 
 def _crossing_likelihood(counts: PassCounts, place: int, rate: float, sign: int) -> float:
-    """Of the best monotone curve that crosses `rate` between the points place - 1 and place."""
+    """Return the likelihood of the best monotone curve that crosses `rate` between the points place - 1 and place."""
     rates, runs = sign * counts.rates, counts.runs
     level = sign * rate
     fit = np.empty(len(rates))
@@ -150,13 +153,9 @@ def _crossing_likelihood(counts: PassCounts, place: int, rate: float, sign: int)
 
 @dataclass(frozen=True, slots=True)
 class PairedDifference:
-    """Of b - a over pairs, by a t test over clusters; a cluster is the pairs of one seed.
+    """Difference b - a over pairs, by a t test over clusters. A cluster is the pairs of one seed.
 
-    clusters: how many; the t distribution has one degree of freedom less. interval: of the mean, excludes zero just
-    where p_value is below 1 - confidence. effect: Cohen's d_z, the mean over the standard deviation of the differences.
-    wilcoxon_p_value: of the signed rank test over the clusters' means, for one who doubts that the mean is normal.
-    None where there are too few clusters. Where all clusters are alike there is no deviation to go by, and p_value is
-    that of the sign test.
+    If all clusters are equal, there is no deviation. p_value is then that of the sign test.
     """
 
     pairs: int
@@ -164,24 +163,30 @@ class PairedDifference:
     mean_b: float
     mean: float
     interval: Interval | None
+    """Interval of the mean. It excludes zero exactly if p_value is below 1 - confidence. None for too few clusters."""
     p_value: float | None
     effect: float | None
+    """Cohen's d_z, the mean over the standard deviation of the differences."""
     wilcoxon_p_value: float | None
+    """P-value of the signed rank test over the clusters' means, which does not assume a normal mean. None for too few
+    clusters.
+    """
     clusters: int
+    """Number of clusters; the t distribution has one degree of freedom less."""
 
 
 def paired_difference(
     a: Floats, b: Floats, confidence: float = 0.95, clusters: Sequence[Hashable] | None = None
 ) -> PairedDifference:
-    """a, b: (N,), the same pair in the same row. clusters: (N,) labels of pairs that depend on each other.
+    """Test the difference of pairs. a, b: (N,), a pair per row. clusters: (N,) labels of dependent pairs.
 
-    Without clusters each pair is one. The variance of the mean is the cluster-robust one (Liang and Zeger 1986) with
-    the factor G / (G - 1) for G clusters. For clusters of one size it is that of the t test over the clusters' means,
-    and without clusters that of the paired t test.
+    Without clusters, each pair is a cluster. The variance of the mean is the cluster-robust one (Liang and Zeger 1986)
+    with the factor G / (G - 1) for G clusters. For clusters of equal size it is that of the t test over the clusters'
+    means. Without clusters it is that of the paired t test.
 
-    The t test and not a bootstrap: with five to thirty pairs the percentile bootstrap's interval is too narrow (it
-    covers some 90 % at ten pairs where 95 % are due), and the t interval errs less under skewness, as differences of
-    pairs are less skewed than what they are of.
+    The method is a t test and not a bootstrap. With five to thirty pairs, the percentile bootstrap's interval is too
+    narrow: it covers about 90 % at ten pairs instead of 95 %. The t interval has a smaller error under skewness,
+    because differences of pairs are less skewed than the values.
     """
     differences = np.asarray(b, dtype=np.float64) - np.asarray(a, dtype=np.float64)
     pairs = len(differences)
@@ -205,7 +210,7 @@ def paired_difference(
 
 
 def _cluster_numbers(clusters: Sequence[Hashable] | None, values: int) -> Counts:
-    """(N,): the cluster of each value, counted from 0; each value its own cluster where nothing is given."""
+    """Return (N,), the cluster of each value, counted from 0. Without clusters, each value is a cluster."""
     if clusters is None:
         return np.arange(values)
     if len(clusters) != values:
@@ -215,17 +220,18 @@ def _cluster_numbers(clusters: Sequence[Hashable] | None, values: int) -> Counts
 
 
 def _clustered_error(values: Floats, of: Counts) -> float:
-    """Standard error of the mean of values (N,) in clusters of (N,); at least two clusters."""
+    """Return the standard error of the mean of values (N,) in clusters of (N,); at least two clusters."""
     sums = np.bincount(of, weights=values - values.mean())
     return math.sqrt(len(sums) / (len(sums) - 1) * float(sums @ sums)) / len(values)
 
 
 def _effective_share(values: Floats, of: Counts, confidence: float) -> float:
-    """The share of N clustered values (N,) that count as independent (Korn and Graubard 1998, Survey Methodology 24).
+    """Return the share of N clustered values (N,) that count as independent (Korn and Graubard 1998, Survey Methodology
+    24).
 
-    It is the inverse of the design effect, times the squared ratio of the normal and the t quantile for so few
-    clusters; 1 at most, and 1 without clusters. Values that are all alike show no design effect: a cluster then counts
-    as one value. So it does where there is only one cluster.
+    It is the inverse of the design effect, times the squared ratio of the normal and the t quantile for this number of
+    clusters. It is at most 1, and 1 without clusters. Equal values show no design effect: a cluster then counts as one
+    value. The same applies for a single cluster.
     """
     count = int(of.max()) + 1
     if count == len(values):
@@ -242,19 +248,20 @@ def _effective_share(values: Floats, of: Counts, confidence: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PairedRates:
-    """Pass rates of pairs. only_a, only_b: pairs of which only that one passed. interval: of rate b - rate a.
-
-    clusters: how many groups of pairs that depend on each other, such as the pairs of one seed.
-    """
+    """Pass rates of pairs."""
 
     pairs: int
     passed_a: int
     passed_b: int
     only_a: int
+    """Number of pairs in which only a passed."""
     only_b: int
+    """Number of pairs in which only b passed."""
     interval: Interval
+    """Interval of rate b - rate a."""
     p_value: float
     clusters: int
+    """Number of groups of dependent pairs, such as the pairs of one seed."""
 
     @property
     def difference(self) -> float:
@@ -264,11 +271,11 @@ class PairedRates:
 def paired_rates(
     a: Sequence[bool], b: Sequence[bool], confidence: float = 0.95, clusters: Sequence[Hashable] | None = None
 ) -> PairedRates:
-    """Exact test and interval of the difference of two pass rates. clusters: as of `paired_difference`.
+    """Return an exact test and the interval of the difference of two pass rates. clusters: as for `paired_difference`.
 
-    The test is that of all changes of sign of the clusters' differences: without an effect, A and B may be exchanged
-    within a cluster. Without clusters that is McNemar's exact test (binomial over the pairs that differ). The interval
-    is that of Agresti and Min 2005, Stat. Med. 24, with the effective number of pairs (Korn and Graubard 1998).
+    The test uses all changes of sign of the clusters' differences: without an effect, A and B may be exchanged within a
+    cluster. Without clusters it is McNemar's exact test (binomial over the pairs that differ). The interval is that of
+    Agresti and Min 2005, Stat. Med. 24, with the effective number of pairs (Korn and Graubard 1998).
     """
     pairs = len(a)
     differences = np.asarray(b, dtype=np.float64) - np.asarray(a, dtype=np.float64)
@@ -288,20 +295,20 @@ def paired_rates(
 
 
 def _sign_change_p_value(differences: Counts) -> float:
-    """The share of all changes of sign of whole numbers (G,) whose sum is as far from zero as theirs."""
+    """Return the share of all changes of sign of integers (G,) with a sum at least as far from zero as theirs."""
     sizes = np.abs(differences[differences != 0])
     found = abs(int(differences.sum()))
     middle = int(sizes.sum())
     chances = np.zeros(2 * middle + 1)  # of each sum from -middle to middle
     chances[middle] = 1.0
     for size in sizes:
-        chances = 0.5 * (np.roll(chances, size) + np.roll(chances, -size))  # nothing rolls round: the ends are zero
+        chances = 0.5 * (np.roll(chances, size) + np.roll(chances, -size))  # the ends are zero, so nothing wraps around
     sums = np.abs(np.arange(-middle, middle + 1))
     return min(1.0, float(chances[sums >= found].sum()))
 
 
 def clustered_rate_interval(passed: Sequence[bool], clusters: Sequence[Hashable], confidence: float = 0.95) -> Interval:
-    """Wilson's interval of a pass rate whose runs depend on each other within clusters, such as the runs of one seed.
+    """Return Wilson's interval of a pass rate for runs that depend on each other within clusters, such as one seed.
 
     passed, clusters: (N,). Runs count as the effective number of independent ones (Korn and Graubard 1998). With a
     cluster for each run it is `wilson_interval`.
@@ -314,7 +321,7 @@ def clustered_rate_interval(passed: Sequence[bool], clusters: Sequence[Hashable]
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjusted for that many tests (Holm 1979): reject those below the level that was meant for one."""
+    """Return p-values adjusted for their number (Holm 1979): reject those below the level of a single test."""
     order = np.argsort(p_values, kind="stable")
     adjusted = [0.0] * len(p_values)
     highest = 0.0
@@ -326,7 +333,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class FigureSpread:
-    """Of a figure over runs: quartiles and the 5th and 95th percentile, interpolated between runs."""
+    """Distribution of a figure over runs: quartiles and the 5th and 95th percentile, interpolated between runs."""
 
     runs: int
     least: float
@@ -339,12 +346,12 @@ class FigureSpread:
 
 
 def spread(values: Floats) -> FigureSpread:
-    """values: (N,), at least one."""
+    """Return the distribution of values (N,), at least one."""
     return FigureSpread(len(values), *(float(value) for value in np.percentile(values, (0, 5, 25, 50, 75, 95, 100))))
 
 
 def mean_interval(values: Floats, confidence: float = 0.95) -> Interval | None:
-    """Student's t; None of fewer than two."""
+    """Return the interval of Student's t; None for fewer than two values."""
     if len(values) < 2:
         return None
     half = float(scipy.stats.t.ppf(0.5 + confidence / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
@@ -352,14 +359,14 @@ def mean_interval(values: Floats, confidence: float = 0.95) -> Interval | None:
     return Interval(middle - half, middle + half)
 
 
-_PRIOR_DEVIATION = 10.0  # of a coefficient in logits a unit of share: hardly a limit, but what keeps a step finite
+_PRIOR_DEVIATION = 10.0  # of a coefficient in logits per unit of share: almost no limit, but it keeps a step finite
 
 
 @dataclass(frozen=True, slots=True)
 class LogisticSurface:
     """Pass rate over several axes: logit of a polynomial of second order in shares of each axis' range (0 to 1).
 
-    For pictures and for orientation: what it says of one place is borrowed from all others.
+    For plots and orientation: the value at one place depends on the data at all others.
     """
 
     axes: int
@@ -368,7 +375,7 @@ class LogisticSurface:
 
     @classmethod
     def fitted(cls, shares: Floats, passed: Sequence[bool]) -> LogisticSurface:
-        """shares (N, D), one row a run. Ridge by a wide normal prior, Newton's method."""
+        """Fit shares (N, D), one row per run, by ridge regression with a wide normal prior and Newton's method."""
         terms = _quadratic_terms(shares)
         outcome = np.asarray(passed, dtype=np.float64)
         prior = np.full(terms.shape[1], _PRIOR_DEVIATION**-2)
@@ -385,7 +392,7 @@ class LogisticSurface:
         return cls(shares.shape[1], beta, np.linalg.inv(information))
 
     def rates(self, shares: Floats) -> tuple[Floats, Floats, Floats]:
-        """Pass rate at shares (N, D), and the ends of its 95 % interval by the delta method: (N,) each."""
+        """Return the pass rate at shares (N, D), and the ends of its 95 % interval by the delta method: (N,) each."""
         terms = _quadratic_terms(shares)
         logits = terms @ self.coefficients
         deviation = np.sqrt(np.einsum("ni,ij,nj->n", terms, self.covariance, terms))

@@ -1,7 +1,8 @@
-"""The warden beside a worker process: ends the runs of one that is gone, also by kill -9.
+"""The warden of a worker process: ends the runs of a worker that has ended, also by kill -9.
 
-It is told of each run at its standard input, `+ MARK FOLDER` and `- MARK FOLDER`; when that ends, so does every process
-that carries the mark of a run under way. Started as a file by itself: it has the standard library alone.
+It reads the start and end of each run from its standard input, `+ MARK FOLDER` and `- MARK FOLDER`. When the input
+ends, the warden ends every process with the mark of an active run. It starts as a single file and imports only the
+standard library.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ import time
 from pathlib import Path
 
 MARK = "XITL_CAMPAIGN_RUN"
-"""In the environment of a run and of all that it starts."""
+"""Variable in the environment of a run and of all its descendants."""
 TEMPORARY = "xitl-campaign-run-"
-"""How the folder of a run begins that nobody needs afterwards."""
+"""Prefix of the folder of a run that is deleted afterwards."""
 
 
 def end_marked(mark: str) -> int:
-    """End every process whose environment carries this mark; how many there were."""
+    """End every process with this mark in its environment. Return their number."""
     wanted, ended = f"{MARK}={mark}".encode(), 0
-    for _ in range(3):  # what is being started meanwhile
+    for _ in range(3):  # processes may start meanwhile
         found = [pid for pid in _other_processes() if _environment_has(pid, wanted)]
         for pid in found:
             with contextlib.suppress(OSError):
@@ -61,7 +62,7 @@ def main() -> None:
     for mark, folder in runs.items():
         end_marked(mark)
         time.sleep(0.1)
-        end_marked(mark)  # what one of them was starting
+        end_marked(mark)  # processes that a run was starting
         if Path(folder).name.startswith(TEMPORARY):
             shutil.rmtree(folder, ignore_errors=True)
 

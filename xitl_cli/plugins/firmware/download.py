@@ -1,4 +1,4 @@
-"""Firmware from the server into the cache: into a temporary file, verified, then renamed to its place."""
+"""Firmware from the server into the cache: into a temporary file, verified, then moved into place."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _CHECKSUM_SUFFIX = ".sha256"
 _BROKEN = (http.client.HTTPException, OSError)
 
 Progress = Callable[[int, int | None], None]
-"""Called with the number of bytes received, and of all bytes where that is known."""
+"""Called with the number of received bytes, and the total if it is known."""
 
 
 class UnreachableError(UserError):
@@ -42,7 +42,7 @@ class UnreachableError(UserError):
 
 
 class RefusedError(UserError):
-    """The server answered with an error; `status` says which."""
+    """The server answered with an error; `status` is its HTTP status."""
 
     def __init__(self, text: str, status: int) -> None:
         super().__init__(text)
@@ -51,15 +51,17 @@ class RefusedError(UserError):
 
 @dataclass(frozen=True, slots=True)
 class FetchedFirmware:
-    """The firmware that was asked for, now in the cache. fresh: it was downloaded. note: a remark for the user."""
+    """The requested firmware, now in the cache."""
 
     cached: CachedFirmware
     fresh: bool
+    """True if it was downloaded."""
     note: str = ""
+    """Remark for the user."""
 
 
 def default_board() -> str:
-    """The simulator build that this machine can run."""
+    """Return the simulator build that this machine can run."""
     return cache.SITL_ARMHF if platform.machine().startswith(("arm", "aarch64")) else cache.SITL
 
 
@@ -72,14 +74,14 @@ def fetch_firmware(
     progress: Progress = lambda done, total: None,
     pinned: str = "",
 ) -> FetchedFirmware:
-    """Have a firmware in the cache.
+    """Ensure that a firmware is in the cache.
 
     pinned: the SHA-256 that the file must have, in hexadecimal digits. Without it, a numbered release that is
-    downloaded again must be the file that was downloaded first.
+    downloaded again must be identical to the first download.
 
-    A numbered release in the cache is not asked for again, and `stable`, `beta` and `latest` are downloaded only when
-    the server's commit differs from that of the copy in the cache; `force` downloads in any case.
-    Raises UserError; an earlier copy in the cache then stays as it was.
+    A numbered release in the cache is not downloaded again. `stable`, `beta` and `latest` are downloaded only if the
+    server's commit differs from that of the copy in the cache. `force` downloads in any case. Raises UserError; an
+    earlier copy in the cache then stays unchanged.
     """
     board = board or default_board()
     try:
@@ -102,7 +104,7 @@ def fetch_firmware(
 
 
 def _found(cached: CachedFirmware, pinned: str, note: str = "") -> FetchedFirmware:
-    """The copy in the cache. Raises UserError where it is not the pinned file."""
+    """Return the copy in the cache. Raises UserError if it is not the pinned file."""
     try:
         check_pin(cached.file, pinned)
     except DamagedError as error:
@@ -111,7 +113,7 @@ def _found(cached: CachedFirmware, pinned: str, note: str = "") -> FetchedFirmwa
 
 
 def read_text(url: str) -> str | None:
-    """The text at a URL, None where the server has none. Raises UnreachableError, RefusedError for other refusals."""
+    """Return the text at a URL, None if the server has none. Raises UnreachableError, RefusedError for other errors."""
     try:
         with closing(_open(url)) as answer:
             data: bytes = answer.read(PAGE_BYTES)
@@ -169,7 +171,7 @@ def _download_file(
 
 
 def _receive(url: str, file: Path, progress: Progress) -> int:
-    """The number of bytes. Raises UnreachableError for less than was announced, UserError for what is no firmware."""
+    """Return the number of bytes. Raises UnreachableError for an incomplete file, UserError for invalid firmware."""
     with closing(_open(url)) as answer, file.open("wb") as out:
         announced = answer.headers.get("Content-Length", "")
         total = int(announced) if announced.isascii() and announced.isdigit() and len(announced) < 18 else None
@@ -195,7 +197,9 @@ def _receive(url: str, file: Path, progress: Progress) -> int:
 
 
 def _open(url: str) -> Any:
-    """An open answer. Raises UserError for no web address, RefusedError for an error, UnreachableError for none."""
+    """Open a URL. Raises UserError for an invalid address, RefusedError for an error status, UnreachableError for no
+    answer.
+    """
     if urlsplit(url).scheme not in ("http", "https"):
         raise UserError(f"{url}: is no web address; write it like https://firmware.ardupilot.org")
     request = Request(url, headers={"User-Agent": f"xitl/{__version__}", "Accept-Encoding": "identity"})
@@ -213,12 +217,12 @@ def _open(url: str) -> Any:
 
 
 class NoDowngrade(HTTPRedirectHandler):
-    """Follows redirections, but not from https to anything else."""
+    """Follows redirections, but not from https to another scheme."""
 
     def redirect_request(
         self, req: Request, fp: IO[bytes], code: int, msg: str, headers: Message, newurl: str
     ) -> Request | None:
-        """As the base class, or URLError."""
+        """Redirect like the base class, or raise URLError."""
         if urlsplit(req.full_url).scheme == "https" and urlsplit(newurl).scheme != "https":
             raise URLError(f"it points from https to {newurl}")
         return super().redirect_request(req, fp, code, msg, headers, newurl)  # type: ignore[arg-type]

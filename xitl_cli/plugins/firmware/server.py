@@ -1,10 +1,9 @@
-"""How ArduPilot's firmware server is laid out: BASE/Rover/VERSION/BOARD/ holds the file and two texts about it.
+"""Layout of ArduPilot's firmware server: BASE/Rover/VERSION/BOARD/ holds the file and two text files about it.
 
-VERSION is `stable`, `beta`, `latest` (built from the development branch) or `stable-4.6.3` for every release there was.
-BOARD is the name of the build; the simulator for a PC is SITL_x86_64_linux_gnu, for 32-bit ARM
-SITL_arm_linux_gnueabihf. firmware-version.txt holds `4.6.3-FIRMWARE_VERSION_TYPE_OFFICIAL`, git-version.txt the commit.
-Folders list what is in them as links. Seen in the scripts that fill the server, Tools/scripts/build_binaries.py and
-gen_stable.py.
+VERSION is `stable`, `beta`, `latest` (built from the development branch) or `stable-4.6.3` for each release. BOARD is
+the name of the build; the simulator for a PC is SITL_x86_64_linux_gnu, for 32-bit ARM SITL_arm_linux_gnueabihf.
+firmware-version.txt holds `4.6.3-FIRMWARE_VERSION_TYPE_OFFICIAL`, git-version.txt the commit. Folders list their
+contents as links. Sources: the scripts that fill the server, Tools/scripts/build_binaries.py and gen_stable.py.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ _COMMIT = re.compile(r"^commit ([0-9a-f]{8,40})\b", re.MULTILINE)
 _VERSION = re.compile(r"(\d+\.\d+\.\d+)-(?:FIRMWARE_VERSION_TYPE_)?(\w+)")
 
 ReadText = Callable[[str], str | None]
-"""Reads the text at a URL; None where the server has none."""
+"""Reads the text at a URL; None if the server has none."""
 
 
 @dataclass(frozen=True, slots=True)
 class FirmwareFolder:
-    """One folder of the server that holds one firmware. `version` is one of MOVING_VERSIONS or three numbers."""
+    """A folder of the server with one firmware. `version` is one of MOVING_VERSIONS or three numbers."""
 
     base: str
     vehicle: str
@@ -44,21 +43,21 @@ class FirmwareFolder:
 
     @property
     def url(self) -> str:
-        """With a slash at the end."""
+        """URL with a slash at the end."""
         version = self.version if self.version in MOVING_VERSIONS else f"stable-{self.version}"
         return f"{_top(self.base, self.vehicle)}{version}/{quote(_BUILDS.get(self.board, self.board), safe='')}/"
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedVersion:
-    """What the server says of a firmware; empty where it says nothing. `git` is the whole commit."""
+    """The server's information about a firmware; empty if unknown. `git` is the whole commit."""
 
     version: str = ""
     git: str = ""
 
 
 def find_folder(base: str, vehicle: str, version: str, board: str, read_text: ReadText) -> FirmwareFolder:
-    """Where a firmware is. Asks the server for the newest release of `4.6` or `4.6.x`. Raises UserError."""
+    """Return the folder of a firmware. Asks the server for the newest release of `4.6` or `4.6.x`. Raises UserError."""
     if vehicle not in PROGRAMS:
         raise UserError(f"{vehicle}: no firmware is known for it; use one of {', '.join(PROGRAMS)}")
     if not _NAME.fullmatch(board):
@@ -67,13 +66,13 @@ def find_folder(base: str, vehicle: str, version: str, board: str, read_text: Re
 
 
 def is_release(version: str) -> bool:
-    """Whether it is a release's three numbers."""
+    """Return True for a release number of three numbers."""
     numbers = _NUMBERS.fullmatch(version)
     return numbers is not None and numbers[3] not in (None, "x")
 
 
 def published_version(folder: FirmwareFolder, read_text: ReadText) -> PublishedVersion:
-    """What the two texts say. Raises UnreachableError."""
+    """Read the two text files. Raises UnreachableError."""
     version, git = (read_text(folder.url + name) or "" for name in ("firmware-version.txt", "git-version.txt"))
     numbers, commit = _VERSION.match(version.strip()), _COMMIT.search(git)
     named = "" if numbers is None else f"{numbers[1]} {numbers[2].lower()}"
@@ -81,13 +80,13 @@ def published_version(folder: FirmwareFolder, read_text: ReadText) -> PublishedV
 
 
 def list_releases(base: str, vehicle: str, read_text: ReadText) -> list[str]:
-    """All numbered releases, the newest first; empty where the server does not list them. Raises UnreachableError."""
+    """Return all numbered releases, the newest first; empty if the server has no list. Raises UnreachableError."""
     found = {release[1] for name in _listed(_top(base, vehicle), read_text) if (release := _RELEASE.fullmatch(name))}
     return sorted(found, key=lambda release: [int(part) for part in release.split(".")], reverse=True)
 
 
 def not_found(folder: FirmwareFolder, read_text: ReadText) -> UserError:
-    """The error for a firmware that the server does not have: which part of its address is wrong, and what there is."""
+    """Return the error for a missing firmware: the wrong part of its address, and the available alternatives."""
     where = f"{folder.vehicle} {folder.version} for {folder.board}"
     above = folder.url.rstrip("/").rpartition("/")[0] + "/"
     boards = _listed(above, read_text)
@@ -129,7 +128,7 @@ def _top(base: str, vehicle: str) -> str:
 
 
 def _listed(url: str, read_text: ReadText) -> list[str]:
-    """Names in a folder, in the order of the page: links one step below it, whichever way they are written."""
+    """Return the names in a folder, in the order of the page: links one step below it, in any notation."""
     page = read_text(url)
     below = urlsplit(url).path
     found: dict[str, None] = {}

@@ -93,7 +93,7 @@ def analyze(
 
 
 def _replay(found: Report, vessel: str | None) -> Replay:
-    """The report's logs in 3D, by the plug-in that draws them, or a sentence on why there is none."""
+    """Return the report's logs in 3D from the replay plug-in, or a sentence with the reason for no replay."""
     from xitl_cli.logs.report.page import Replay
     from xitl_cli.registry import LOG_REPLAYS, PluginError, load
 
@@ -157,7 +157,7 @@ def plot(
 
 
 def _files_and_signals(arguments: Sequence[str]) -> tuple[list[Path], list[str]]:
-    """Arguments up to the last one that exists are files; the rest are signals."""
+    """Split arguments: those up to the last existing path are files, the rest are signals."""
     there = [index for index, text in enumerate(arguments) if os.path.exists(text)]  # noqa: PTH110  never raises
     if not there:
         raise UserError(f"{arguments[0]}: does not exist; name a log first, then signals such as ATT.Roll")
@@ -168,7 +168,7 @@ def _files_and_signals(arguments: Sequence[str]) -> tuple[list[Path], list[str]]
 
 
 def _show(found: Report, page: Path | None, verbose: bool) -> None:
-    """Findings; the facts of all sections where no page has them, or where they are asked for."""
+    """Show findings, and the facts of all sections without a page or on request."""
     from xitl_cli.commands.terminal import terminal
     from xitl_cli.logs.report.terminal import show
 
@@ -178,5 +178,5 @@ def _show(found: Report, page: Path | None, verbose: bool) -> None:
 
 
 def _beside(log: Path, what: str) -> Path:
-    """A page in the current directory: logs often lie where nothing can be written."""
+    """Return a page in the current directory: the directory of a log is often read-only."""
     return Path(f"{log.stem}.{what}.html")

@@ -274,9 +274,10 @@ def tasks(
 
 
 def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
-    """@SYS/tasks.txt of the vehicle at `url`, which begins to count if it did not: that takes up to 12 s.
+    """Return @SYS/tasks.txt of the vehicle at `url`. It starts the vehicle's task counter if necessary, which takes up
+    to 12 s.
 
-    Sets bit 0 of SCHED_OPTIONS on the vehicle until it restarts, as asking for the file does. Raises UserError when
+    Like each request for the file, it sets bit 0 of SCHED_OPTIONS on the vehicle until it restarts. Raises UserError if
     the vehicle does not answer, has no such file, or does not count.
     """
     from xitl_cli.params.vehicle import VehicleFiles, connect
@@ -286,7 +287,7 @@ def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
 
 
 def read_tasks(files: VehicleFiles, url: str, again_s: float = _ASK_AGAIN_S) -> str:
-    """The file once it lists tasks, which it does from the vehicle's next PM record on, up to 10 s later."""
+    """Return the file once it lists tasks, which begins with the vehicle's next PM record, up to 10 s later."""
     from agent.mavlink.ftp import FtpRefusedError, read_file
     from xitl_cli.logs.model.system_files import TASKS_MOST_BYTES, TASKS_PATH, parse_tasks
 
@@ -305,7 +306,7 @@ def read_tasks(files: VehicleFiles, url: str, again_s: float = _ASK_AGAIN_S) -> 
 
 
 def _width() -> int | None:
-    """Columns of the terminal; None when the output goes elsewhere: then no line is folded."""
+    """Return the columns of the terminal; None for other outputs, which are not folded."""
     if not sys.stdout.isatty():
         return None
     try:

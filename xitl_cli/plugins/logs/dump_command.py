@@ -24,22 +24,22 @@ _INDENT = " " * 6
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """fields: in this order, of the messages that have them; all when empty. span_ns: first and last stamp.
-
-    width: columns of a terminal to fit into; None: lines are as long as they are.
-    """
+    """Options of a dump."""
 
     fields: tuple[str, ...] = ()
+    """Fields in this order, for messages that have them; all if empty."""
     condition: Condition | None = None
     span_ns: tuple[int | None, int | None] = (None, None)
+    """First and last stamp."""
     raw: bool = False
     limit: int | None = None
     as_json: bool = False
     width: int | None = None
+    """Columns of a terminal for folding; None: no folding."""
 
 
 def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
-    """Pieces of text, each some whole lines. Raises LogError for a field that none of the messages has."""
+    """Yield pieces of text, each with complete lines. Raises LogError for a field that none of the messages has."""
     zero, at_once = log.zero_ns, rows_at_once(log, tables)
     columns = _columns(tables, asked.fields)
     left = asked.limit
@@ -63,12 +63,14 @@ def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """Some rows of one table. since_ns: (n,) since second 0. values: (n, …) of each of the columns."""
+    """Some rows of one table."""
 
     table: Table
     columns: Sequence[str]
     since_ns: NDArray[np.int64]
+    """Time since second 0, (n,)."""
     values: Sequence[NDArray[Any]]
+    """Values of each column, (n, …)."""
 
     def part(self, rows: slice) -> _Stretch:
         return _Stretch(self.table, self.columns, self.since_ns[rows], [values[rows] for values in self.values])
@@ -93,7 +95,7 @@ class _Layout(Protocol):
     def head(self) -> str: ...
 
     def lines(self, stretch: _Stretch) -> list[str]:
-        """One a row; several lines of the terminal each, where they are folded."""
+        """Return one line per row; a folded line has several lines of the terminal."""
         ...
 
 
@@ -109,7 +111,7 @@ def _layout(stretches: Sequence[_Stretch], asked: Asked) -> _Layout:
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """A table; its columns are as wide as the first rows need them."""
+    """A table. The first rows determine the width of its columns."""
 
     names: Sequence[str]
     units: Sequence[str]
@@ -146,7 +148,7 @@ class _Columns:
 
 @dataclass(frozen=True, slots=True)
 class _Named:
-    """12.345678 ATT Roll=0.1 Pitch=0.2"""
+    """Format with names: 12.345678 ATT Roll=0.1 Pitch=0.2"""
 
     width: int | None
     head: str = ""
@@ -170,7 +172,7 @@ class _Named:
 
 
 def _quoted(values: NDArray[Any]) -> list[str]:
-    """Texts in quotes where they would run into what follows."""
+    """Quote texts that would otherwise merge with the following text."""
     shown = text_cells(values)
     if values.dtype.kind != "U":
         return shown
@@ -192,7 +194,7 @@ class _Json:
 
 
 def _columns(tables: Sequence[Table], wanted: Sequence[str]) -> list[list[str]]:
-    """Of each table; all when none is wanted, else those it has."""
+    """Return the columns of each table: all if none is selected, otherwise the selected ones that it has."""
     if not wanted:
         return [list(table.columns) for table in tables]
     found: list[list[str]] = [[] for _ in tables]

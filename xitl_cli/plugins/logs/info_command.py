@@ -1,4 +1,4 @@
-"""A summary of a log as lines of at most 80 columns. Without rich: loading it takes longer than reading a log."""
+"""A summary of a log as lines of at most 80 columns. It avoids rich: its import takes longer than reading a log."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _told(summary: Summary) -> Iterator[tuple[str, str]]:
 
 
 def _vehicle(summary: Summary) -> str:
-    """Rover, ArduRover V4.6.0 (0123abcd), CubeOrange."""
+    """Return for example `Rover, ArduRover V4.6.0 (0123abcd), CubeOrange.`"""
     about = {fact.key: str(fact.value) for fact in summary.about}
     version = about.get("firmware_version", "")
     firmware = about.get("firmware") or ("firmware" if version else "")
@@ -106,7 +106,7 @@ def _field(column: Column, with_unit: bool) -> str:
 
 
 def _fitting(names: list[str], width: int) -> str:
-    """As many as fit on a line, and how many do not."""
+    """Return as many names as fit on a line, and the number of the others."""
     shown = " ".join(names)
     if len(shown) <= width:
         return shown

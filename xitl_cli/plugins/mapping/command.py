@@ -1,4 +1,4 @@
-"""`xitl map`: odometry and map of a recording, made anew and held against the truth and against what ran."""
+"""`xitl map`: odometry and map of a recording, recomputed and compared with the truth and with the online result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a live vehicle stands to the parameters that it should have, by names that changed between versions too."""
+"""Comparison of a live vehicle with the wanted parameters, including names that changed between versions."""
 
 from __future__ import annotations
 
@@ -15,26 +15,24 @@ NEAREST = 3
 _VEHICLES = {10: "Rover", 11: "Rover (boat)"}
 
 
-# -- names that changed from one version of ArduPilot Rover to the next: from its release notes and the conversions in
-# -- its source, which name old and new
+# -- names that changed between versions of ArduPilot Rover, from its release notes and the conversions in its source,
+# which contain old and new names
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterRename:
-    """`new` since `version`.
-
-    values: pairs of an old value and the new one of the same meaning; None where every value keeps its meaning. `note`
-    says how the meaning changed.
-    """
+    """A parameter with a new name since a version."""
 
     old: str
     new: str
     version: str
     note: str = ""
+    """Change of the meaning."""
     values: tuple[tuple[float, float], ...] | None = None
+    """Pairs of an old value and the new one of the same meaning; None if every value keeps its meaning."""
 
     def carried(self, name: str, value: float) -> float | None:
-        """The value under the other name that means what `value` means under `name`; None where that is not known."""
+        """Return the value under the other name with the meaning of `value` under `name`; None if it is unknown."""
         if self.values is None:
             return value
         pairs = self.values if name == self.old else [(new, old) for old, new in self.values]
@@ -73,7 +71,7 @@ RENAMES: tuple[ParameterRename, ...] = (
 
 
 def other_name(name: str, present: Mapping[str, float]) -> ParameterRename | None:
-    """The rename by which `present` has the parameter, though not by this name; None where there is none."""
+    """Return the rename by which `present` has the parameter under another name; None if there is none."""
     for rename in RENAMES:
         if (rename.old == name and rename.new in present) or (rename.new == name and rename.old in present):
             return rename
@@ -81,9 +79,9 @@ def other_name(name: str, present: Mapping[str, float]) -> ParameterRename | Non
 
 
 def in_names_of(present: Mapping[str, float], wanted: Mapping[str, float]) -> dict[str, float]:
-    """`wanted` in the names and values of the version that has `present`.
+    """Return `wanted` in the names and values of the version of `present`.
 
-    A parameter whose value has no known counterpart keeps its name.
+    A parameter without a known counterpart of its value keeps its name.
     """
     found: dict[str, float] = {}
     for name, value in wanted.items():
@@ -96,12 +94,12 @@ def in_names_of(present: Mapping[str, float], wanted: Mapping[str, float]) -> di
     return found
 
 
-# -- what a vehicle has, held against what it should have
+# -- comparison of present and wanted parameters
 
 
 @dataclass(frozen=True, slots=True)
 class DifferingParameter:
-    """A parameter that the vehicle has at another value."""
+    """A parameter with another value on the vehicle."""
 
     name: str
     wanted: float
@@ -110,21 +108,21 @@ class DifferingParameter:
 
 @dataclass(frozen=True, slots=True)
 class AbsentParameter:
-    """A name that this version does not have, with the nearest that it has.
-
-    `rename` when it has the parameter by another name; `kept` is then the value there. `behind` names a parameter that
-    makes it appear, after a restart.
-    """
+    """A name that this version does not have."""
 
     name: str
     wanted: float
     nearest: tuple[str, ...] = ()
+    """Most similar names that it has."""
     rename: ParameterRename | None = None
+    """Rename, if it has the parameter by another name."""
     kept: float | None = None
+    """Value under the other name."""
     behind: str = ""
+    """Parameter that enables it, after a restart."""
 
     def sentence(self, format_value: Callable[[float], str]) -> str:
-        """Why it is not there, and what to do."""
+        """Return a sentence with the reason and the fix."""
         if self.rename is not None and self.kept is not None:
             note = f", {self.rename.note}" if self.rename.note else ""
             since = f"{self.rename.new} since {self.rename.version}{note}"
@@ -136,19 +134,20 @@ class AbsentParameter:
 
 @dataclass(frozen=True, slots=True)
 class ParameterFindings:
-    """`same` parameters are as they should be."""
+    """Result of a comparison."""
 
     same: int = 0
+    """Number of parameters with the wanted value."""
     differs: tuple[DifferingParameter, ...] = ()
     absent: tuple[AbsentParameter, ...] = ()
 
     @property
     def fine(self) -> bool:
-        """Whether all is as it should be."""
+        """True if all parameters have the wanted values."""
         return not (self.differs or self.absent)
 
 
-# What ArduPilot hides until the other is on and it has restarted (its AP_PARAM_FLAG_ENABLE).
+# Parameters that ArduPilot hides until the other is on and it has restarted (its AP_PARAM_FLAG_ENABLE).
 _BEHIND = (
     ("SCR_SDEV", "SCR_SDEV_EN"),
     ("SCR_", "SCR_ENABLE"),
@@ -160,7 +159,7 @@ _BEHIND = (
 
 
 def check_parameters(wanted: Mapping[str, float], present: Mapping[str, float]) -> ParameterFindings:
-    """Hold what should be against all that the vehicle has."""
+    """Compare the wanted parameters with all parameters of the vehicle."""
     alike = 0
     differs: list[DifferingParameter] = []
     absent: list[AbsentParameter] = []
@@ -176,7 +175,7 @@ def check_parameters(wanted: Mapping[str, float], present: Mapping[str, float]) 
 
 
 def hiding_parameter(name: str, wanted: Mapping[str, float], present: Mapping[str, float]) -> str:
-    """The parameter that hides another one on this vehicle as it stands; empty where none does."""
+    """Return the parameter that presently hides another one on this vehicle; empty if there is none."""
     for prefix, switch in _BEHIND:
         is_off = switch not in present or present[switch] <= 0.0
         comes = wanted.get(switch, 0.0) > 0.0 or switch in present
@@ -189,7 +188,7 @@ def hiding_parameter(name: str, wanted: Mapping[str, float], present: Mapping[st
 def absent_parameter(
     name: str, value: float, wanted: Mapping[str, float], present: Mapping[str, float]
 ) -> AbsentParameter:
-    """Why the vehicle has no parameter of this name. `wanted` and `present`: all that is asked for, all that it has."""
+    """Return why the vehicle has no parameter of this name. `wanted`: all wanted ones. `present`: all existing ones."""
     rename = other_name(name, present)
     if rename is not None:
         has = rename.new if rename.old == name else rename.old
@@ -201,7 +200,7 @@ def absent_parameter(
 
 
 def firmware_name(vehicle: VehicleConnection) -> str:
-    """Its make, kind and version, such as `ArduPilot Rover 4.6.2`; without a version where it does not tell."""
+    """Return make, type and version, such as `ArduPilot Rover 4.6.2`; without a version if it is unknown."""
     make = "PX4" if vehicle.px4 else "ArduPilot"
     kind = _VEHICLES.get(vehicle.kind, f"vehicle of MAV_TYPE {vehicle.kind}")
     message = vehicle.request_message(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)

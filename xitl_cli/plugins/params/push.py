@@ -1,6 +1,6 @@
-"""Bringing a vehicle to a set of parameters, over as many restarts as it takes for hidden ones to appear.
+"""Setting the parameters of a vehicle, over as many restarts as hidden ones need to appear.
 
-With it, by MAVLink FTP, the script that an ArduPilot needs for HIL messages.
+It can also install, by MAVLink FTP, the script that an ArduPilot needs for HIL messages.
 """
 
 from __future__ import annotations
@@ -26,40 +26,42 @@ _AHRS, _PORTS = "EAHRS_TYPE", "SCR_"
 _WAITS = "it comes last, when the port that it listens at is there; add --reboot"
 NAME = "xitl_hil.lua"
 BOARD_ROOT, BOARD_FOLDER = "/APM", "/APM/scripts"
-PLAIN_FOLDER = "scripts"  # of simulated vehicles and Linux boards: where their program runs
+PLAIN_FOLDER = "scripts"  # on simulated vehicles and Linux boards, relative to the working directory of their program
 RESTART_S = 40.0
 SETTLE_S = 1.0
 RETRY_S = 5.0
-LOST_MS = 500.0  # of its time since boot, at least, by a restart
+LOST_MS = 500.0  # least decrease of its time since boot by a restart
 _MAV_CMD_PREFLIGHT_CALIBRATION = 241
-_AS_IT_IS = 76.0  # ArduPilot: take the calibration that is stored for a valid one
+_AS_IT_IS = 76.0  # ArduPilot: accept the stored calibration as valid
 _ACCEPTED = 0  # MAV_RESULT
 
 
 @dataclass(frozen=True, slots=True)
 class PushedParameter:
-    """What was asked of a vehicle and what it keeps; `reason` is empty when it took the value."""
+    """Result of one parameter."""
 
     name: str
     wanted: float
     before: float | None
+    """Value before the push."""
     kept: float | None
+    """Value that the vehicle keeps."""
     reason: str = ""
+    """Reason for a refused value; empty if the vehicle accepted it."""
 
 
 @dataclass(frozen=True, slots=True)
 class PushResult:
-    """What a push did.
-
-    script: its path on the vehicle, empty when none was asked for; written: whether it is new. restart_due: whether
-    something of it is in force after a restart only, and none was asked for.
-    """
+    """Result of a push."""
 
     changes: tuple[PushedParameter, ...]
     restarts: int = 0
     script: str = ""
+    """Path of the script on the vehicle, empty if none was requested."""
     written: bool = False
+    """True if the script is new."""
     restart_due: bool = False
+    """True if some changes need a restart and none was requested."""
 
 
 def push(
@@ -70,10 +72,10 @@ def push(
     reboot: bool = False,
     progress: Callable[[str], None] = lambda doing: None,
 ) -> PushResult:
-    """Set what differs, and bring the script there if one is given. `progress` hears what is being done.
+    """Set differing parameters, and install the script if one is given. `progress` receives the current activity.
 
-    With `reboot` the vehicle restarts when anything has changed, and what appears then is set too. Raises UserError;
-    what the vehicle refuses is among the changes.
+    With `reboot`, the vehicle restarts if anything has changed, and parameters that appear then are set too. Raises
+    UserError. Refused values are among the changes.
     """
     changes: dict[str, PushedParameter] = {}
     restarts, path, written = 0, "", False
@@ -99,12 +101,12 @@ def push(
 
 
 def _injects_sensors(wanted: Mapping[str, float], changes: Mapping[str, PushedParameter]) -> bool:
-    """Whether its inertial sensors come from outside, so that there is nothing to calibrate; of a whole set only."""
+    """Return True if its inertial sensors are external, so that there is nothing to calibrate; only for a whole set."""
     return wanted.get(_AHRS, 0.0) > 0.0 and _CALIBRATED in wanted and not any(one.reason for one in changes.values())
 
 
 def _set_all(vehicle: VehicleConnection, wanted: Mapping[str, float], changes: dict[str, PushedParameter]) -> bool:
-    """Set what differs, and what appears by that, into `changes`; whether anything was set."""
+    """Set differing parameters, and newly visible ones, into `changes`. Return True if anything was set."""
     set_some = False
     for _ in range(MOST_ROUNDS):
         present = vehicle.read_all()
@@ -124,7 +126,9 @@ def _set_all(vehicle: VehicleConnection, wanted: Mapping[str, float], changes: d
 
 
 def _held(wanted: Mapping[str, float], present: Mapping[str, float]) -> str:
-    """The external AHRS comes last: with its port still to appear, ArduPilot 4.7 crashes at its next start."""
+    """Return the external AHRS, which must be set last: while its port is hidden, ArduPilot 4.7 crashes at its next
+    start.
+    """
     if wanted.get(_AHRS, 0.0) <= 0.0 or present.get(_AHRS, 0.0) > 0.0:
         return ""
     still_to_come = any(
@@ -144,9 +148,9 @@ def _explained(change: PushedParameter, wanted: Mapping[str, float], present: Ma
 def set_differing(
     vehicle: VehicleConnection, wanted: Mapping[str, float], present: Mapping[str, float], complete: bool = True
 ) -> list[PushedParameter]:
-    """Set what differs from `present`, each read back. Nothing raises for a value that the vehicle refuses.
+    """Set all differences from `present` and read each back. A refused value raises no error.
 
-    `complete`: `present` has all parameters of the vehicle. Otherwise they are read when a name is missing.
+    `complete`: `present` has all parameters of the vehicle. Otherwise they are read if a name is missing.
     """
     changes: list[PushedParameter] = []
     if not complete and any(name not in present for name in wanted):
@@ -171,7 +175,7 @@ def set_differing(
 
 
 def shipped_script() -> bytes:
-    """The script that comes with xitl. Raises UserError."""
+    """Return the script that comes with xitl. Raises UserError."""
     path = firmware_params_dir() / "lua" / NAME
     try:
         return path.read_bytes()
@@ -182,7 +186,7 @@ def shipped_script() -> bytes:
 def install_script(
     vehicle: VehicleConnection, content: bytes, progress: Callable[[float], None] = lambda done: None
 ) -> tuple[str, bool]:
-    """Bring the script there, unless it is there: its path, and whether it was written. Raises UserError."""
+    """Install the script unless it exists. Return its path, and True if it was written. Raises UserError."""
     files = VehicleFiles(vehicle)
     try:
         on_board = files.run(has_folder(BOARD_ROOT))
@@ -204,7 +208,7 @@ def install_script(
 
 
 def accept_calibration(vehicle: VehicleConnection) -> None:
-    """Have the stored calibration of IMUs and compasses taken for good: injected ones need none. Raises UserError."""
+    """Accept the stored calibration of IMUs and compasses: injected sensors need none. Raises UserError."""
     if vehicle.command(_MAV_CMD_PREFLIGHT_CALIBRATION, 0, _AS_IT_IS, 0, 0, _AS_IT_IS) != _ACCEPTED:
         raise UserError(
             "the vehicle does not take the calibration of the injected sensors as it is; "
@@ -213,7 +217,7 @@ def accept_calibration(vehicle: VehicleConnection) -> None:
 
 
 def restart(vehicle: VehicleConnection) -> int:
-    """Have the vehicle restart; returns its time since boot in ms just before. Raises UserError."""
+    """Restart the vehicle. Return its time since boot in ms just before. Raises UserError."""
     before = vehicle.request_message(dialect.MAVLINK_MSG_ID_SYSTEM_TIME)
     if vehicle.command(dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1) != _ACCEPTED:
         raise UserError("the vehicle refuses to restart; disarm it, or switch its power off and on")
@@ -222,7 +226,7 @@ def restart(vehicle: VehicleConnection) -> int:
 
 @contextmanager
 def restarted(url: str, key: bytes | None, boot_ms: int) -> Iterator[VehicleConnection]:
-    """The vehicle once it is back from a restart that came at `boot_ms` of its time. Raises UserError."""
+    """Yield the vehicle after its restart, which happened at `boot_ms` of its time. Raises UserError."""
     asked_s = time.monotonic()
     with ExitStack() as opened:
         while True:

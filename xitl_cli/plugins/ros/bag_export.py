@@ -1,5 +1,5 @@
-"""A log as a bag: recordings of ours by the table of outputs, bags of others as they are, logs of autopilots by what
-they tell of motion and sensors, and row by row.
+"""A log as a bag. Recordings of xitl use the table of outputs. Bags of other programs stay unchanged. Logs of
+autopilots become motion and sensor messages, and messages for each row.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _BAGS = ("rosbag1", "rosbag2")
 
 
 class BagMessage(NamedTuple):
-    """One message of a bag. recorded: the topic of the recording that it is, or is made from, if any."""
+    """One message of a bag."""
 
     topic: str
     type_name: str
@@ -43,6 +43,7 @@ class BagMessage(NamedTuple):
     stamp_ns: int
     qos: QosKind = "sensor"
     recorded: str = ""
+    """Topic of the recording that it is, or comes from, if any."""
 
 
 def export_bag(
@@ -53,10 +54,10 @@ def export_bag(
     out: Path | None,
     overwrite: bool,
 ) -> ExportResult:
-    """Write the log as a bag. names: topics of ROS or messages of the log, all without any.
+    """Write the log as a bag. names: ROS topics or messages of the log; empty for all.
 
-    Raises UserError for an existing or unwritable place, for names that nothing is of, for one vessel of a bag, and for
-    a recording that is damaged.
+    Raises UserError for an existing or unwritable place, for names without messages, for one vessel of a bag, and for a
+    damaged recording.
     """
     if log.vessel and log.base != "simulation":
         raise UserError(f"{log.path}: is a bag, whose topics keep their names; name those of {log.vessel} in full")
@@ -73,14 +74,14 @@ def export_bag(
 
 
 def _is_bag(log: Log) -> bool:
-    """Of others, so that all of it is messages of ROS already."""
+    """Return True for a bag of another program: all its messages are ROS messages already."""
     return log.base != "simulation" and (log.format in _BAGS or log.facts.get("mcap_profile") == "ros2")
 
 
 def _converted(
     log: Log, wanted: ExportSelection, names: Sequence[str], bag_format: BagFormat, part: Path
 ) -> tuple[tuple[int, int], str]:
-    """By rosbags' own conversion, messages unchanged."""
+    """Convert by rosbags' converter; messages are unchanged."""
     from rosbags.convert.converter import ConverterError, convert
     from rosbags.highlevel import AnyReader
 
@@ -90,7 +91,7 @@ def _converted(
     topics = [table.name for table in wanted.tables] if names else []
     known, ros1 = MessageTypes(), bag_format == "rosbag1"
     types = None if ros1 == (log.format == "rosbag1") else known.ros1 if ros1 else known.ros2
-    made = part.with_suffix(ROS1_SUFFIX if ros1 else "")  # the ending tells the converter what to make
+    made = part.with_suffix(ROS1_SUFFIX if ros1 else "")  # the converter selects the format by the extension
     try:
         with redirect_stdout(io.StringIO()):
             convert([log.path], made, storage, 9, None, "none", known.ros2, types, [], topics, [], [])
@@ -141,7 +142,9 @@ def _written(
 def _of_recording(
     path: Path, conversion: RosConversion, wanted: ExportSelection, others: tuple[str, ...]
 ) -> Iterator[BagMessage]:
-    """What is latched comes at the beginning, also of a later stretch. others: what topics to leave out begin with."""
+    """Yield messages. Latched messages are at the beginning, also of a later time span. others: prefixes of excluded
+    topics.
+    """
     latched = {
         (message.topic.name, message.vessel): BagMessage(
             message.topic.full_name(message.vessel), message.topic.type, message.cdr, 0, message.topic.qos
@@ -170,7 +173,7 @@ def _of_recording(
 
 
 def recorded_messages(path: Path) -> Iterator[tuple[str, str, bytes, int]]:
-    """Topic, type (empty where it is none of ROS), payload and instant of each message, in the order of time."""
+    """Yield topic, type (empty for other than ROS), payload and instant of each message, in the order of time."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
 
@@ -185,7 +188,7 @@ def recorded_messages(path: Path) -> Iterator[tuple[str, str, bytes, int]]:
 
 
 class LogRows:
-    """Motion and sensors of a log as messages of ROS, and all its tables row by row."""
+    """Motion and sensors of a log as ROS messages, and all its tables row by row."""
 
     def __init__(self, log: Log, wanted: ExportSelection) -> None:
         self._log, self._wanted = log, wanted
@@ -206,13 +209,13 @@ class LogRows:
         self.times = "the log tells no UTC" if self._utc is None else f"its times are UTC {self._utc.source}"
 
     def messages(self) -> Iterator[BagMessage]:
-        """In the order of time, as far as the rows of the log are."""
+        """Yield messages in the order of time, if the rows of the log are in order."""
         shift_ns = 0 if self._utc is None else self._utc.offset_ns
         told = (self._of_ros(messages, shift_ns) for messages in log_messages(self._log, shift_ns))
         return heapq.merge(*told, self._messages_of_ros(), self._rows(), key=lambda message: message.stamp_ns)
 
     def _messages_of_ros(self) -> Iterator[BagMessage]:
-        """Those that the log has as such."""
+        """Yield the ROS messages of the log."""
         wanted = {table.name for table in self._wanted.tables} & self._unchanged.keys()
         for topic, _, payload, stamp_ns in recorded_messages(self._log.path) if wanted else ():
             if topic in wanted and self._inside(stamp_ns):
@@ -247,7 +250,7 @@ class LogRows:
 
 
 def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
-    """Of an MCAP the topics in CDR: type and definition. Not those whose type is another one in ROS."""
+    """Return type and definition of the CDR topics of an MCAP. Types that differ from those of ROS are omitted."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
     from rosbags.typesys import TypesysError, get_types_from_msg
@@ -267,7 +270,7 @@ def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
         name, text = normalize_msgtype(schema.name), schema.data.decode("utf-8", "replace")
         try:
             store.register(get_types_from_msg(text, name))
-            store.generate_msgdef(name, ros_version=2)  # which finds what the definition lacks
+            store.generate_msgdef(name, ros_version=2)  # which finds missing parts of the definition
         except (TypesysError, LookupError, TypeError, ValueError):
             continue
         found[channel.topic] = name, text
@@ -275,6 +278,6 @@ def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
 
 
 def topic_token(name: str) -> str:
-    """A name as ROS takes it for a topic: `GPS[1]` is /GPS_1, `/link/agent/rx:ATTITUDE` /link/agent/rx_ATTITUDE."""
+    """Convert a name to a ROS topic: `GPS[1]` is /GPS_1, `/link/agent/rx:ATTITUDE` /link/agent/rx_ATTITUDE."""
     parts = [re.sub(r"[^A-Za-z0-9]+", "_", part).strip("_") for part in name.split("/")]
     return "/" + "/".join(part if part[:1].isalpha() else f"m{part}" for part in parts if part)

@@ -1,4 +1,4 @@
-"""Writing bags: rosbag2 in MCAP or SQLite, and ROS 1's, by rosbags."""
+"""Writing bags: rosbag2 in MCAP or SQLite, and bags of ROS 1, by rosbags."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _CALLER = "/xitl"
 
 
 class BagWriter:
-    """Writes one bag; use it in a `with`. `path` must not exist yet: a directory of rosbag2, a file of ROS 1.
+    """Writes one bag; use it in a `with`. `path` must not exist yet: a rosbag2 directory, a ROS 1 file.
 
-    messages: how many were written; topics: on how many. unfit: by topic those that could not be, as they do not fit
-    their definition.
+    messages: number of written messages. topics: number of their topics. unfit: unwritten messages by topic, because
+    they do not match their definition.
     """
 
     def __init__(self, path: Path, bag_format: BagFormat, types: MessageTypes) -> None:
@@ -54,7 +54,7 @@ class BagWriter:
         return len(self._topics)
 
     def write(self, topic: str, type_name: str, cdr: bytes, stamp_ns: int, qos: QosKind = "sensor") -> None:
-        """One message, by its full name. A topic has the type and QoS of its first message."""
+        """Write one message, by its full name. A topic has the type and QoS of its first message."""
         connection = self._topics.get(topic)
         if connection is None:
             connection = self._topics[topic] = self._connection(topic, type_name, qos)
@@ -85,7 +85,7 @@ class BagWriter:
 
 
 def _offered(qos: QosKind) -> Any:
-    """As players of bags offer the topic again."""
+    """Return the QoS with which players of bags offer the topic again."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     forever = QosTime(2147483647, 4294967295)
@@ -104,9 +104,9 @@ def _offered(qos: QosKind) -> Any:
 
 
 def bag_path(source: Path, bag_format: BagFormat, out: Path | None) -> Path:
-    """Where the bag of a log goes: `run-rosbag2-mcap/` or `run.bag`, in the current directory or in `out`.
+    """Return the path of a log's bag: `run-rosbag2-mcap/` or `run.bag`, in the current directory or in `out`.
 
-    One of ROS 1 ends in .bag, by which its readers know it.
+    A ROS 1 bag ends in .bag, because its readers require this.
     """
     name = f"{source.stem}{ROS1_SUFFIX}" if bag_format == "rosbag1" else f"{source.stem}-{bag_format}"
     if out is None:
@@ -117,16 +117,16 @@ def bag_path(source: Path, bag_format: BagFormat, out: Path | None) -> Path:
 
 
 def is_rosbag2(path: Path) -> bool:
-    """Whether a directory is a bag of ROS 2."""
+    """Return True if a directory is a ROS 2 bag."""
     return (path / _METADATA).is_file()
 
 
 @contextmanager
 def bag_in_place(final: Path, overwrite: bool) -> Iterator[Path]:
-    """A temporary path beside `final`; the bag written there is renamed to it, or removed after an error.
+    """Yield a temporary path next to `final`. The bag written there is renamed to it, or removed after an error.
 
-    Raises UserError where something is there that is no bag, or is one without `overwrite`, and where nothing can be
-    written.
+    Raises UserError if something other than a bag exists there, for a bag without `overwrite`, and for an unwritable
+    place.
     """
     if final.is_dir() and any(final.iterdir()) and not is_rosbag2(final):
         raise UserError(f"{final}: is a directory and no bag; name another place with --out")
@@ -135,7 +135,7 @@ def bag_in_place(final: Path, overwrite: bool) -> Iterator[Path]:
     if final.exists() and not final.is_file() and not final.is_dir():
         raise UserError(f"{final}: is no regular file; choose another place with --out")
     room = final.with_name(f".{final.name[:200]}.{os.getpid()}.part")
-    part = room / final.name  # the file inside a bag of ROS 2 is called as the bag is
+    part = room / final.name  # a ROS 2 bag contains a file with the name of the bag
     try:
         room.mkdir(parents=True)
         yield part

@@ -25,34 +25,34 @@ Array = NDArray[np.float64]
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
 TIMED_POINT = np.dtype([*POINT.descr, ("time", "<f4")])
-"""time: seconds after the stamp, as Velodyne's driver has it."""
+"""time: seconds after the stamp, as in Velodyne's driver."""
 _FLOAT32 = 7  # PointField
 SCAN_BINS = 360
 SCAN_HEIGHTS_M = 0.1, 3.0
 
 
 class CloudFrame:
-    """Points of `base_link` in a sensor's own frame."""
+    """Points of `base_link` in a sensor's frame."""
 
     def __init__(self, frame: FixedFrame) -> None:
         x, y, z, w = frame.turn
-        self.from_base = quat_to_matrix(np.array([w, x, y, z]))  # rows times it: the inverse turn
+        self.from_base = quat_to_matrix(np.array([w, x, y, z]))  # rows times it: the inverse rotation
         self.place_m = np.array(frame.position_m)
 
     def points(self, base_m: Array) -> Array:
-        """(n, 3) of `base_link`, in the sensor's frame."""
+        """Transform (n, 3) from `base_link` to the sensor's frame."""
         turned: Array = (base_m - self.place_m) @ self.from_base
         return turned
 
 
 def recorded_points(data: bytes, timed: bool) -> tuple[Array, NDArray[np.void]]:
-    """(n, 3) in `base_link` and the packed points of a cloud as the recorder makes them."""
+    """Return (n, 3) in `base_link` and the packed points of a cloud in the recorder's format."""
     packed = np.frombuffer(data, dtype=LIDAR_POINT if timed else SONAR_POINT)
     return np.column_stack([packed[axis] for axis in "xyz"]).astype(np.float64), packed
 
 
 def point_cloud(header: Any, points_m: Array, intensity: NDArray[Any], time_s: NDArray[Any] | None = None) -> Any:
-    """PointCloud2 of points (n, 3) with intensities (n,), and instants (n,) where they have some."""
+    """Return a PointCloud2 of points (n, 3) with intensities (n,), and optional instants (n,)."""
     packed = np.zeros(len(points_m), dtype=POINT if time_s is None else TIMED_POINT)
     for axis, name in enumerate("xyz"):
         packed[name] = points_m[:, axis]
@@ -75,12 +75,12 @@ def point_cloud(header: Any, points_m: Array, intensity: NDArray[Any], time_s: N
 
 
 def echo_points(angle_rad: float, ranges_m: Array) -> Array:
-    """(n, 3) along a beam, its angle to starboard of the frame's x axis."""
+    """Return (n, 3) along a beam; its angle is to starboard of the frame's x axis."""
     return np.column_stack([ranges_m * math.cos(angle_rad), -ranges_m * math.sin(angle_rad), np.zeros(len(ranges_m))])
 
 
 def leveled(base_m: Array, attitude_wxyz: tuple[float, float, float, float] | None) -> Array:
-    """(n, 3) of `base_link` by the heading's level axes; attitude FLU to ENU, None where it is not known."""
+    """Rotate (n, 3) of `base_link` to level axes with the same heading; attitude FLU to ENU, None if unknown."""
     if attitude_wxyz is None:
         return base_m
     roll_rad, pitch_rad, _ = quat_to_euler(np.array(attitude_wxyz))
@@ -89,9 +89,10 @@ def leveled(base_m: Array, attitude_wxyz: tuple[float, float, float, float] | No
 
 
 def scan_of_cloud(header: Any, base_m: Array, water_up_m: float, limits_m: tuple[float, float], period_s: float) -> Any:
-    """LaserScan in `base_link`: the nearest point (n, 3), leveled, of each bin of azimuth, of those above the water.
+    """Return a LaserScan in `base_link` with the nearest point above the water in each bin of azimuth. base_m: (n, 3),
+    leveled.
 
-    water_up_m: of the water at rest above the body's origin. limits_m: shortest and longest range of the lidar.
+    water_up_m: water level at rest above the body's origin. limits_m: shortest and longest range of the lidar.
     """
     height_m = base_m[:, 2] - water_up_m
     above = base_m[(height_m >= SCAN_HEIGHTS_M[0]) & (height_m <= SCAN_HEIGHTS_M[1])]
@@ -106,7 +107,7 @@ def scan_of_cloud(header: Any, base_m: Array, water_up_m: float, limits_m: tuple
 def laser_scan(
     header: Any, ranges_m: NDArray[np.float32], first_rad: float, limits_m: tuple[float, float], period_s: float
 ) -> Any:
-    """LaserScan of ranges (n,) all round, counter-clockwise from first_rad; inf where nothing is (REP 117)."""
+    """Return a LaserScan of ranges (n,), full circle, counter-clockwise from first_rad; inf for no object (REP 117)."""
     step_rad = math.tau / len(ranges_m)
     return LaserScan(
         header=header,

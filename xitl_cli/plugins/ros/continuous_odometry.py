@@ -1,4 +1,4 @@
-"""The frame `odom` as REP 105 asks for it: continuous for the vessel, while corrections move `odom` in `map`."""
+"""The frame `odom` according to REP 105: continuous for the vessel, while corrections move `odom` in `map`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ Array = NDArray[float64]
 
 
 class ContinuousOdometry:
-    """Integrates the velocity of an estimate whose position jumps as it is corrected.
+    """Integrates the velocity of an estimate with jumps of its corrected position.
 
     The position drifts from that of the estimate without bound, and never jumps. The axes of `odom` are those of `map`.
-    origin_map_m: where `odom` lies in `map` (3,), ENU; zero at first.
+    origin_map_m: position of `odom` in `map` (3,), ENU; zero at first.
     """
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class ContinuousOdometry:
         self._stamp_ns = 0
 
     def update(self, stamp_ns: int, place_map_m: Array, velocity_map_mps: Array) -> Array:
-        """Place in `odom` (3,) at an instant later than the last, from estimates in `map`, both ENU (3,).
+        """Return the position in `odom` (3,) at an instant later than the last, from estimates in `map`, both ENU (3,).
 
         An estimate that is not finite changes nothing.
         """
@@ -41,7 +41,7 @@ class ContinuousOdometry:
 
 
 def rotated(wxyz: tuple[float, float, float, float], vector: Array) -> Array:
-    """A vector (3,) turned by a unit quaternion."""
+    """Rotate a vector (3,) by a unit quaternion."""
     axis = np.array(wxyz[1:])
     across = 2.0 * np.cross(axis, vector)
     return vector + wxyz[0] * across + np.cross(axis, across)

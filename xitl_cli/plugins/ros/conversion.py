@@ -1,4 +1,4 @@
-"""What the recorder writes as messages of ROS: recorded payload in, CDR out; see `outputs` for what comes of what.
+"""Conversion of the recorder's payloads to ROS messages in CDR. The table in `outputs` lists them.
 
 recorded topic ── its vessel ──> VesselConversion ── handler of the topic ──> RosMessages
 frames of MAVLink ── kind ──> a message of the sensor (`instruments`)
@@ -106,10 +106,10 @@ from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, UNKNOWN_VARIAN
 
 STATE_NS = 100_000_000
 KEPT_GYRO = 512
-"""Samples that an estimate which comes late is carried on by."""
+"""Number of kept samples that propagate a late estimate."""
 STALE_ESTIMATE_NS = 1_000_000_000
 VELOCITY_DEVIATION_MPS, POSITION_DEVIATION_M = 0.1, 1.0
-"""Of the estimate, where the autopilot does not say it."""
+"""Deviations of the estimate if the autopilot does not report them."""
 RATE_DEVIATION_RADPS = 0.01
 _STAMP = struct.Struct("<iI")
 _HEADER_BYTES = 4
@@ -117,18 +117,21 @@ _LEAST_FRAME = 12
 
 
 class RosMessage(NamedTuple):
-    """A message of `topic` of `vessel` ("" with one): CDR with its encapsulation, and the instant it is of."""
+    """A message with its time stamp."""
 
     topic: RosTopic
+    """Topic of the message."""
     vessel: str
+    """Name of the vessel, "" for a single one."""
     cdr: bytes
+    """CDR with its encapsulation."""
     stamp_ns: int
 
 
 class RosConversion:
-    """Of all vessels of a run. profiles: one of each, as the run or its recording has them.
+    """Conversion for all vessels of a run. profiles: one per vessel, as in the run or its recording.
 
-    It has state: topics are given to it in the order of the run.
+    It has state: call `convert` in the order of the run.
     """
 
     def __init__(self, profiles: Sequence[RunProfile]) -> None:
@@ -138,7 +141,9 @@ class RosConversion:
         self._handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]] | None] = {}
 
     def topics(self) -> Iterator[tuple[RosTopic, str]]:
-        """What there will be, each with its vessel ("" of all): all but what an autopilot may turn out to have."""
+        """Yield all topics, each with its vessel ("" for all), except topics that depend on the capabilities of an
+        autopilot.
+        """
         yield self._named["/tf_static"], ""
         for vessel in self._vessels:
             for topic in vessel.topics():
@@ -146,15 +151,15 @@ class RosConversion:
                     yield topic, "" if topic.of_all else vessel.name
 
     def wants(self, topic: str) -> bool:
-        """Whether anything comes of a recorded topic."""
+        """Return True if a recorded topic has an output."""
         return self._handler(topic) is not None
 
     def static(self) -> Iterator[RosMessage]:
-        """What is said once, at the start: fixed frames of all vessels, descriptions, missions."""
+        """Yield the messages sent once, at the start: fixed frames of all vessels, descriptions, missions."""
         return (message for message in self._all_static() if message.topic.name not in self._left_out)
 
     def odom_in_map(self, vessel: str) -> tuple[float, float]:
-        """East and north of the origin of the vessel's `odom` in `map`, in metres."""
+        """Return east and north of the origin of the vessel's `odom` in `map`, in metres."""
         for each in self._vessels:
             if each.name == vessel:
                 east_m, north_m, _ = each.odometry.origin_map_m.tolist()
@@ -169,7 +174,7 @@ class RosConversion:
             yield from vessel.static()
 
     def convert(self, topic: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        """What becomes of one payload of a recorded topic, named as in the file: `/alpha/truth/odometry`."""
+        """Convert one payload of a recorded topic, with its name as in the file: `/alpha/truth/odometry`."""
         handler = self._handler(topic)
         if handler is None:
             return ()
@@ -185,16 +190,17 @@ class RosConversion:
                 prefix = f"/{vessel.name}" if vessel.name else ""
                 if topic.startswith(f"{prefix}/"):
                     found = found or vessel.handlers.get(topic.removeprefix(prefix))
-            if topic in DIAGNOSED:  # of the host, beside several vessels
+            if topic in DIAGNOSED:  # of the host, in a run of several vessels
                 found = found or self._vessels[0].handlers[topic]
             self._handlers[topic] = found
         return self._handlers[topic]
 
 
 class VesselConversion:
-    """Of one vessel. handlers: by recorded topic without the vessel's name. named: what topics are called.
+    """Conversion for one vessel.
 
-    first: it gives what there is one of for all, but transforms.
+    handlers: by recorded topic without the vessel's name. named: display names of topics. first: True if it produces
+    the messages common to all vessels, except transforms.
     """
 
     def __init__(self, profile: RunProfile, named: Mapping[str, RosTopic], first: bool) -> None:
@@ -247,7 +253,7 @@ class VesselConversion:
         self.handlers = handlers
 
     def topics(self) -> Iterator[RosTopic]:
-        """What there will be of it."""
+        """Yield its topics."""
         names = [
             "mission",
             "robot_description",
@@ -284,7 +290,7 @@ class VesselConversion:
         payload: bytes,
         stamp_ns: int,
     ) -> Iterable[RosMessage]:
-        """What we make of it, then what the user does."""
+        """Yield xitl's messages, then the user's."""
         if ours is not None:
             yield from ours(payload, stamp_ns)
         for user in users:
@@ -293,19 +299,19 @@ class VesselConversion:
                 yield RosMessage(user.topic, "" if user.topic.of_all else self.name, cdr, stamp_ns)
 
     def static(self) -> Iterator[RosMessage]:
-        """Description and mission of the vessel."""
+        """Yield description and mission of the vessel."""
         start = self._profile.mission.start
         places = [(start.north_m, start.east_m), *self._profile.mission.course_ned_m]
         yield self._message("mission", self._path(0, places), 0)
         yield self._message("robot_description", String(data=make_robot_description(self._profile)), 0)
 
     def _resting_frames(self) -> Iterator[FixedFrame]:
-        if self._moved_by == "truth":  # which is continuous in the map
+        if self._moved_by == "truth":  # the truth is continuous in the map
             yield FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0))
         yield from sensor_frames(self._profile)
         yield from (each.frame for each in self._thrusters if not each.limit_rad)
 
-    # Recorded topics of ours
+    # Recorded topics of xitl
 
     def _tick(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         if self._first:
@@ -319,7 +325,7 @@ class VesselConversion:
         return ()
 
     def _state(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        """Of thrusters, gears and rudders."""
+        """Yield the state of thrusters, gears and rudders."""
         if stamp_ns < self._state_ns:
             return
         self._state_ns = (stamp_ns // STATE_NS + 1) * STATE_NS
@@ -366,7 +372,7 @@ class VesselConversion:
         yield self._message("ground_truth/fix", fix, stamp_ns)
 
     def _estimate(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        """The recorder's estimate is in the map, with variances of what the autopilot reports."""
+        """Convert the recorder's estimate, which is in the map, with the variances that the autopilot reports."""
         if stamp_ns <= self._estimate_ns:
             return
         self._estimate_ns = stamp_ns
@@ -389,7 +395,7 @@ class VesselConversion:
             yield self._moved(stamp_ns, odometry.pose.pose, self.odometry.origin_map_m)
 
     def _into_odom(self, stamp_ns: int, odometry: Any) -> None:
-        """Make the place in `map` one in `odom`."""
+        """Convert the position from `map` to `odom`."""
         place, linear, turn = odometry.pose.pose.position, odometry.twist.twist.linear, odometry.pose.pose.orientation
         velocity_map_mps = rotated((turn.w, turn.x, turn.y, turn.z), np.array([linear.x, linear.y, linear.z]))
         place_map_m = np.array([place.x, place.y, place.z])
@@ -420,7 +426,7 @@ class VesselConversion:
         scan = clouds.scan_of_cloud(
             header,
             clouds.leveled(base_m, self._attitude.at_sample()),
-            self._profile.environment.water.level_m,  # as the body's origin floats at the map's zero
+            self._profile.environment.water.level_m,  # because the body's origin floats at the map's zero
             (lidar.min_range_m, lidar.max_range_m),
             1.0 / lidar.rate_hz,
         )
@@ -495,7 +501,10 @@ class VesselConversion:
         return RosMessage(named, "" if named.of_all else self.name, serialize(message), stamp_ns)
 
     def _moved(self, stamp_ns: int, pose: Any, origin_map_m: Array | None = None) -> RosMessage:
-        """`odom` → `base_link`, and `map` → `odom` where that moves; origin_map_m: place of `odom` in `map` (3,)."""
+        """Return `odom` → `base_link`, and `map` → `odom` if it moves.
+
+        origin_map_m: position of `odom` in `map` (3,).
+        """
         place = pose.position
         transform = TransformStamped(
             header=self._header(stamp_ns, self._framed(ODOM_FRAME)),
@@ -509,7 +518,7 @@ class VesselConversion:
         return self._message("/tf", TFMessage(transforms=transforms), stamp_ns)
 
     def _path(self, stamp_ns: int, places_ne_m: Iterable[tuple[float, float]]) -> Any:
-        """nav_msgs/Path: each place with the heading of the way to it."""
+        """Return a nav_msgs/Path: each place with the heading of the path toward it."""
         header, poses = self._header(stamp_ns, MAP_FRAME), []
         before: tuple[float, float] | None = None
         for north_m, east_m in places_ne_m:
@@ -528,10 +537,10 @@ class VesselConversion:
 
 
 class AttitudeCarry:
-    """The attitude at the instant of a sample of the IMU: the newest estimate, carried on by the gyroscope since.
+    """The attitude at the instant of an IMU sample: the newest estimate, propagated by the gyroscope since.
 
-    An estimate comes later than what it is of, so that the samples since are kept. In plain floats: numpy takes twenty
-    times as long for four numbers, several hundred times a second.
+    An estimate arrives after its instant, so the samples since are kept. The computation uses plain floats: numpy takes
+    twenty times as long for four numbers, several hundred times a second.
     """
 
     def __init__(self) -> None:
@@ -541,7 +550,7 @@ class AttitudeCarry:
         self._gyro: deque[tuple[int, Sequence[float]]] = deque(maxlen=KEPT_GYRO)
 
     def estimated(self, stamp_ns: int, turn_wxyz: tuple[float, float, float, float]) -> None:
-        """An estimate, of an instant up to now and later than the one before it."""
+        """Add an estimate. Its instant is not in the future and is later than that of the previous one."""
         self._turn, self._at_ns, self._estimated_ns = turn_wxyz, stamp_ns, stamp_ns
         while self._gyro and self._gyro[0][0] <= stamp_ns:
             self._gyro.popleft()
@@ -549,12 +558,12 @@ class AttitudeCarry:
             self._carry(sample_ns, gyro_frd_radps)
 
     def turned(self, stamp_ns: int, gyro_frd_radps: Sequence[float]) -> None:
-        """A sample (3,) of the gyroscope, of the time up to its instant."""
+        """Add a sample (3,) of the gyroscope, for the time up to its instant."""
         self._gyro.append((stamp_ns, gyro_frd_radps))
         self._carry(stamp_ns, gyro_frd_radps)
 
     def at_sample(self) -> tuple[float, float, float, float] | None:
-        """w x y z at the newest sample, from FLU to ENU; None where no estimate is young enough."""
+        """Return w x y z at the newest sample, from FLU to ENU; None without a recent estimate."""
         return None if self._at_ns - self._estimated_ns > STALE_ESTIMATE_NS else self._turn
 
     def _carry(self, stamp_ns: int, gyro_frd_radps: Sequence[float]) -> None:
@@ -578,7 +587,7 @@ class AttitudeCarry:
 
 
 class UploadedMission:
-    """The places of a mission, read from the frames by which it goes to the autopilot."""
+    """The places of a mission, from the frames that send it to the autopilot."""
 
     kinds = frozenset((dialect.MAVLINK_MSG_ID_MISSION_COUNT, dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT))
 
@@ -587,7 +596,7 @@ class UploadedMission:
         self._places: dict[int, tuple[float, float] | None] = {}
 
     def handle(self, message: Any) -> list[tuple[float, float]] | None:
-        """Latitudes and longitudes once the last item was seen: home first, then what has a place."""
+        """Return latitudes and longitudes after the last item: home first, then all items with a place."""
         if message.mission_type != dialect.MAV_MISSION_TYPE_MISSION:
             return None
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_COUNT:
@@ -604,7 +613,7 @@ _ANSWERS = frozenset((dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_S
 
 
 def _field_cdr(user: UserTopic, payload: bytes) -> bytes | None:
-    """None for a frame of another message, and where the recorded message has no such element."""
+    """Return None for a frame of another message, and if the recorded message lacks the element."""
     assert user.read is not None
     if user.message is not None:
         message = read_frame(payload, frozenset((user.message,)))
@@ -624,7 +633,7 @@ def _field_cdr(user: UserTopic, payload: bytes) -> bytes | None:
 
 
 def read_frame(payload: bytes, kinds: frozenset[int]) -> Any:
-    """The MAVLink message in a recorded frame, None for one that is none of `kinds`."""
+    """Return the MAVLink message in a recorded frame, None if its kind is not in `kinds`."""
     (size,) = struct.unpack_from("<I", payload, _HEADER_BYTES + _STAMP.size)
     start = _HEADER_BYTES + _STAMP.size + 4
     frame = payload[start : start + size]
@@ -634,7 +643,7 @@ def read_frame(payload: bytes, kinds: frozenset[int]) -> Any:
 
 
 def cloud_data(payload: bytes) -> bytes:
-    """The packed points of a foxglove.PointCloud."""
+    """Return the packed points of a foxglove.PointCloud."""
     data: bytes = foxglove_type("PointCloud").FromString(payload).data
     return data
 

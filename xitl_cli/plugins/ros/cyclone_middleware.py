@@ -1,8 +1,8 @@
-"""ROS 2 without an installed ROS: Cyclone DDS under the names, types and QoS that ROS 2's own middleware uses.
+"""ROS 2 without an installed ROS: Cyclone DDS with the names, types and QoS of ROS 2's middleware.
 
-Cyclone DDS takes and gives serialised bytes, so that a topic costs no conversion here. That `ros2 node list` shows a
-node is what `ros_discovery_info` is for (rmw_dds_common), that tools show types' hashes what a topic's user data say
-(REP 2011, REP 2016).
+Cyclone DDS accepts and returns serialised bytes, so a topic needs no conversion here. `ros_discovery_info` makes a node
+visible in `ros2 node list` (rmw_dds_common). A topic's user data makes the type hashes visible to tools (REP 2011, REP
+2016).
 """
 
 from __future__ import annotations
@@ -65,13 +65,18 @@ CONFIGURATION = """<CycloneDDS><Domain>
 <Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>
 <Internal><Watermarks><WhcHigh>64 MB</WhcHigh></Watermarks></Internal>
 </Domain></CycloneDDS>"""
-"""1.15 is eProsima: Fast DDS 3 describes types otherwise than Cyclone DDS expects, and nothing arrives. The watermark:
-what a publisher holds for readers that have not confirmed it before it stands still for all of them."""
+"""Vendor 1.15 is eProsima: Fast DDS 3 describes types in a way that Cyclone DDS does not accept, and no data arrives.
+
+The watermark is the amount of data that a publisher keeps for readers without confirmation before it blocks for all of
+them.
+"""
 LOCAL_CONFIGURATION = """<CycloneDDS><Domain>
 <General><Interfaces><NetworkInterface address="127.0.0.1" multicast="true"/></Interfaces></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
-"""On this machine alone. By number and peer: nodes of Fast DDS that stay on it are not found by multicast."""
+"""Restriction to this machine. Peers are listed by number, because multicast does not find Fast DDS nodes restricted to
+it.
+"""
 DOMAIN_VARIABLE, CONFIGURATION_VARIABLE = "ROS_DOMAIN_ID", "CYCLONEDDS_URI"
 PEERS_VARIABLE = "ROS_STATIC_PEERS"
 BLOCKED_NS = 100_000_000
@@ -88,11 +93,11 @@ _TYPES: dict[str, Any] = {
     **{"bool": bool, "byte": types.byte, "char": types.uint8, "string": str},
 }
 _POLICIES = {2: "durability", 11: "reliability"}
-"""By the number that DDS has for them."""
+"""QoS policies by their number in DDS."""
 
 
 class CycloneMiddleware:
-    """A node in a participant of its own: see Middleware."""
+    """A node in a separate participant: see Middleware."""
 
     def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
         self._domain_id = ros_domain(spec)
@@ -147,7 +152,7 @@ class CycloneMiddleware:
         ref = writer._ref
 
         def publish(cdr: bytes) -> None:
-            ddspy_write(ref, cdr)  # a reader that does not keep up costs BLOCKED_NS, and the message is then kept
+            ddspy_write(ref, cdr)  # a slow reader costs BLOCKED_NS, and the message is then kept
 
         return publish
 
@@ -166,7 +171,7 @@ class CycloneMiddleware:
         self._waiting.attach(condition)
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
-        """See Middleware: by a participant of its own, see `rtps_services`."""
+        """See Middleware. A separate participant serves requests, see `rtps_services`."""
         if self._services is None:
             try:
                 self._services = RtpsServices(self._domain_id, self._on_request, self._local)
@@ -181,7 +186,7 @@ class CycloneMiddleware:
         self._graph_changed = True
 
     def _on_request(self, request: ServiceRequest) -> None:
-        """In the thread of the services."""
+        """Receive a request in the thread of the services."""
         self._requests.append(request)
         self._request_come.set(True)
 
@@ -204,7 +209,7 @@ class CycloneMiddleware:
     def _pass_on(
         self, topic: str, reader: DataReader[Any], take: Callable[[bytes], None], payload: bytes, about: Any
     ) -> None:
-        """Give a message to its handler, where its sender may command."""
+        """Pass a message to its handler, if its sender may command."""
         if self._commanders.everyone:
             take(payload)
         else:
@@ -215,7 +220,7 @@ class CycloneMiddleware:
         self._services.respond(request, self._answers[request.service.name](request.cdr))
 
     def _read_names(self) -> None:
-        """Which writers belong to which nodes, as other participants announce it."""
+        """Read the nodes of writers from the announcements of other participants."""
         if self._graph_reader is None:
             return
         for payload, about in _taken(self._graph_reader):
@@ -255,7 +260,7 @@ class CycloneMiddleware:
             self._closed = True
             if self._services is not None:
                 self._services.close()
-            self._domain._delete(self._domain._ref)  # with all that is in it
+            self._domain._delete(self._domain._ref)  # with all its entities
 
     def _topic(self, name: str, type_name: str) -> Topic[Any]:
         if name not in self._topics:
@@ -266,7 +271,7 @@ class CycloneMiddleware:
         return DataWriter(self._participant, self._topic(name, type_name), _qos(qos, type_name), listener)
 
     def _mismatch(self, topic: str, qos: QosProfile, offers: bool) -> Listener:
-        """Notes that somebody's QoS does not match; called in threads of Cyclone DDS."""
+        """Note a QoS mismatch with another node; called in threads of Cyclone DDS."""
 
         def note(entity: object, status: Any) -> None:
             policy = _POLICIES.get(int(status.last_policy_id), "QoS")
@@ -299,7 +304,7 @@ class CycloneMiddleware:
 
 
 class OtherEndpoints:
-    """Publishers and subscribers in the domain beside this participant. All are told once, by names on the wire."""
+    """Publishers and subscribers of other participants in the domain. Each is reported once, by names on the wire."""
 
     def __init__(self, participant: DomainParticipant) -> None:
         self._publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
@@ -309,14 +314,14 @@ class OtherEndpoints:
         self._told_types: set[tuple[str, str]] = set()
 
     def publishers(self, topics: Set[str]) -> list[str]:
-        """Those of `topics` that somebody else publishes."""
+        """Return the members of `topics` that others publish."""
         found = {name for name, _ in self._seen(self._publications) if name in topics}
         new = sorted(found - self._told)
         self._told |= found
         return new
 
     def other_types(self, types_of: Mapping[str, str]) -> list[tuple[str, str]]:
-        """Topics that somebody has with another type than `types_of` says, each with that type."""
+        """Return topics that others use with a type different from `types_of`, each with that type."""
         seen = {*self._seen(self._publications), *self._seen(self._subscriptions)}
         found = {(name, kind) for name, kind in seen if name in types_of and types_of[name] != kind}
         new = sorted(found - self._told_types)
@@ -330,12 +335,12 @@ class OtherEndpoints:
 
 
 def ros_type(wire_name: str) -> str:
-    """As ROS names a type: `std_msgs::msg::dds_::String_` is std_msgs/msg/String."""
+    """Return a type in ROS notation: `std_msgs::msg::dds_::String_` is std_msgs/msg/String."""
     return wire_name.replace("::dds_::", "::").replace("::", "/").removesuffix("_")
 
 
 def ros_domain(spec: RosSpec) -> int:
-    """Raises UserError for an environment that says no number."""
+    """Return the domain. Raises UserError for an environment variable that is not a number."""
     given = os.environ.get(DOMAIN_VARIABLE, "")
     if spec.domain is not None or not given:
         return spec.domain or 0
@@ -345,7 +350,7 @@ def ros_domain(spec: RosSpec) -> int:
 
 
 def unread_variables(spec: RosSpec) -> Iterator[str]:
-    """A sentence for each variable of ROS 2's discovery that is set and does nothing here."""
+    """Yield a sentence for each set variable of ROS 2's discovery that has no effect here."""
     if discovery_range(spec) == "OFF":
         fix = "nodes of this machine are found; use another domain, or ros.way: rclpy"
         yield f"ros: {RANGE_VARIABLE}=OFF is taken as LOCALHOST without rclpy: {fix}"
@@ -355,7 +360,7 @@ def unread_variables(spec: RosSpec) -> Iterator[str]:
 
 
 def _taken(reader: DataReader[Any]) -> Iterator[tuple[bytes, Any]]:
-    """New samples with their information."""
+    """Yield new samples with their information."""
     taken = ddspy_take(reader._ref, _ANY, MOST_TAKEN)
     if isinstance(taken, list):
         for payload, about in taken:
@@ -364,14 +369,14 @@ def _taken(reader: DataReader[Any]) -> Iterator[tuple[bytes, Any]]:
 
 
 def _writer_guid(reader: DataReader[Any], about: Any) -> bytes:
-    """Of the writer of a sample; empty for one that is gone already."""
+    """Return the GUID of the writer of a sample; empty for a writer that has left."""
     writer = reader.get_matched_publication_data(about.publication_handle)
     return b"" if writer is None else writer.key.bytes
 
 
 @cache
 def dds_type(type_name: str) -> Any:
-    """The type of a message as DDS has it."""
+    """Return the type of a message for DDS."""
     store = ros2_types()
     package, kind, name = type_name.split("/")
 

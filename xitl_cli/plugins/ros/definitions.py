@@ -1,8 +1,8 @@
-"""Message types of ROS and ours: bytes to objects and back, definitions and hashes.
+"""Message types of ROS and xitl: bytes to objects and back, definitions and hashes.
 
-The currency is ROS 2's CDR, little-endian, with its four bytes of encapsulation. Types of ROS are rosbags' tables of
-Jazzy, which are the same in Humble and Kilted for all that is used here but sensor_msgs/Range (a `variance` more than
-in Humble); ours, xitl_msgs, come from the topics of a recording.
+Messages are ROS 2's CDR, little-endian, with its four bytes of encapsulation. ROS types are rosbags' tables of Jazzy.
+For all types used here, they equal those of Humble and Kilted, except sensor_msgs/Range, which has a `variance` more
+than in Humble. The types of xitl, xitl_msgs, come from the topics of a recording.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
 
 _OURS = "xitl_msgs/"
 _ONLY_ROS2 = ("tf2_msgs/msg/TFMessage",)
-"""Types that ROS 1 has as well and rosbags' table of it lacks."""
+"""Types of ROS 1 that rosbags' table lacks."""
 SERVICES = {
     "std_srvs/srv/Empty": ("", ""),
     "std_srvs/srv/SetBool": ("bool data\n", "bool success\nstring message\n"),
     "std_srvs/srv/Trigger": ("", "bool success\nstring message\n"),
 }
-"""Fields of request and response of the services that every ROS has; rosbags' tables hold messages alone."""
+"""Fields of request and response of the services in every ROS; rosbags' tables contain only messages."""
 
 
 class MessageTypes:
-    """Those of ROS 2 Jazzy and ROS 1 Noetic, ours, and `further` by their names, as ros2msg texts.
+    """Types of ROS 2 Jazzy, ROS 1 Noetic, xitl, and `further` by their names, as ros2msg texts.
 
-    Raises rosbags' TypesysError for one that has a name of ROS's and is otherwise.
+    Raises rosbags' TypesysError for a type with the name of a ROS type and a different definition.
     """
 
     def __init__(self, further: Mapping[str, str] | None = None) -> None:
@@ -53,28 +53,28 @@ class MessageTypes:
         self._converters: dict[tuple[str, bool], Callable[[bytes], bytes | memoryview]] = {}
 
     def serialize(self, message: Any) -> bytes:
-        """CDR of a message of `ros2`."""
+        """Return the CDR of a message of `ros2`."""
         return bytes(self.ros2.serialize_cdr(message, message.__msgtype__, little_endian=True))
 
     def deserialize(self, cdr: bytes, type_name: str) -> Any:
-        """The message in a CDR payload. Raises rosbags' SerdeError where it is none of this type."""
+        """Return the message in a CDR payload. Raises rosbags' SerdeError for another type."""
         return self.ros2.deserialize_cdr(cdr, type_name)
 
     def to_ros1(self, cdr: bytes, type_name: str) -> bytes:
-        """A CDR payload as ROS 1 has it: `seq` of headers is 0, and what ROS 1's type lacks is left out.
+        """Convert a CDR payload to ROS 1: `seq` of headers is 0, and fields that ROS 1's type lacks are omitted.
 
-        Raises rosbags' SerdeError where it is none of this type.
+        Raises rosbags' SerdeError for another type.
         """
         return self._converted(cdr, type_name, True)
 
     def from_ros1(self, data: bytes, type_name: str) -> bytes:
-        """A message of ROS 1 as CDR. Raises rosbags' SerdeError where it is none of this type."""
+        """Convert a ROS 1 message to CDR. Raises rosbags' SerdeError for another type."""
         return self._converted(data, type_name, False)
 
     def _converted(self, data: bytes, type_name: str, to_ros1: bool) -> bytes:
         try:
             return bytes(self._converter(type_name, to_ros1)(data))
-        except (ValueError, IndexError, AssertionError, struct.error) as error:  # of one that ends too early
+        except (ValueError, IndexError, AssertionError, struct.error) as error:  # for a message that ends too early
             raise SerdeError(f"Could not convert {type_name!r}: {error}") from error
 
     def _converter(self, type_name: str, to_ros1: bool) -> Callable[[bytes], bytes | memoryview]:
@@ -93,7 +93,9 @@ class MessageTypes:
 
 
 def _service_types(of_none: str) -> dict[str, Any]:
-    """Requests and responses as messages: `std_srvs/srv/Trigger_Response`. of_none: the text of one without fields."""
+    """Return requests and responses as messages: `std_srvs/srv/Trigger_Response`. of_none: the text of one without
+    fields.
+    """
     return {
         f"{name}_{part}": next(iter(get_types_from_msg(text or of_none, name).values()))
         for name, texts in SERVICES.items()
@@ -103,14 +105,14 @@ def _service_types(of_none: str) -> dict[str, Any]:
 
 @cache
 def service_md5(type_name: str) -> str:
-    """As ROS 1 tells services apart: the MD5 of both texts without what does not matter. Raises KeyError."""
+    """Return the hash by which ROS 1 identifies services: the MD5 of both texts in canonical form. Raises KeyError."""
     request, response = (text.strip() for text in SERVICES[type_name])
     return md5((request + response).encode(), usedforsecurity=False).hexdigest()
 
 
 @cache
 def own_definitions() -> dict[str, str]:
-    """The fields of each message of ours, by its type."""
+    """Return the fields of each xitl message, by its type."""
     return {
         topic.schema: topic.message_type().definition.partition("=" * 80)[0]
         for topic in TOPICS.values()
@@ -120,48 +122,48 @@ def own_definitions() -> dict[str, str]:
 
 @cache
 def known_types() -> MessageTypes:
-    """Those of ROS and ours."""
+    """Return the types of ROS and xitl."""
     return MessageTypes()
 
 
 def ros2_types() -> Typestore:
-    """Of ROS 2, and ours."""
+    """Return the types of ROS 2 and xitl."""
     return known_types().ros2
 
 
 def serialize(message: Any) -> bytes:
-    """As MessageTypes."""
+    """See MessageTypes.serialize."""
     return known_types().serialize(message)
 
 
 def deserialize(cdr: bytes, type_name: str) -> Any:
-    """As MessageTypes."""
+    """See MessageTypes.deserialize."""
     return known_types().deserialize(cdr, type_name)
 
 
 def to_ros1(cdr: bytes, type_name: str) -> bytes:
-    """As MessageTypes."""
+    """See MessageTypes.to_ros1."""
     return known_types().to_ros1(cdr, type_name)
 
 
 def from_ros1(data: bytes, type_name: str) -> bytes:
-    """As MessageTypes."""
+    """See MessageTypes.from_ros1."""
     return known_types().from_ros1(data, type_name)
 
 
 @cache
 def ros2_definition(type_name: str) -> str:
-    """Text with all that is nested in it, as MCAP and rosbag2 keep it (ros2msg)."""
+    """Return the text with all nested types, in the format of MCAP and rosbag2 (ros2msg)."""
     return known_types().ros2.generate_msgdef(type_name, ros_version=2)[0]
 
 
 @cache
 def type_hash(type_name: str) -> str:
-    """RIHS01_… of ROS 2 (REP 2016)."""
+    """Return the RIHS01_… hash of ROS 2 (REP 2016)."""
     return known_types().ros2.hash_rihs01(type_name)
 
 
 @cache
 def ros1_definition(type_name: str) -> tuple[str, str]:
-    """Text with all that is nested in it, and its MD5, as ROS 1 exchanges them."""
+    """Return the text with all nested types, and its MD5, as ROS 1 exchanges them."""
     return known_types().ros1.generate_msgdef(type_name, ros_version=1)

@@ -1,6 +1,6 @@
-"""How a run keeps its time, as diagnostic_msgs: deadlines, links, clocks, the host's pace and boards.
+"""Timing of a run as diagnostic_msgs: deadlines, links, clocks, the host's pace and boards.
 
-A status is a warning while something got worse since the array before: a deadline missed, a frame lost, a stall.
+A status is a warning if a count increased since the previous array: a missed deadline, a lost frame, a stall.
 """
 
 from __future__ import annotations
@@ -31,12 +31,11 @@ _NAMED = {
     "/pace": ("host", (), ("stalls", "slips"), "did not keep up with the wall clock"),
     "/nodes": ("node", ("node",), (), ""),
 }
-"""By recorded topic: what its statuses are called, the fields that tell them apart, the counts that should not grow and
-what it means when they do."""
+"""By recorded topic: name of its statuses, identifying fields, error counts and the meaning of an increase."""
 
 
 class Diagnostics:
-    """Of one vessel: the latest of what is recorded, said once a second."""
+    """Diagnostics of one vessel: the latest recorded messages, published once a second."""
 
     def __init__(self) -> None:
         self._latest: dict[tuple[str, str], Any] = {}
@@ -44,13 +43,13 @@ class Diagnostics:
         self._next_ns = 0
 
     def note(self, topic: str, message: Any) -> None:
-        """A message of one of the topics that are diagnosed."""
+        """Note a message of a diagnosed topic."""
         named, parts, _, _ = _NAMED[topic]
         name = " ".join([named, *(str(getattr(message, part)) for part in parts)])
         self._latest[topic, name] = message
 
     def due(self, stamp_ns: int, header: Any) -> Any:
-        """The array, once a second; None in between."""
+        """Return the array, once a second; None in between."""
         if stamp_ns < self._next_ns or not self._latest:
             return None
         self._next_ns = (stamp_ns // _PERIOD_NS + 1) * _PERIOD_NS
@@ -80,7 +79,7 @@ def _limit_passed(topic: str, message: Any) -> str:
 
 
 def _values(topic: str, message: Any) -> Iterator[tuple[str, str]]:
-    """Every field that is known: neither NaN nor -1, and no histogram."""
+    """Yield every known field: neither NaN nor -1, and no histogram."""
     for field in TOPICS[topic].message_type().fields:
         value = getattr(message, field.name)
         if field.type.endswith("]") or value == "" or value == -1:

@@ -1,4 +1,4 @@
-"""How far ROS 2 discovers nodes, and which of them may command: `ros.discovery` and `ros.commanders`."""
+"""Range of ROS 2's node discovery, and nodes that may command: `ros.discovery` and `ros.commanders`."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from xitl_cli.profile.schema.ros import RosSpec
 
 LOCAL_VARIABLE, RANGE_VARIABLE = "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 DiscoveryRange = Literal["LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT"]
-"""As ROS 2 names them."""
+"""Ranges by their names in ROS 2."""
 UNKNOWN_S = 1.0
-"""How long a message waits for the name of the node that sent it."""
+"""Longest wait of a message for the name of its sending node."""
 MOST_WAITING = 256
-"""Messages that wait at once."""
+"""Largest number of waiting messages."""
 MOST_PARTICIPANTS, MOST_WRITERS = 512, 1024
-"""Whose names are known at once; writers of a participant."""
+"""Largest number of participants with known names, and of writers of a participant."""
 PREFIX_BYTES, GUID_BYTES = 12, 16
 
 
 def discovery_range(spec: RosSpec) -> DiscoveryRange:
-    """`ros.discovery`, else the environment, else LOCALHOST. Raises UserError for a variable with another value."""
+    """Return `ros.discovery`, else the environment's value, else LOCALHOST. Raises UserError for a wrong one."""
     if spec.discovery is not None:
         return "LOCALHOST" if spec.discovery == "localhost" else "SUBNET"
     if os.environ.get(LOCAL_VARIABLE) == "1":
@@ -37,14 +37,14 @@ def discovery_range(spec: RosSpec) -> DiscoveryRange:
 
 
 def stays_on_machine(spec: RosSpec) -> bool:
-    """Whether nodes of other machines are left out."""
+    """Return True if nodes of other machines are excluded."""
     return discovery_range(spec) in ("LOCALHOST", "OFF")
 
 
 class Commanders:
-    """Decides by `ros.commanders` whose messages count. A node without a known name does not.
+    """Accepts or refuses messages according to `ros.commanders`. A node without a known name is refused.
 
-    refused: messages and peers by topic.
+    refused: number of messages and peers by topic.
     """
 
     def __init__(self, names: Sequence[str] | None) -> None:
@@ -54,15 +54,15 @@ class Commanders:
 
     @property
     def everyone(self) -> bool:
-        """Whether every node may command."""
+        """True if every node may command."""
         return self._names is None
 
     def listed(self, node: str | None) -> bool:
-        """Whether the node may command; `node` is its full name, as /helm."""
+        """Return True if the node may command; `node` is its full name, such as /helm."""
         return self._names is None or node in self._names
 
     def admit(self, topic: str, node: str | None) -> bool:
-        """The same for a message of the topic; counts a refusal, and reports the first of each topic."""
+        """Check a message of the topic in the same way; count a refusal, and report the first of each topic."""
         if self.listed(node):
             return True
         if topic not in self.refused:
@@ -72,19 +72,19 @@ class Commanders:
         return False
 
     def problems(self) -> list[str]:
-        """New sentences since the last call."""
+        """Return new sentences since the last call."""
         problems, self._problems = self._problems, []
         return problems
 
 
 class WriterNames:
-    """Nodes by the GUIDs of their writers, as participants announce them on `ros_discovery_info`."""
+    """Nodes by the GUIDs of their writers, from the participants' announcements on `ros_discovery_info`."""
 
     def __init__(self) -> None:
         self._nodes: dict[bytes, dict[bytes, str]] = {}
 
     def update(self, sender: bytes, message: Any) -> None:
-        """Take in a rmw_dds_common/ParticipantEntitiesInfo. A participant speaks for itself alone.
+        """Process a rmw_dds_common/ParticipantEntitiesInfo. A participant may describe only itself.
 
         sender: GUID of the writer that sent it.
         """
@@ -103,14 +103,15 @@ class WriterNames:
             del self._nodes[next(iter(self._nodes))]
 
     def node_of(self, writer: bytes) -> str | None:
-        """Full name of the node that has this writer; None while it is not known."""
+        """Return the full name of the node with this writer; None while it is unknown."""
         return self._nodes.get(writer[:PREFIX_BYTES], {}).get(writer[:GUID_BYTES])
 
 
 class SenderCheck:
-    """Passes a message on once the name of its sender is known, and refuses it where that node may not command.
+    """Passes a message on once the name of its sender is known, and refuses it if that node may not command.
 
-    node_of: the full name of the node with a writer. A message whose sender stays unknown for UNKNOWN_S is refused.
+    node_of: returns the full name of the node with a writer. A message is refused if its sender is unknown for
+    UNKNOWN_S.
     """
 
     def __init__(
@@ -134,7 +135,7 @@ class SenderCheck:
             self._waiting.append((self._now_s() + UNKNOWN_S, topic, writer, pass_on))
 
     def flush(self) -> None:
-        """Decide about messages whose sender is known by now, or has been unknown for too long."""
+        """Decide about messages with a sender that is now known, or has been unknown for too long."""
         waiting, self._waiting = self._waiting, deque()
         for until_s, topic, writer, pass_on in waiting:
             if self._node_of(writer) is None and self._now_s() < until_s:
@@ -148,5 +149,5 @@ class SenderCheck:
 
 
 def full_node_name(namespace: str, name: str) -> str:
-    """`/boats/helm` of `/boats` and `helm`."""
+    """Return `/boats/helm` for `/boats` and `helm`."""
     return f"{namespace.rstrip('/')}/{name}"

@@ -1,7 +1,7 @@
 """Frames of ROS: their names and the tree `map → odom → base_link → imu_link, lidar_link, …` (REP 105, REP 103).
 
-`map` is the site's ENU, `base_link` the vessel's origin, forward, left, up. The autopilot's estimate is of the map
-already, so that `map → odom` is at rest. With more than one vessel all but `map` begin with the vessel's name.
+`map` is the site's ENU, `base_link` the vessel's origin, forward, left, up. The autopilot's estimate is already in the
+map, so `map → odom` is constant. With more than one vessel, all names but `map` begin with the vessel's name.
 """
 
 from __future__ import annotations
@@ -21,33 +21,35 @@ IMU_FRAME, GNSS_FRAME, LIDAR_FRAME, SONAR_FRAME = "imu_link", "gnss_link", "lida
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-"""x y z w, as ROS has it."""
+"""x y z w, as in ROS."""
 
 NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class FixedFrame:
-    """A frame that stays where it is in another: its place there in metres, and the turn from it into that one."""
+    """A frame with a constant pose in its parent."""
 
     parent: str
     name: str
     position_m: Vector
+    """Position in the parent, in metres."""
     turn: Quaternion = NO_TURN
+    """Rotation from this frame to the parent."""
 
 
 def frame_name(frame: str, vessel: str) -> str:
-    """As it is in a message: `alpha/base_link`, and `map` for all."""
+    """Return the name in messages: `alpha/base_link`, and `map` for all."""
     return frame if frame == MAP_FRAME else vessel_name(frame, vessel)
 
 
 def rangefinder_frame(number: int) -> str:
-    """Of one of `sensors.rangefinders`; it looks along its x axis."""
+    """Return the frame of one of `sensors.rangefinders`; its x axis is the beam."""
     return f"rangefinder_{number}_link"
 
 
 def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
-    """Of each sensor that the profile has, in `base_link`, at its mounting place; names without the vessel's."""
+    """Yield the frame of each sensor of the profile, in `base_link`, at its mounting place. Names omit the vessel's."""
     sensors = profile.sensors
     if sensors is None:
         return
@@ -63,29 +65,29 @@ def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
 
 
 def named_frame(frame: FixedFrame, vessel: str) -> FixedFrame:
-    """As it is in messages."""
+    """Return the frame with its names in messages."""
     return replace(frame, parent=frame_name(frame.parent, vessel), name=frame_name(frame.name, vessel))
 
 
 def flu(vector_frd: Vector) -> Vector:
-    """Forward, right, down as forward, left, up."""
+    """Convert forward, right, down to forward, left, up."""
     forward, left, up = frd_to_flu(np.asarray(vector_frd, dtype=np.float64)).tolist()
     return forward, left, up
 
 
 def flu_turn(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """Of what is turned by roll, pitch and yaw in FRD (starboard down, bow up, to starboard), in FLU."""
+    """Return the rotation in FLU of roll, pitch and yaw in FRD (starboard down, bow up, to starboard)."""
     w, x, y, z = euler_to_quat(np.array([roll_rad, pitch_rad, yaw_rad])).tolist()
     return x, -y, -z, w
 
 
 def lidar_turn(lidar: LidarSpec) -> Quaternion:
-    """From the lidar's axes into the body's, FLU."""
+    """Return the rotation from the lidar's axes to body axes, FLU."""
     return flu_turn(math.radians(lidar.roll_deg), math.radians(lidar.pitch_deg), math.radians(lidar.yaw_deg))
 
 
 def looking_turn(rangefinder: RangefinderSpec) -> Quaternion:
-    """From axes whose x is where it looks into the body's, FLU: yaw, then pitch."""
+    """Return the rotation from axes with x along the beam to body axes, FLU: yaw, then pitch."""
     forward, right, down = rangefinder.direction_frd
     return flu_turn(0.0, math.atan2(-down, math.hypot(forward, right)), math.atan2(right, forward))
 

@@ -1,4 +1,4 @@
-"""What sensors measured, from the frames that go to the agent, as messages of ROS: axes FLU and ENU, SI units."""
+"""Sensor measurements as ROS messages, from the frames sent to the agent: axes FLU and ENU, SI units."""
 
 from __future__ import annotations
 
@@ -58,25 +58,26 @@ from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME
 RANGE = "range/{rangefinder}"
 TESLA_PER_GAUSS = 1e-4
 ATTITUDE_DEVIATION_RAD = math.radians(0.5), math.radians(0.5), math.radians(2.0)
-"""Of an autopilot's roll, pitch and yaw, which it does not say: the shipped runs keep within (0.5° RMS)."""
+"""Deviation of an autopilot's roll, pitch and yaw, which it does not report: the shipped runs stay below it (0.5° RMS).
+"""
 _FIX_STATUS = {4: NavSatStatus.STATUS_GBAS_FIX, 5: NavSatStatus.STATUS_GBAS_FIX, 6: NavSatStatus.STATUS_GBAS_FIX}
 _UNKNOWN_MILLIVOLTS = 0, 0xFFFF
 
 Measured = tuple[str, str, Any, int]
-"""Topic of OUTPUTS, the part in its braces if any, the message, and the instant it is of."""
+"""Topic of OUTPUTS, the part in its braces if any, the message, and its instant."""
 
 
 class Attitude(Protocol):
-    """Where the vessel's attitude is known from."""
+    """Source of the vessel's attitude."""
 
     def at_sample(self) -> tuple[float, float, float, float] | None:
-        """w x y z at the newest sample of the IMU, from FLU to ENU; None where it is not known."""
+        """Return w x y z at the newest IMU sample, from FLU to ENU; None if it is unknown."""
 
 
 class Instruments:
-    """Those of one vessel. framed: a frame's name with the vessel's.
+    """Sensors of one vessel. framed: adds the vessel's name to a frame's name.
 
-    kinds: of MAVLink messages that are of use; topics: of OUTPUTS that come of them; rangefinders: parts of RANGE.
+    kinds: MAVLink messages that it converts. topics: resulting topics of OUTPUTS. rangefinders: parts of RANGE.
     """
 
     def __init__(self, sensors: SensorsSpec, framed: Callable[[str], str]) -> None:
@@ -106,7 +107,7 @@ class Instruments:
         self.rangefinders = [f"rangefinder_{number}" for number in range(len(sensors.rangefinders))]
 
     def messages(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
-        """What becomes of one of `kinds`."""
+        """Convert a message of one of `kinds`."""
         return self._makers[message.get_msgId()](message, attitude)
 
     def _imu(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
@@ -125,7 +126,7 @@ class Instruments:
         yield "imu/data", "", imu, stamp_ns
 
     def _gnss(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
-        """The receiver's horizontal accuracy is that of both axes together."""
+        """Convert a fix. The receiver's horizontal accuracy covers both axes together."""
         stamp_ns = message.time_usec * 1000
         there = message.fix_type >= 2
         status = _FIX_STATUS.get(message.fix_type, NavSatStatus.STATUS_FIX) if there else NavSatStatus.STATUS_NO_FIX
@@ -160,7 +161,7 @@ class Instruments:
         yield "fluid_pressure", "", FluidPressure(header, message.pressure, variance), stamp_ns
 
     def _rangefinder(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
-        """A companion sends one of the same kind and number, which is told by its limits."""
+        """Convert a range. A companion sends messages of the same kind and number, which have different limits."""
         number = message.id
         if number >= len(self._sensors.rangefinders):
             return
@@ -181,7 +182,7 @@ class Instruments:
         yield RANGE, self.rangefinders[number], found, stamp_ns
 
     def _sectors(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
-        """OBSTACLE_DISTANCE: clockwise from the bow."""
+        """Convert OBSTACLE_DISTANCE: clockwise from the bow."""
         stamp_ns = message.time_usec * 1000
         scanner = self._sensors.messages.obstacle_distance
         assert scanner is not None
@@ -196,7 +197,7 @@ class Instruments:
 
 
 def battery(message: Any, header: Any) -> Any:
-    """BatteryState from SYS_STATUS; None where the autopilot knows of no battery."""
+    """Return a BatteryState from SYS_STATUS; None if the autopilot has no battery."""
     if message.voltage_battery in _UNKNOWN_MILLIVOLTS:
         return None
     current, remaining = message.current_battery, message.battery_remaining
@@ -204,7 +205,7 @@ def battery(message: Any, header: Any) -> Any:
         header=header,
         voltage=message.voltage_battery * 1e-3,
         temperature=math.nan,
-        current=math.nan if current < 0 else -current * 1e-2,  # discharging is negative
+        current=math.nan if current < 0 else -current * 1e-2,  # discharge is negative
         charge=math.nan,
         capacity=math.nan,
         design_capacity=math.nan,
@@ -226,5 +227,5 @@ def _flu(vector_frd: Any) -> Any:
 
 
 def _diagonal(variance: float) -> NDArray[np.float64]:
-    """(9,) of three axes alike."""
+    """Return (9,) for three equal axes."""
     return (np.eye(3) * variance).reshape(9)

@@ -1,6 +1,6 @@
-"""ROS beside a run: gives what is recorded to the process of the bridge, and has the operator do what nodes ask.
+"""ROS output of a run: sends recorded payloads to the bridge process, and passes requests of nodes to the operator.
 
-The run waits for nothing: what the process does not take waits in a bounded queue, from which the oldest is dropped.
+The run never waits for the process. Unsent data waits in a bounded queue, which drops the oldest entries.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from xitl_cli.run.operator.node import OperatorNode
 SOURCE = "ros"
 OPENING_S = 60.0
 HAND_OVER_HZ = 100.0
-"""How often the process is given what is recorded, in simulation time."""
+"""Rate of transfers to the process, in simulation time."""
 HAND_OVER_S = 0.008
-"""By the clock on the wall: a run that goes faster than real time would else make many small batches."""
+"""Interval by wall clock time: a run faster than real time would otherwise make many small batches."""
 SILENT_S = 5.0
-"""For which the process may take nothing before that is said."""
+"""Time without progress of the process before a warning."""
 END_S = 5.0
-MOST_REFUSALS = 50  # said, each once
+MOST_REFUSALS = 50  # reported refusals, each once
 MOST_IN_PIPE_BYTES = 1 << 20
-"""Of the queue's: what is in the pipe can no longer be dropped."""
+"""Limit of queued data in the pipe: data in the pipe can no longer be dropped."""
 
 
 class LiveRosNode(RunNode):
-    """The bridge of a run to ROS. One that dies or hangs leaves the run as it is.
+    """The bridge of a run to ROS. If it dies or hangs, the run continues unchanged.
 
-    profiles: of each vessel. tell: says something to the user. It is a mirror of the recording, see McapFile.
-    answers_ns: the /clock that each node has answered last, by its name. Where nodes are waited for, what they ask is
-    taken in while the run stands still alone (`poll`), so that it does not hang on the clock on the wall.
+    profiles: one per vessel. tell: shows a text to the user. It is a mirror of the recording, see McapFile. answers_ns:
+    the latest /clock that each node has answered, by its name. If the run waits for nodes, it handles their requests
+    only during standstills (`poll`), so that it does not depend on the wall clock.
     """
 
     def __init__(self, profiles: Sequence[RunProfile], tell: Callable[[str], object]) -> None:
@@ -71,7 +71,7 @@ class LiveRosNode(RunNode):
         self.answers_ns: dict[str, int] = {}
 
     def attach_operator(self, operator: OperatorNode) -> None:
-        """Have it carry out what nodes ask for, and be polled by it: while the run stands still too."""
+        """Let the operator carry out requests of nodes, and poll this node during standstills too."""
         self._operator = operator
         operator.listen(self._listen)
 
@@ -80,7 +80,7 @@ class LiveRosNode(RunNode):
             self.poll()
 
     def prepare(self) -> None:
-        """Start the process, and wait until it is in the graph. Raises UserError when it cannot be."""
+        """Start the process, and wait until it is in the graph. Raises UserError if this fails."""
         check_topics(self._spec)
         if self._spec.master is None:
             ros2_way(self._spec)
@@ -108,7 +108,7 @@ class LiveRosNode(RunNode):
     def open_channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
     ) -> Callable[[bytes, int], object] | None:
-        """A channel as the recording has it; what is returned queues a payload of an instant."""
+        """Open a channel as in the recording; the result queues a payload of an instant."""
         if not self._wanted(topic):
             return None
         number = len(self._topics)
@@ -141,7 +141,7 @@ class LiveRosNode(RunNode):
             self._hand_over()
 
     def _hand_over(self) -> None:
-        """Give the process what is queued, unless it has too much already; then drop what is too much."""
+        """Send the queue to the process, unless too much data is pending; then drop the excess."""
         self._next_s = time.monotonic() + HAND_OVER_S
         if not self._bridge.gone and self._bridge.waiting_bytes <= MOST_IN_PIPE_BYTES:
             batch = RosBatch(tuple(self._queue))
@@ -151,7 +151,7 @@ class LiveRosNode(RunNode):
         self._drop(0 if self._bridge.gone else self._limit_bytes)
 
     def _drop(self, limit_bytes: int) -> None:
-        """The oldest of the queue, until it has `limit_bytes` at most."""
+        """Drop the oldest entries, until the queue has `limit_bytes` at most."""
         while self._queued_bytes > limit_bytes:
             number, _, payload = self._queue.popleft()
             self._queued_bytes -= len(payload)
@@ -159,15 +159,15 @@ class LiveRosNode(RunNode):
 
     @property
     def lost(self) -> bool:
-        """Whether there is nobody any more that could ask or answer."""
+        """True if the process can no longer send requests or answers."""
         return self._bridge.gone
 
     def tell_clock_again(self) -> None:
-        """For a node that has missed it."""
+        """Send /clock again for a node that has missed it."""
         self._bridge.send(RosClockAgain())
 
     def poll(self, timeout_s: float = 0.0) -> None:
-        """Take in what nodes ask for, after at most `timeout_s`."""
+        """Handle requests of nodes, after at most `timeout_s`."""
         if self._queue and time.monotonic() >= self._next_s:
             self._hand_over()
         for message in self._bridge.receive(timeout_s):
@@ -197,7 +197,7 @@ class LiveRosNode(RunNode):
             self._warn(str(message["problem"]))
 
     def _watch(self) -> None:
-        """Whether the process still takes what it is given."""
+        """Check that the process still accepts data."""
         now_s, taken_bytes = time.monotonic(), self._bridge.taken_bytes
         if not self._bridge.waiting_bytes or taken_bytes != self._taken[0]:
             self._taken, self._silent = (taken_bytes, now_s), False
@@ -217,7 +217,7 @@ class LiveRosNode(RunNode):
         self._warn(f"ros: the bridge has ended; the run goes on without it{why}")
 
     def end(self) -> None:
-        """The process publishes what is left and tells its counts."""
+        """Let the process publish the remaining data and report its counts."""
         if self._queue:
             self._hand_over()
         self._bridge.send(RosEnd())
@@ -229,7 +229,7 @@ class LiveRosNode(RunNode):
         self._bridge.close()
 
     def report(self) -> dict[str, Any]:
-        """ros: way in, messages by topic, actions asked for, and what was not done, be it here or in the bridge."""
+        """Return ros: middleware, messages by topic, requested actions, and failures here or in the bridge."""
         not_taken = self._counts.get("refused", {})
         return {
             "ros": {
@@ -250,7 +250,7 @@ class LiveRosNode(RunNode):
 
 
 class RosOutput(LiveOutput):
-    """ROS as a live output of a run; in lockstep it waits for the nodes that the profile names."""
+    """ROS as a live output of a run; in lockstep it waits for the nodes in the profile."""
 
     def __init__(self, profiles: Sequence[RunProfile]) -> None:
         self._profiles = profiles

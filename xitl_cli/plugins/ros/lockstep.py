@@ -1,4 +1,4 @@
-"""Lockstep with nodes of ROS: the run stands still until each has answered the /clock."""
+"""Lockstep with ROS nodes: the run stops until each has answered the /clock."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from xitl_cli.run.core.pace import LISTEN_S, OperatedLockstep
 LOOK_S = 0.002
 CLOCK_AGAIN_S = 0.2
 SETTLED_S = 1.0
-"""After the first word of a node, for the rest of what it publishes and reads to be known to the bridge and to it."""
+"""Wait after the first message of a node, so that its other endpoints and the bridge discover each other."""
 
 
 class AnsweringNodes(Protocol):
-    """Where nodes answer: see LiveRosNode."""
+    """Source of nodes' answers: see LiveRosNode."""
 
     answers_ns: dict[str, int]
 
@@ -32,10 +32,10 @@ class AnsweringNodes(Protocol):
 
 
 class RosLockstepNode(RunNode):
-    """Comes after the bridge, which has been given all that was recorded up to a standstill.
+    """Runs after the bridge, which has received everything recorded up to a standstill.
 
-    What nodes ask for before they answer is carried out at the next exchange. tell: says something to the user.
-    interrupted: whether somebody wants to end the run.
+    Requests of nodes before their answer are carried out at the next exchange. tell: shows a text to the user.
+    interrupted: returns True when the user asked to stop.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class RosLockstepNode(RunNode):
             self._stand(step.now_ns, self._keys.timeout_s)
 
     def _stand(self, now_ns: int, timeout_s: float) -> None:
-        """Until each node has answered, `timeout_s` at most; one that has not is waited for once it answers again."""
+        """Wait until each node has answered, `timeout_s` at most. A missing node counts again after its next answer."""
         answers_ns = self._nodes.answers_ns
         self._given_up = {node: told for node, told in self._given_up.items() if answers_ns.get(node, -1) == told}
         self._unanswered.update(self._given_up.keys())
@@ -116,7 +116,7 @@ class RosLockstepNode(RunNode):
             self._tell(f"warning: {self._warnings[-1]}")
 
     def report(self) -> dict[str, Any]:
-        """ros.lockstep: standstills, how long they lasted by the clock on the wall, answers that did not come."""
+        """Return ros.lockstep: number of standstills, their wall clock time, missing answers."""
         lockstep = {
             "standstills": self._standstills,
             "stood_s": self._stood_s,

@@ -1,4 +1,4 @@
-"""What a log of an autopilot tells of motion and sensors, as messages of ROS; frames are those of `frames`."""
+"""Motion and sensors in a log of an autopilot, as ROS messages in the frames of `frames`."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _UNKNOWN_COVARIANCE = np.diag([UNKNOWN_VARIANCE] * 6).reshape(36)
 
 
 class LogMessage(NamedTuple):
-    """A message of a topic, and the instant it is of."""
+    """A message of a topic, with its instant."""
 
     topic: RosTopic
     message: Any
@@ -87,9 +87,9 @@ class LogMessage(NamedTuple):
 
 
 def log_messages(log: Log, shift_ns: int = 0) -> list[Iterator[LogMessage]]:
-    """Fixes, odometry with its transforms, the first inertial unit, modes: each in the order of time.
+    """Return fixes, odometry with its transforms, the first inertial unit, modes: each in the order of time.
 
-    shift_ns: added to all stamps of the log. Of a log of topics there is nothing: they are messages themselves.
+    shift_ns: added to all stamps of the log. A log of topics gives nothing, because it contains messages already.
     """
     if log.of_topics:
         return []
@@ -102,7 +102,7 @@ def _modes(log: Log, shift_ns: int) -> Iterator[LogMessage]:
 
 
 def _fixes(log: Log, shift_ns: int) -> Iterator[LogMessage]:
-    """Altitudes are those of the log, mostly above mean sea level; of the accuracy nothing is said."""
+    """Yield fixes. Altitudes are those of the log, mostly above mean sea level; the accuracy is unknown."""
     found = signals.position_geodetic(log)
     if found is None:
         return
@@ -123,7 +123,7 @@ def _fixes(log: Log, shift_ns: int) -> Iterator[LogMessage]:
 
 
 def _odometry(log: Log, shift_ns: int) -> Iterator[LogMessage]:
-    """Positions with the attitudes of those instants; the velocity is the slope of the positions.
+    """Yield positions with the attitudes of those instants; the velocity is the slope of the positions.
 
     Turn rates are zero, and all variances are UNKNOWN_VARIANCE.
     """
@@ -188,7 +188,7 @@ def _imu(log: Log, shift_ns: int) -> Iterator[LogMessage]:
 
 
 def attitudes(log: Log, stamp_ns: Stamps) -> Array | None:
-    """(N, 4) w x y z from FRD to NED at instants (N,), NaN outside of what the log has; None without any."""
+    """Return (N, 4) w x y z from FRD to NED at instants (N,), NaN outside the log; None without attitudes."""
     angles = [signals.roll(log), signals.pitch(log), signals.yaw(log)]
     found = [angle.interpolated(stamp_ns) for angle in angles if angle is not None]
     return euler_to_quat(np.radians(np.stack(found, axis=-1))) if len(found) == 3 else None

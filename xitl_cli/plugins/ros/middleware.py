@@ -1,7 +1,7 @@
-"""What carries messages to nodes and theirs to us, behind one interface: rclpy, Cyclone DDS, or ROS 1.
+"""Transport of messages to and from nodes, behind one interface: rclpy, Cyclone DDS, or ROS 1.
 
-CDR bytes with their 4-byte header are the currency; types are named as in `sensor_msgs/msg/Imu`, names are whole, as
-`/boats/one/imu/data`.
+Messages are CDR bytes with their 4-byte header. Types have the form `sensor_msgs/msg/Imu`, and names are complete, such
+as `/boats/one/imu/data`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ from xitl_cli.profile.schema.ros import RosTopicSpec
 
 NODE_NAME = "xitl"
 LOOK_S = 1.0
-"""How often it is seen whether others publish the same."""
+"""Interval of the check for other publishers of the same topics."""
 
 
 @dataclass(frozen=True, slots=True)
 class QosProfile:
-    """What a publisher offers or a subscriber asks for. depth: messages kept for a reader that is behind."""
+    """QoS that a publisher offers or a subscriber requests."""
 
     reliability: Literal["reliable", "best_effort"] = "reliable"
     durability: Literal["volatile", "transient_local"] = "volatile"
     depth: int = 100
+    """Messages kept for a slow reader."""
 
 
 RELIABLE = QosProfile()
@@ -32,17 +33,17 @@ LATCHED = QosProfile(durability="transient_local", depth=1)
 QOS: dict[QosKind, QosProfile] = {"sensor": replace(RELIABLE, depth=0), "latched": LATCHED, "clock": RELIABLE}
 """By their names in the table of topics; depth 0: the profile's."""
 COMMANDS = QosProfile(reliability="best_effort", depth=1000)
-"""Of a subscriber: best effort takes from every publisher; a flood of ten thousand a second is still counted."""
+"""QoS of a subscriber. Best effort accepts every publisher; a flood of ten thousand a second is still counted."""
 
 
 def qos_with(usual: QosProfile, asked: RosTopicSpec) -> QosProfile:
-    """That of a topic as the profile has it."""
+    """Return the QoS of a topic with the profile's changes."""
     given = {key: getattr(asked, key) for key in ("reliability", "durability", "depth")}
     return replace(usual, **{key: value for key, value in given.items() if value is not None})
 
 
 def mismatch_text(topic: str, policy: str, ours: QosProfile, offers: bool) -> str:
-    """Why nothing goes between a topic of ours and another node, and what to do. offers: we publish it."""
+    """Explain why a topic of xitl and another node do not match, and the fix. offers: xitl publishes it."""
     if policy not in _WEAKER:
         return f"ros: {topic}: {policy} of another node does not match ours ({ours}); see `ros2 topic info -v {topic}`"
     weak, strong = _WEAKER[policy]
@@ -56,7 +57,7 @@ _WEAKER = {"reliability": ("best_effort", "reliable"), "durability": ("volatile"
 
 
 def others_text(topics: Sequence[str], domain: str) -> str:
-    """What is said where somebody else publishes what we do."""
+    """Return the warning about other publishers of the same topics."""
     shown = ", ".join(topics[:3]) + (f" and {len(topics) - 3} more" if len(topics) > 3 else "")
     fix = "use another ros.domain" if domain else "use another master"
     if not any(topic.startswith(_OF_ALL) for topic in topics):
@@ -66,7 +67,7 @@ def others_text(topics: Sequence[str], domain: str) -> str:
 
 
 def type_text(topic: str, ours: str, theirs: str) -> str:
-    """What is said where another node has a topic of ours with another type."""
+    """Return the warning about another node that uses a topic of xitl with another type."""
     return f"ros: {topic}: another node has it as {theirs}, so that nothing goes between the two; use {ours}"
 
 
@@ -75,36 +76,37 @@ _OF_ALL = ("/clock", "/tf")
 
 @dataclass(frozen=True, slots=True)
 class MiddlewareLosses:
-    """By topic. dropped: messages that a reader, or we, did not take in time. refused: messages and peers that are not
-    what they should be."""
+    """Losses by topic."""
 
     dropped: Mapping[str, int] = field(default_factory=dict)
+    """Messages that a reader, or xitl, did not read in time."""
     refused: Mapping[str, int] = field(default_factory=dict)
+    """Invalid messages and peers."""
 
 
 class Middleware(Protocol):
-    """A node of ROS. Handlers are called within `spin`; publishers may be called from any thread."""
+    """A ROS node. Handlers are called within `spin`; publishers may be called from any thread."""
 
     name: str
-    """What it is, for people: `cyclonedds 11.0.1, domain 0`."""
+    """Description for the user: `cyclonedds 11.0.1, domain 0`."""
 
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
-        """A publisher of CDR bytes."""
+        """Return a publisher of CDR bytes."""
 
     def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
-        """Have `take` called with the CDR bytes of each message."""
+        """Call `take` with the CDR bytes of each message."""
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
-        """Have `answer` called with the CDR bytes of a request; it returns those of the response."""
+        """Call `answer` with the CDR bytes of each request; it returns those of the response."""
 
     def spin(self, timeout_s: float) -> None:
-        """Call handlers of what has come, after at most `timeout_s`."""
+        """Call the handlers of received messages, after at most `timeout_s`."""
 
     def problems(self) -> list[str]:
-        """What has gone wrong since the last call, in sentences that say what to do."""
+        """Return the problems since the last call, as sentences with a fix."""
 
     def losses(self) -> MiddlewareLosses:
-        """What the middleware itself has dropped and refused until now; what DDS drops it keeps to itself."""
+        """Return the losses and refusals of the middleware so far. DDS does not report its drops."""
 
     def close(self) -> None:
         """Leave the graph. A second call does nothing."""

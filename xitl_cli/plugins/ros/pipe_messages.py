@@ -1,7 +1,8 @@
-"""What goes down the pipe between a run and the process of its bridge to ROS.
+"""Messages in the pipe between a run and its bridge process to ROS.
 
-Up go JSON objects: {"opened": NAME}, {"failed": SENTENCE}, {"action": {...}, "request": N}, {"ready": {"node": NAME,
-"stamp_ns": N}}, {"counts": {"published": {...}, "received": {...}, "refused": {...}}}, {"problem": SENTENCE}.
+The process sends JSON objects: {"opened": NAME}, {"failed": SENTENCE}, {"action": {...}, "request": N}, {"ready":
+{"node": NAME, "stamp_ns": N}}, {"counts": {"published": {...}, "received": {...}, "refused": {...}}}, {"problem":
+SENTENCE}.
 """
 
 from __future__ import annotations
@@ -13,40 +14,47 @@ from xitl_cli.profile.schema import RunProfile
 
 @dataclass(frozen=True, slots=True)
 class RosStart:
-    """The first thing down the pipe. profiles: of each vessel. operated: the run does what nodes ask of it."""
+    """The first message to the process."""
 
     profiles: tuple[RunProfile, ...]
+    """One per vessel."""
     operated: bool = False
+    """True if the run carries out requests of nodes."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosChannel:
-    """A topic of the recording, by the number that batches have for it. topic: as in the file."""
+    """A topic of the recording."""
 
     number: int
+    """Number of the topic in batches."""
     topic: str
+    """Name as in the file."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosBatch:
-    """What was recorded since the last one. messages: number of the channel, instant and payload."""
+    """Recorded messages since the last batch."""
 
     messages: tuple[tuple[int, int, bytes], ...]
+    """Number of the channel, instant and payload."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosClockAgain:
-    """The run stands still: the latest /clock once more, for a node that has missed it."""
+    """During a standstill: the latest /clock once more, for a node that has missed it."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosAnswer:
-    """What became of an action: why it is not carried out, or None. request: None where nobody waits for it."""
+    """Result of an action."""
 
     request: int | None
+    """None if nobody waits for it."""
     refusal: str | None
+    """Reason of a refusal, or None."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosEnd:
-    """The run is over."""
+    """The run has ended."""

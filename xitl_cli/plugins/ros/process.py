@@ -1,7 +1,7 @@
-"""The process between a run and ROS: publishes what the run sends down a pipe, and gives what nodes ask back.
+"""The process between a run and ROS: publishes data from the run's pipe, and returns requests of nodes.
 
-`python -m xitl_cli.plugins.ros.process PIPE`: the number of a socket that it inherits. What comes down is converted and
-published in a thread of its own, so that a command is handled as soon as it has come.
+`python -m xitl_cli.plugins.ros.process PIPE`: PIPE is the number of an inherited socket. A separate thread converts and
+publishes the received data, so that a command is handled immediately.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ ANSWER_S = 5.0
 
 
 class Publisher:
-    """Of one topic: `send` takes CDR. rate_hz: at most, in simulation time; None: every message."""
+    """Publisher of one topic. send: takes CDR. rate_hz: largest rate in simulation time; None: every message."""
 
     def __init__(self, name: str, send: Callable[[bytes], object], rate_hz: float | None) -> None:
         self.name, self.send = name, send
@@ -42,7 +42,7 @@ class Publisher:
         self._next_ns = -1
 
     def due(self, stamp_ns: int) -> bool:
-        """Whether a message of this instant is to be sent."""
+        """Return True if a message of this instant is to be sent."""
         if self._rate_hz is None:
             return True
         if not self._rate_hz or stamp_ns < self._next_ns:
@@ -53,11 +53,11 @@ class Publisher:
 
 
 def _discard(cdr: bytes) -> None:
-    """Of a topic that the profile does not want."""
+    """Discard messages of a topic that the profile excludes."""
 
 
 class RosBridge:
-    """Between the pipe and one middleware."""
+    """Bridge between the pipe and one middleware."""
 
     def __init__(self, pipe: Pipe, start: RosStart, middleware: Middleware) -> None:
         self._pipe = pipe
@@ -90,14 +90,14 @@ class RosBridge:
             )
 
     def meet_others(self) -> None:
-        """Give nodes that are there already the time to find it, so that they have all from the first message on."""
+        """Wait until existing nodes can discover the bridge, so that they receive all messages from the first on."""
         until_s = time.monotonic() + DISCOVERY_S
         while time.monotonic() < until_s:
             self._middleware.spin(SPIN_S)
         self._tell()
 
     def run(self, messages: Iterable[Any]) -> None:
-        """Until the run is over or gone. messages: that have come already."""
+        """Run until the run ends or disconnects. messages: already received ones."""
         reader = threading.Thread(target=self._read, args=(list(messages),), name="pipe", daemon=True)
         reader.start()
         try:
@@ -116,7 +116,7 @@ class RosBridge:
             self._middleware.close()
 
     def ask(self, action: Mapping[str, Any]) -> str | None:
-        """Have the run carry out an action; the refusal, None for none. From a handler of the middleware."""
+        """Request an action of the run. Return the refusal, None for none. Called from the middleware's handlers."""
         number, answered = next(self._requests), threading.Event()
         refusal: list[str | None] = []
         self._answers[number] = answered, refusal
@@ -127,7 +127,7 @@ class RosBridge:
         return refusal[0]
 
     def hope(self, action: Mapping[str, Any]) -> None:
-        """The same without waiting: the run counts a refusal and says it."""
+        """Request an action without waiting: the run counts and reports a refusal."""
         self._pipe.send({"action": dict(action)})
 
     def _on_ready(self, node: str, stamp_ns: int) -> None:
@@ -212,7 +212,7 @@ class RosBridge:
 
 
 def main(arguments: list[str]) -> None:
-    """See the module."""
+    """Run the process; see the module."""
     pipe = Pipe.of_process(socket.socket(fileno=int(arguments[0])))
     with until_closed():
         start, *rest = pipe.receive_first()

@@ -1,4 +1,4 @@
-"""ROS 2 by rclpy, where one is sourced: with the middleware, the types and the configuration of that ROS."""
+"""ROS 2 by rclpy, if one is sourced: with the middleware, the types and the configuration of that ROS."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from xitl_cli.profile.schema.ros import RosSpec
 
 
 class RclpyMiddleware:
-    """A node in a context of its own: see Middleware."""
+    """A node in a separate context: see Middleware."""
 
     def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
         reach = discovery_range(spec)
-        os.environ.pop(LOCAL_VARIABLE, None)  # deprecated, and stronger than the other
-        os.environ[RANGE_VARIABLE] = reach  # which rclpy reads
+        os.environ.pop(LOCAL_VARIABLE, None)  # deprecated, with priority over the other
+        os.environ[RANGE_VARIABLE] = reach  # rclpy reads it
         self._commanders = Commanders(spec.commanders)
         self._context = rclpy.context.Context()
         rclpy.init(args=[], context=self._context, domain_id=spec.domain)
@@ -99,7 +99,7 @@ class RclpyMiddleware:
             if not self._commanders.everyone:
                 requests = f"rq{self._node.resolve_service_name(service)}Request"
                 if not self._commanders.admit(service, self._unlisted(requests, no_mangle=True)):
-                    return response  # as the type has it: without success
+                    return response  # default response: without success
             return deserialize_message(answer(serialize_message(request)), kind.Response)
 
         self._node.create_service(kind, service, serve)
@@ -137,9 +137,10 @@ class RclpyMiddleware:
                     yield type_text(topic, ours, theirs)
 
     def _sender(self, topic: str, about: Mapping[str, Any]) -> str | None:
-        """Full name of the node that sent a message; from Kilted on rclpy tells its GID.
+        """Return the full name of the node that sent a message. Since Kilted, rclpy reports its GID.
 
-        Before, that of any publisher that may not command, where there is one: then no message of the topic counts.
+        For older versions, return any publisher that may not command, if there is one: then no message of the topic
+        counts.
         """
         gid = about.get("publisher_gid")
         if gid is None:
@@ -151,13 +152,13 @@ class RclpyMiddleware:
         return None
 
     def _unlisted(self, topic: str, no_mangle: bool = False) -> str | None:
-        """A publisher that may not command, else one that may; None where there is none."""
+        """Return a publisher without permission to command, else any other publisher, else None."""
         endpoints = self._node.get_publishers_info_by_topic(topic, no_mangle)
         names = [full_node_name(one.node_namespace, one.node_name) for one in endpoints]
         return min(names, key=self._commanders.listed, default=None)
 
     def _type_of(self, name: str, type_name: str) -> Any:
-        """Its class; None, and said, where this ROS has none: the run goes on without the topic."""
+        """Return the class; None with a warning if this ROS lacks it: the run continues without the topic."""
         try:
             return message_type(type_name)
         except UserError as error:
@@ -186,7 +187,7 @@ class RclpyMiddleware:
 
 
 def message_type(type_name: str) -> Any:
-    """The class of a message or service. Raises UserError where its package is not there."""
+    """Return the class of a message or service. Raises UserError if its package is missing."""
     package, kind, name = type_name.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.{kind}"), name)

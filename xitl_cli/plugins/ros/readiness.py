@@ -1,4 +1,4 @@
-"""What `xitl doctor` says of ROS."""
+"""The ROS check of `xitl doctor`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from xitl_cli.profile.schema.ros import RosSpec
 
 
 def check_ros() -> DoctorFinding:
-    """By which way `--ros` would go into ROS 2; ROS 1 needs nothing."""
+    """Report how `--ros` would connect to ROS 2; ROS 1 has no requirements."""
     sourced = os.environ.get("ROS_DISTRO", "")
     named = f" of ROS 2 {sourced}" if sourced else ""
     try:

@@ -1,6 +1,6 @@
 """URDF of a vessel, from its vehicle file and the mounting places of its sensors.
 
-Hulls are boxes and cylinders: a mesh lies in a file that a viewer elsewhere does not have.
+Hulls are boxes and cylinders, because a remote viewer cannot read a mesh file of this machine.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from xitl_cli.record.topics import VESSEL_FRAME
 _WHITE, _DARK, _SENSOR = "0.92 0.93 0.95 1", "0.2 0.22 0.25 1", "0.1 0.4 0.7 1"
 _SENSOR_M = 0.03
 _GUESS_SHARE = {"air": 0.25, "water": 0.08}
-"""Of the vessel's length, the diameter of a propeller where none is given."""
+"""Diameter of a propeller without one in its data, as a share of the vessel's length."""
 _ANY_EFFORT, _ANY_RATE = "0", "0"
 
 
 def make_robot_description(profile: RunProfile) -> str:
-    """XML of the vessel; links and joints bear its name where there are several."""
+    """Return the XML of the vessel. With several vessels, links and joints have its name."""
     vehicle, vessel = profile.vehicle, profile.vessel
     robot = Element("robot", name=vessel or vehicle.name.replace(" ", "_"))
     base = SubElement(robot, "link", name=frame_name(VESSEL_FRAME, vessel))
@@ -43,7 +43,7 @@ def make_robot_description(profile: RunProfile) -> str:
 
 
 def _inertial(link: Element, vehicle: VesselSpec) -> None:
-    """The products of inertia that go with one axis that is turned over change their sign."""
+    """Add the inertia. Products of inertia with one reversed axis change sign."""
     inertial = SubElement(link, "inertial")
     SubElement(inertial, "origin", xyz=_numbers(flu(vehicle.centre_of_gravity_frd_m)), rpy="0 0 0")
     SubElement(inertial, "mass", value=_number(vehicle.mass_kg))
@@ -96,7 +96,7 @@ def _joint(robot: Element, kind: str, name: str, frame: FixedFrame, vessel: str)
 def _shape(
     link: Element, kind: str, size: dict[str, str], place: Vector, euler: Vector, colour: str, solid: bool = True
 ) -> None:
-    """What is seen, and, of a solid one, what others bump into."""
+    """Add the visual shape and, for a solid, the collision shape."""
     for role in ("visual", "collision") if solid else ("visual",):
         part = SubElement(link, role)
         SubElement(part, "origin", xyz=_numbers(place), rpy=_numbers(euler))
@@ -106,7 +106,7 @@ def _shape(
 
 
 def _euler(turn: Quaternion) -> Vector:
-    """Roll, pitch and yaw about fixed axes, as URDF has them."""
+    """Return roll, pitch and yaw about fixed axes, as in URDF."""
     x, y, z, w = turn
     roll, pitch, yaw = quat_to_euler(np.array([w, x, y, z])).tolist()
     return roll, pitch, yaw

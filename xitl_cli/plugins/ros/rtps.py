@@ -1,4 +1,5 @@
-"""The wire of DDS, as far as services need it: RTPS 2.3 messages and parameter lists, as pure functions on bytes.
+"""The part of DDS's wire protocol that services need: RTPS 2.3 messages and parameter lists, as pure functions on
+bytes.
 
 DDSI-RTPS 2.3 (OMG formal/19-04-03): submessages in 8.3.7 and 9.4.5, parameter lists in 9.4.2.11, ports in 9.6.1.
 """
@@ -19,7 +20,7 @@ SPDP_WRITER, SPDP_READER = bytes.fromhex("000100c2"), bytes.fromhex("000100c7")
 PUBLICATIONS_WRITER, PUBLICATIONS_READER = bytes.fromhex("000003c2"), bytes.fromhex("000003c7")
 SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER = bytes.fromhex("000004c2"), bytes.fromhex("000004c7")
 WRITER_KIND, READER_KIND = b"\x03", b"\x04"
-"""Of an entity of the user's, without a key."""
+"""Kinds of user-defined entities without a key."""
 PID_SENTINEL, PID_LEASE, PID_TOPIC, PID_TYPE = 0x01, 0x02, 0x05, 0x07
 PID_VERSION, PID_VENDOR, PID_RELIABILITY, PID_DURABILITY, PID_USER_DATA = 0x15, 0x16, 0x1A, 0x1D, 0x2C
 PID_UNICAST, PID_DEFAULT_UNICAST, PID_META_UNICAST = 0x2F, 0x31, 0x32
@@ -34,14 +35,16 @@ _LITTLE, _INLINE_QOS, _PAYLOAD, _FINAL = 0x01, 0x02, 0x04, 0x02
 
 @dataclass(frozen=True, slots=True)
 class Submessage:
-    """What was received. missing, numbers: sequence numbers; of DATA `first` is its own."""
+    """A received submessage."""
 
     kind: int
     reader: bytes = NO_ENTITY
     writer: bytes = NO_ENTITY
     first: int = 0
+    """For DATA, its sequence number."""
     last: int = 0
     numbers: tuple[int, ...] = ()
+    """Missing sequence numbers, or members of a set."""
     final: bool = False
     inline: dict[int, bytes] = field(default_factory=dict)
     payload: bytes = b""
@@ -49,7 +52,7 @@ class Submessage:
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """From a participant; destination: its 12 bytes or zeros for everybody."""
+    """Submessages from a participant, each with its destination: a prefix of 12 bytes, or zeros for all."""
 
     vendor: bytes
     prefix: bytes
@@ -60,7 +63,7 @@ class Packet:
 
 
 def packet(prefix: bytes, parts: Iterable[bytes], destination: bytes = b"") -> bytes:
-    """A message of submessages; destination: the prefix of the participant that it is for."""
+    """Return a message of submessages; destination: the prefix of the receiving participant."""
     head = b"RTPS" + VERSION + UNKNOWN_VENDOR + prefix
     if destination:
         head += _submessage(INFO_DESTINATION, destination)
@@ -68,7 +71,7 @@ def packet(prefix: bytes, parts: Iterable[bytes], destination: bytes = b"") -> b
 
 
 def data(reader: bytes, writer: bytes, number: int, payload: bytes, inline: Sequence[tuple[int, bytes]] = ()) -> bytes:
-    """DATA; payload: with its encapsulation."""
+    """Return DATA; payload: with its encapsulation."""
     body = struct.pack("<HH", 0, 16) + reader + writer + sequence_number(number)
     flags = _PAYLOAD
     if inline:
@@ -78,13 +81,13 @@ def data(reader: bytes, writer: bytes, number: int, payload: bytes, inline: Sequ
 
 
 def heartbeat(reader: bytes, writer: bytes, first: int, last: int, count: int) -> bytes:
-    """HEARTBEAT that asks for an answer."""
+    """Return a HEARTBEAT that requests an answer."""
     numbers = sequence_number(first) + sequence_number(last)
     return _submessage(HEARTBEAT, reader + writer + numbers + struct.pack("<I", count))
 
 
 def acknack(reader: bytes, writer: bytes, base: int, missing: Iterable[int], count: int) -> bytes:
-    """ACKNACK: all before `base` are there, and `missing` are not."""
+    """Return an ACKNACK: all before `base` have arrived, and `missing` have not."""
     wanted = [number - base for number in missing if number - base < MOST_BITS]
     bits = max(wanted, default=-1) + 1
     words = [0] * ((bits + 31) // 32)
@@ -95,7 +98,7 @@ def acknack(reader: bytes, writer: bytes, base: int, missing: Iterable[int], cou
 
 
 def parameters(values: Iterable[tuple[int, bytes]]) -> bytes:
-    """A parameter list with its sentinel."""
+    """Return a parameter list with its sentinel."""
     whole = b""
     for pid, value in values:
         padded = value + b"\0" * (-len(value) % 4)
@@ -104,13 +107,13 @@ def parameters(values: Iterable[tuple[int, bytes]]) -> bytes:
 
 
 def text(value: str) -> bytes:
-    """A string of CDR."""
+    """Return a CDR string."""
     encoded = value.encode() + b"\0"
     return struct.pack("<I", len(encoded)) + encoded
 
 
 def locator(address: str, port: int) -> bytes:
-    """Of UDP over IPv4."""
+    """Return a locator of UDP over IPv4."""
     return struct.pack("<iI12x4B", UDP_V4, port, *(int(part) for part in address.split(".")))
 
 
@@ -119,15 +122,15 @@ def _submessage(kind: int, body: bytes, flags: int = 0) -> bytes:
 
 
 def sequence_number(number: int) -> bytes:
-    """High and low half."""
+    """Return the high and the low half."""
     return struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)
 
 
-# Reading: what is no RTPS gives nothing, and nothing is raised
+# Reading: data other than RTPS gives nothing, and no function raises
 
 
 def read_packet(received: bytes) -> Packet | None:
-    """None for what is none. Submessages that are not of use here are left out."""
+    """Return None for data other than RTPS. Unused kinds of submessages are omitted."""
     if len(received) < 20 or received[:4] != b"RTPS":
         return None
     try:
@@ -172,7 +175,7 @@ def _read_data(body: bytes, flags: int, order: str) -> Submessage:
 
 
 def read_parameters(payload: bytes) -> dict[int, list[bytes]]:
-    """Of a payload with its encapsulation, values by their number; numbers in them are as `number_order` tells."""
+    """Return the values of a payload with its encapsulation by their number. `number_order` gives their byte order."""
     found: dict[int, list[bytes]] = {}
     at, order = 4, number_order(payload)
     while at + 4 <= len(payload):
@@ -185,12 +188,12 @@ def read_parameters(payload: bytes) -> dict[int, list[bytes]]:
 
 
 def number_order(payload: bytes) -> str:
-    """The sign of struct for the numbers of a payload."""
+    """Return the byte order sign of struct for the numbers of a payload."""
     return "<" if payload[1:2] and payload[1] & 1 else ">"
 
 
 def read_text(value: bytes, order: str = "<") -> str:
-    """A string of CDR; empty for what is none."""
+    """Return a CDR string; empty for invalid data."""
     if len(value) < 5:
         return ""
     (length,) = struct.unpack_from(f"{order}I", value)
@@ -198,7 +201,7 @@ def read_text(value: bytes, order: str = "<") -> str:
 
 
 def read_locator(value: bytes, order: str = "<") -> tuple[str, int] | None:
-    """Address and port of UDP over IPv4; None for another kind."""
+    """Return address and port of UDP over IPv4; None for another kind."""
     if len(value) < 24:
         return None
     kind, port = struct.unpack_from(f"{order}iI", value)
@@ -222,7 +225,7 @@ def _read_number(body: bytes, at: int, order: str) -> int:
 
 
 def _read_numbers(body: bytes, at: int, order: str) -> tuple[int, tuple[int, ...]]:
-    """Base and members of a sequence number set."""
+    """Return base and members of a sequence number set."""
     base = _read_number(body, at, order)
     (bits,) = struct.unpack_from(f"{order}I", body, at + 8)
     if bits > MOST_BITS:

@@ -1,8 +1,8 @@
-"""Services of ROS 2 without an installed ROS: a participant of its own that speaks RTPS.
+"""Services of ROS 2 without an installed ROS: a separate participant that implements RTPS.
 
-Which request a response belongs to is said in a parameter of the message itself, which Cyclone DDS lets nobody write
-(`related sample identity`, DDS-RPC 7.3.2 and as rmw_fastrtps has it); clients of rmw_cyclonedds put 16 bytes before the
-request, and want them before the response.
+A parameter of the response's message identifies its request (`related sample identity`, DDS-RPC 7.3.2, as in
+rmw_fastrtps). Cyclone DDS does not let applications write it. Clients of rmw_cyclonedds put 16 bytes before the
+request, and expect them before the response.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from xitl_cli.plugins.ros.rtps import Submessage
 
 GROUP, LOOPBACK = "239.255.0.1", "127.0.0.1"
 IP_MULTICAST_ALL = 49
-"""Of Linux (ip(7)); Python has no name for it."""
+"""Constant of Linux (ip(7)); Python has no name for it."""
 LOCAL_PARTICIPANTS = range(32)
-"""Of this machine, by their numbers: who is told without multicast that there is this participant."""
+"""Participants of this machine, by number, that receive announcements without multicast."""
 ANNOUNCED_S = (0.1, 3.0)
-"""Between announcements: of the first ten, and later."""
+"""Interval of announcements: of the first ten, and later."""
 FIRST_ANNOUNCEMENTS = 10
 LEASE_S = 20
 HEARTBEAT_S = 0.5
@@ -37,11 +37,11 @@ HEADER_BYTES, CYCLONE_HEADER_BYTES = 4, 16
 MOST_IN_PACKET = 12
 """Descriptions of endpoints in a packet."""
 MOST_PARTICIPANTS, MOST_ENDPOINTS, MOST_LOCATORS = 512, 256, 8
-"""That are known at once; of a participant; of its addresses."""
+"""Limits: known participants; endpoints of a participant; its addresses."""
 MOST_AHEAD = 1024
-"""Samples of a writer that are known to have come before an earlier one has."""
+"""Largest number of samples of a writer that are noted ahead of a missing one."""
 MOST_AT_ONCE = 256
-"""Packets, before the other socket and the clock have their turn."""
+"""Packets per turn, before the other socket and the clock have their turn."""
 _SEDP = (
     (rtps.PUBLICATIONS_WRITER, rtps.PUBLICATIONS_READER),
     (rtps.SUBSCRIPTIONS_WRITER, rtps.SUBSCRIPTIONS_READER),
@@ -51,14 +51,14 @@ _ENDPOINTS = 0x3F  # announces and detects participants, publications and subscr
 
 
 class Received:
-    """Which samples of a writer have come. One that is `MOST_AHEAD` behind another will not come any more."""
+    """Received samples of a writer. A sample that is `MOST_AHEAD` behind another is given up."""
 
     def __init__(self) -> None:
         self._base = 1
         self._beyond: set[int] = set()
 
     def add(self, number: int) -> bool:
-        """Whether it is new."""
+        """Return True if it is new."""
         if number < self._base or number in self._beyond:
             return False
         if number >= self._base + MOST_AHEAD:
@@ -68,14 +68,16 @@ class Received:
         return True
 
     def skip(self, first: int, end: int) -> None:
-        """Those from `first` to before `end` will not come; of later ones no more are noted than can be asked for."""
+        """Mark the samples from `first` to before `end` as lost. Later ones are noted up to the number that can be
+        requested.
+        """
         if first <= self._base:
             self.skip_to(end)
         else:
             self._beyond.update(range(first, min(end, self._base + rtps.MOST_BITS)))
 
     def skip_to(self, first: int) -> None:
-        """What is before `first` will not come any more."""
+        """Mark the samples before `first` as lost."""
         if first <= self._base:
             return
         self._base = first
@@ -83,7 +85,7 @@ class Received:
         self._advance()
 
     def missing(self, last: int) -> tuple[int, list[int]]:
-        """The first that is missing, and all of them up to `last`."""
+        """Return the first missing sample, and all missing ones up to `last`."""
         end = min(last + 1, self._base + rtps.MOST_BITS)
         return self._base, [number for number in range(self._base, end) if number not in self._beyond]
 
@@ -95,9 +97,7 @@ class Received:
 
 @dataclass(slots=True)
 class Remote:
-    """Another participant. readers: of responses, by GUID, with their topic; requesters: writers of requests, by GUID;
-    acked: by writer of ours.
-    """
+    """Another participant."""
 
     prefix: bytes
     meta: list[tuple[str, int]]
@@ -105,20 +105,26 @@ class Remote:
     heard_s: float
     lease_s: float
     readers: dict[bytes, str] = field(default_factory=dict)
+    """Readers of responses, by GUID, with their topic."""
     requesters: dict[bytes, RtpsService] = field(default_factory=dict)
+    """Writers of requests, by GUID."""
     received: dict[bytes, Received] = field(default_factory=dict)
     acked: dict[bytes, int] = field(default_factory=dict)
+    """Acknowledged samples, by local writer."""
 
 
 @dataclass(slots=True)
 class RtpsService:
-    """reader: of requests, writer: of responses, which are kept for readers that have not got them."""
+    """A local service."""
 
     name: str
     type: str
     reader: bytes
+    """Reader of requests."""
     writer: bytes
+    """Writer of responses."""
     responses: dict[int, tuple[bytes, tuple[tuple[int, bytes], ...]]] = field(default_factory=dict)
+    """Responses kept for readers that have not received them."""
     last: int = 0
 
     @property
@@ -132,25 +138,27 @@ class RtpsService:
 
 @dataclass(frozen=True, slots=True)
 class ServiceRequest:
-    """A request as it came: CDR, and to whom its response goes. writer: GUID of the client's writer."""
+    """A received request, with the destination of its response."""
 
     service: RtpsService
     cdr: bytes
+    """CDR of the request."""
     writer: bytes
+    """GUID of the client's writer."""
     identity: bytes
     before: bytes
 
     def response(self, cdr: bytes) -> bytes:
-        """What goes back, for CDR of the response."""
+        """Return the payload of the response for its CDR."""
         return cdr[:HEADER_BYTES] + self.before + cdr[HEADER_BYTES:]
 
 
 class RtpsServices:
-    """Serves in a domain, in a thread of its own; `come` is called there with each request, for `respond` later.
+    """Serves in a domain, in a separate thread, which calls `come` with each request; call `respond` later.
 
-    local: on this machine alone. refused: submessages that could not be understood, or are beyond what is taken.
+    local: only on this machine. refused: number of submessages that were invalid or exceeded a limit.
 
-    Raises OSError where the network cannot be had.
+    Raises OSError if the network is not available.
     """
 
     def __init__(self, domain: int, come: Callable[[ServiceRequest], object], local: bool = False) -> None:
@@ -175,7 +183,7 @@ class RtpsServices:
         self._thread.start()
 
     def serve(self, name: str, type_name: str) -> RtpsService:
-        """A service from now on; type_name as `std_srvs/srv/Trigger`."""
+        """Offer a service from now on; type_name such as `std_srvs/srv/Trigger`."""
         key = next(self._keys).to_bytes(3, "big")
         service = RtpsService(name, type_name, key + rtps.READER_KIND, key + rtps.WRITER_KIND)
         package, kind, last = type_name.split("/")
@@ -189,7 +197,7 @@ class RtpsServices:
         return service
 
     def respond(self, request: ServiceRequest, cdr: bytes) -> None:
-        """Send the response to all who read responses of this service: each takes its own."""
+        """Send the response to all readers of this service's responses: each selects its responses."""
         service = request.service
         related = tuple((pid, request.identity) for pid in (rtps.PID_RELATED, rtps.PID_RELATED_EPROSIMA))
         with self._lock:
@@ -201,13 +209,13 @@ class RtpsServices:
                     self._send_responses(remote, service, [service.last])
 
     def gids(self) -> tuple[list[bytes], list[bytes]]:
-        """GUIDs of all readers and of all writers."""
+        """Return the GUIDs of all readers and of all writers."""
         with self._lock:
             services = list(self._services)
         return [self._prefix + one.reader for one in services], [self._prefix + one.writer for one in services]
 
     def close(self) -> None:
-        """A second call does nothing."""
+        """Close the sockets. A second call does nothing."""
         self._over.set()
         self._thread.join()
         self._unicast.close()
@@ -216,7 +224,7 @@ class RtpsServices:
     # Sockets
 
     def _bind_unicast(self) -> tuple[socket.socket, int]:
-        """At the first port of a participant that is free."""
+        """Bind the first free port of a participant."""
         for number in PARTICIPANTS:
             port = 7410 + 250 * self._domain + 2 * number
             if port > 65535:
@@ -233,7 +241,7 @@ class RtpsServices:
         raise OSError(f"domain {self._domain}: no port of a participant is free")
 
     def _join(self) -> socket.socket:
-        """For packets to the group. On this machine alone, packets that come any other way do not get in."""
+        """Open a socket for packets to the group. With `local`, packets from other interfaces are excluded."""
         end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         end.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         port = 7400 + 250 * self._domain
@@ -244,7 +252,7 @@ class RtpsServices:
         else:
             end.bind((GROUP, port))
         if sys.platform == "linux":
-            end.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)  # not what other sockets have joined
+            end.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)  # without groups that other sockets have joined
         for address in dict.fromkeys((self._address, LOOPBACK)):
             membership = socket.inet_aton(GROUP) + socket.inet_aton(address)
             try:
@@ -284,7 +292,7 @@ class RtpsServices:
         for address in to:
             try:
                 self._unicast.sendto(message, address)
-            except OSError:  # it is asked for again
+            except OSError:  # the peer will request it again
                 continue
 
     # Discovery
@@ -303,7 +311,7 @@ class RtpsServices:
                 self._beat(remote)
 
     def _announce(self) -> None:
-        """To the group, and to each known participant, which need not hear the group: its lease runs out otherwise."""
+        """Announce to the group, and to each known participant, which may not receive the group."""
         base = 7400 + 250 * self._domain
         self._send([(GROUP, base)], [self._announcement()])
         to = dict.fromkeys(place for remote in self._remotes.values() for place in remote.meta)
@@ -352,7 +360,7 @@ class RtpsServices:
             self._send(remote.meta, [*parts[start : start + MOST_IN_PACKET], beat], remote.prefix)
 
     def _beat(self, remote: Remote) -> None:
-        """Say what there is to those who have not confirmed it."""
+        """Send heartbeats to participants without a confirmation."""
         for writer, reader in _SEDP:
             last = len(self._descriptions[writer])
             if remote.acked.get(writer, 0) < last:
@@ -373,7 +381,7 @@ class RtpsServices:
         parts.append(rtps.heartbeat(rtps.NO_ENTITY, service.writer, first, service.last, next(self._counts)))
         self._send(remote.user or remote.meta, parts, remote.prefix)
 
-    # What comes
+    # Received submessages
 
     def _take_in(self, prefix: bytes, vendor: bytes, part: Submessage) -> None:
         if part.writer == rtps.SPDP_WRITER:
@@ -429,7 +437,7 @@ class RtpsServices:
                     self._send_responses(remote, service, list(part.numbers))
 
     def _service_of(self, remote: Remote, part: Submessage) -> RtpsService | None:
-        """Whose requests the writer of `part` writes."""
+        """Return the service that receives the requests of the writer of `part`."""
         known = remote.requesters.get(remote.prefix + part.writer)
         return known or next((one for one in self._services if one.reader == part.reader), None)
 
@@ -441,7 +449,7 @@ class RtpsServices:
         to: list[tuple[str, int]],
         sample: Callable[[Remote, Submessage], object],
     ) -> None:
-        """Each sample once; what is missing is asked for."""
+        """Process each sample once, and request missing samples."""
         _check_room(remote.received, part.writer)
         received = remote.received.setdefault(part.writer, Received())
         if part.kind == rtps.DATA:
@@ -459,7 +467,7 @@ class RtpsServices:
                 self._send(to, [answer], remote.prefix)
 
     def _on_endpoint(self, remote: Remote, part: Submessage) -> None:
-        """A reader of responses or a writer of requests of somebody, or its end."""
+        """Process a new or removed reader of responses or writer of requests."""
         order, values = rtps.number_order(part.payload), rtps.read_parameters(part.payload)
         guid = values.get(rtps.PID_ENDPOINT_GUID, [part.inline.get(rtps.PID_KEY, b"")])[0][:16]
         if part.inline.get(rtps.PID_STATUS, b"\0")[-1] & 3:
@@ -477,7 +485,7 @@ class RtpsServices:
 
 
 def _check_room(table: Mapping[bytes, object], key: bytes) -> None:
-    """Raises ValueError where a participant has more than it may."""
+    """Raises ValueError if a participant exceeds a limit."""
     if key not in table and len(table) >= MOST_ENDPOINTS:
         raise ValueError(f"more than {MOST_ENDPOINTS} endpoints of a participant")
 
@@ -495,7 +503,7 @@ def _request(service: RtpsService, remote: Remote, vendor: bytes, part: Submessa
 
 
 def own_address() -> str:
-    """The address by which others in the network reach this machine; that of the loopback without a network."""
+    """Return the address by which others in the network reach this machine; the loopback's without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
         try:
             end.connect((GROUP, 7400))

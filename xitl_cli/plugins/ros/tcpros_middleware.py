@@ -1,4 +1,4 @@
-"""A node of ROS 1: see Middleware."""
+"""A ROS 1 node: see Middleware."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ from xitl_cli.plugins.ros.tcpros.wire import (
 from xitl_cli.profile.schema.ros import RosSpec
 
 MOST_CONNECTIONS, MOST_OF_HOST = 256, 64
-"""At once, of all hosts and of one. At the limit the connection that has been idle for longest is closed."""
+"""Largest number of connections, of all hosts and of one. At the limit, the longest idle connection is closed."""
 IDLE_S = 300.0
-"""After which an idle persistent call of a service is closed."""
+"""Timeout of an idle persistent service call."""
 ANSWER_S = 15.0
 ACCEPT_AGAIN_S = 0.1
 DESCRIPTION = "robot_description"
 
 
 def ros1_name(type_name: str) -> str:
-    """`sensor_msgs/Imu` of `sensor_msgs/msg/Imu`."""
+    """Return `sensor_msgs/Imu` for `sensor_msgs/msg/Imu`."""
     return type_name.replace("/msg/", "/").replace("/srv/", "/")
 
 
 def ros1_type(type_name: str) -> Ros1Type:
-    """Of a type as ROS 2 names it."""
+    """Return a type by its ROS 2 name."""
     definition, md5 = ros1_definition(type_name)
     return Ros1Type(ros1_name(type_name), md5, definition)
 
 
 class PeerConnection:
-    """A connection to our port. idle_since_s: since when the peer has sent nothing; None while it waits for us."""
+    """A connection to the node's port. idle_since_s: start of the peer's silence; None while it waits for an answer."""
 
     def __init__(self, end: socket.socket, host: str, port: int) -> None:
         self.end, self.host = end, host
@@ -67,7 +67,7 @@ class PeerConnection:
 
 
 class ServiceCall:
-    """One request that waits for its answer."""
+    """A request that waits for its answer."""
 
     def __init__(self, request: bytes) -> None:
         self.request = request
@@ -78,7 +78,7 @@ class ServiceCall:
 
 
 class OfferedService:
-    """type_name: `std_srvs/srv/Trigger`. answer: takes and gives CDR."""
+    """A service. type_name: `std_srvs/srv/Trigger`. answer: takes and returns CDR."""
 
     def __init__(self, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         self.type_name = type_name
@@ -88,7 +88,7 @@ class OfferedService:
 
 
 class TcprosMiddleware:
-    """Publishers give out in threads of their own; messages and requests wait for `spin`."""
+    """Middleware by TCPROS. Publishers send in separate threads; messages and requests wait for `spin`."""
 
     def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
         uri = master_uri(spec.master or "ros1://")
@@ -116,7 +116,7 @@ class TcprosMiddleware:
 
     @property
     def node(self) -> str:
-        """Its name at the master."""
+        """Name of the node at the master."""
         return self._registrar.node
 
     def losses(self) -> MiddlewareLosses:
@@ -124,7 +124,7 @@ class TcprosMiddleware:
         return MiddlewareLosses(dict(self._notes.dropped), dict(self._notes.refused))
 
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
-        """See Middleware. What is published on robot_description is a parameter of the same name as well."""
+        """See Middleware. Data published on robot_description is also set as a parameter of the same name."""
         latching = qos.durability == "transient_local"
         kind = ros1_type(type_name)
         publisher = self._publishers[topic] = TopicPublisher(topic, kind, latching, qos.depth, self._notes)
@@ -140,7 +140,7 @@ class TcprosMiddleware:
         return publish
 
     def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
-        """See Middleware. Of messages that wait more than `qos.depth` the oldest are dropped, and counted."""
+        """See Middleware. If more than `qos.depth` messages wait, the oldest are dropped and counted."""
         waiting: deque[bytes] = deque()
 
         def handle() -> None:
@@ -193,7 +193,7 @@ class TcprosMiddleware:
         self._slave.stop()
         self._stop_talking()
 
-    # What the Slave API asks: see SlaveNode
+    # Requests of the Slave API: see SlaveNode
 
     def publications(self) -> list[tuple[str, str]]:
         return [(each.topic, each.kind.name) for each in tuple(self._publishers.values())]
@@ -219,7 +219,7 @@ class TcprosMiddleware:
         self._closed = True
         self._registrar.stop(leave=False)
         self._stop_talking()
-        threading.Thread(target=self._slave.stop, daemon=True).start()  # not from a thread of its own
+        threading.Thread(target=self._slave.stop, daemon=True).start()  # not from the server's thread
 
     def _stop_talking(self) -> None:
         shut(self._listener)
@@ -230,13 +230,13 @@ class TcprosMiddleware:
         for connection in tuple(self._connections):
             connection.close()
 
-    # Connections of others, for topics and services
+    # Connections of peers, for topics and services
 
     def _accept(self) -> None:
         while not self._closed:
             try:
                 connection, place = self._listener.accept()
-            except OSError:  # also of one that was gone again, or of too many open files
+            except OSError:  # also for a connection that has already ended, or for too many open files
                 if not self._closed:
                     time.sleep(ACCEPT_AGAIN_S)
                 continue
@@ -248,7 +248,7 @@ class TcprosMiddleware:
             threading.Thread(target=self._greet, args=(peer,), name="tcpros peer", daemon=True).start()
 
     def _has_room(self, host: str) -> bool:
-        """Whether a connection of the host may be added; closes the one that is idle for longest to make room."""
+        """Return True if a connection of the host may be added; close the longest idle one to make room."""
         of_host = [peer for peer in tuple(self._connections) if peer.host == host]
         limits = ((of_host, MOST_OF_HOST, f" of {host}"), (list(self._connections), MOST_CONNECTIONS, ""))
         for peers, most, whose in limits:
@@ -266,7 +266,7 @@ class TcprosMiddleware:
         return True
 
     def _greet(self, peer: PeerConnection) -> None:
-        """Find out what the peer wants."""
+        """Read the request of the peer."""
         asked: Header = {}
         try:
             peer.end.settimeout(HEADER_S)
@@ -276,7 +276,7 @@ class TcprosMiddleware:
                 self._serve(peer, asked)
             elif (topic := asked.get("topic", "")) in self._publishers:
                 self._publishers[topic].accept(peer.end, asked, self.node)
-                self._connections.discard(peer)  # the publisher's from here on
+                self._connections.discard(peer)  # it now belongs to the publisher
                 return
             else:
                 raise TcprosError(f"it asked for the topic {topic!r}, which is not published here")
@@ -292,7 +292,7 @@ class TcprosMiddleware:
         peer.close()
 
     def _serve(self, peer: PeerConnection, asked: Header) -> None:
-        """Answer requests until the peer closes or is idle for too long, or one where it does not ask for more."""
+        """Answer requests until the peer closes or is idle for too long; answer one if the peer requests no more."""
         service = self._services.get(asked["service"])
         if service is None:
             raise TcprosError(f"it asked for the service {asked['service']!r}, which is not offered here")
@@ -323,7 +323,7 @@ class TcprosMiddleware:
                 return
 
     def _next_request(self, peer: PeerConnection, service: str) -> bytes | None:
-        """None where the peer has closed, or has asked for nothing for too long."""
+        """Return None if the peer has closed, or has sent no request for too long."""
         peer.idle_since_s = time.monotonic()
         try:
             return receive_block(peer.end, MOST_MESSAGE)
@@ -334,7 +334,7 @@ class TcprosMiddleware:
             peer.idle_since_s = None
 
     def _response(self, service: OfferedService, request: bytes) -> bytes:
-        """On the wire."""
+        """Return the response on the wire."""
         waiting = ServiceCall(request)
         with self._arrived:
             self._inbox.append(partial(self._answer, service, waiting))
@@ -345,7 +345,7 @@ class TcprosMiddleware:
         return bytes([good]) + block(waiting.error.encode() if response is None else response)
 
     def _answer(self, service: OfferedService, waiting: ServiceCall) -> None:
-        if waiting.given_up:  # the peer was told so
+        if waiting.given_up:  # the peer has already received an error
             return
         try:
             request = from_ros1(waiting.request, f"{service.type_name}_Request")

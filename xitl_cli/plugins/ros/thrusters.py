@@ -1,4 +1,4 @@
-"""Thrusters, gears and rudders of a vessel as ROS has them: names, links, joints and states."""
+"""Thrusters, gears and rudders of a vessel for ROS: names, links, joints and states."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from xitl_cli.replay.thruster_topics import thruster_names
 
 @dataclass(frozen=True, slots=True)
 class ThrusterLink:
-    """A propeller or a rudder. speed, angle: where its share of full is in the rotor's state, None where it has none.
-
-    limit_rad: of the angle; 0 where it does not turn. frame: its link, as it is at angle zero.
-    """
+    """A propeller or a rudder."""
 
     name: str
     frame: FixedFrame
+    """Link at angle zero."""
     propeller: Propeller | None
     speed: int | None
+    """Index of its share of full speed in the rotor's state, None without one."""
     angle: int | None
+    """Index of its share of full angle in the rotor's state, None without one."""
     limit_rad: float
+    """Limit of the angle; 0 if it does not turn."""
 
     @property
     def joint(self) -> str:
-        """Of the robot description."""
+        """Name of its joint in the robot description."""
         return f"{self.name}_joint"
 
     def turned(self, angle_rad: float) -> FixedFrame:
-        """Its link at an angle, counter-clockwise seen from above."""
+        """Return its link at an angle, counter-clockwise seen from above."""
         x, y, z, w = self.frame.turn
         cosine, sine = math.cos(0.5 * angle_rad), math.sin(0.5 * angle_rad)
         turn = (x * cosine + y * sine, y * cosine - x * sine, z * cosine + w * sine, w * cosine - z * sine)
@@ -41,20 +42,23 @@ class ThrusterLink:
 
 @dataclass(frozen=True, slots=True)
 class ThrusterState:
-    """angle_rad: counter-clockwise seen from above. speed_radps: of the shaft, NaN unknown. thrust_n: as at rest."""
+    """State of a thruster."""
 
     angle_rad: float
+    """Counter-clockwise seen from above."""
     speed_radps: float
+    """Speed of the shaft, NaN if unknown."""
     thrust_n: float
+    """Thrust at rest."""
 
 
 def thrusters_of(vehicle: VesselSpec) -> tuple[ThrusterLink, ...]:
-    """Propellers in their order, then rudders."""
+    """Return propellers in their order, then rudders."""
     return (*_propellers(vehicle), *_rudders(vehicle))
 
 
 def state_of(thruster: ThrusterLink, rotor: Sequence[float], water_density_kgpm3: float) -> ThrusterState:
-    """From the rotor's state: speed of each propeller, then angle of each gear and rudder, share of full."""
+    """Return the state. rotor: speed of each propeller, then angle of each gear and rudder, as shares of full."""
     angle_rad = 0.0 if thruster.angle is None else rotor[thruster.angle] * thruster.limit_rad
     if thruster.propeller is None or thruster.speed is None:
         return ThrusterState(angle_rad, math.nan, math.nan)
@@ -66,7 +70,7 @@ def state_of(thruster: ThrusterLink, rotor: Sequence[float], water_density_kgpm3
 
 
 def _propellers(vehicle: VesselSpec) -> Iterator[ThrusterLink]:
-    """A gear's angle turns the thrust to port for the bow to go to starboard, which is counter-clockwise."""
+    """Yield propellers. A gear turns the thrust to port, counter-clockwise, for the bow to go to starboard."""
     angles = iter(range(len(vehicle.propellers), vehicle.commands))
     for number, (name, propeller) in enumerate(zip(thruster_names(vehicle), vehicle.propellers, strict=True)):
         turn = flu_turn(0.0, 0.0, math.radians(propeller.angle_deg))

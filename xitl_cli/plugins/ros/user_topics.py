@@ -1,6 +1,6 @@
-"""`ros.topics` of a profile: topics that are called otherwise, and topics of the user's own from what is recorded.
+"""`ros.topics` of a profile: renamed topics, and user topics made of recorded data.
 
-A topic of the user's own has `of`, a topic of the recording, and is a field of it, or all of it.
+A user topic has `of`, a topic of the recording. It is a field of this topic, or all of it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TYPES: dict[str, type] = {
     "std_msgs/msg/String": str,
     "std_msgs/msg/Float64MultiArray": list,
 }
-"""What one field can become: its only field is `data`."""
+"""Types of single-field topics: the only field is `data`."""
 _NAME = re.compile(r"/?[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
 LINK_NAME = re.compile(r"/link/[a-z]+/(tx|rx)")
 _STEP = re.compile(r"([A-Za-z]\w*)((?:\[\d+\])*)", re.ASCII)
@@ -35,18 +35,19 @@ _MAVLINK = {kind.msgname: number for number, kind in dialect.mavlink_map.items()
 
 @dataclass(frozen=True, slots=True)
 class UserTopic:
-    """A topic of the user's own. of: the recorded topic; message: number of the MAVLink message in its frames, None of
-    ours; read: the value in a message, None where the message goes out as it is recorded.
-    """
+    """A user topic."""
 
     topic: RosTopic
     of: str
+    """The recorded topic."""
     message: int | None
+    """Number of the MAVLink message in its frames, None for a message of xitl."""
     read: Callable[[Any], Any] | None
+    """Returns the value in a message, None if the message is published as recorded."""
 
 
 def named_topics(spec: RosSpec) -> dict[str, RosTopic]:
-    """Topics of OUTPUTS by their names, each called as the profile wants. Raises UserError for one that is none."""
+    """Return the topics of OUTPUTS by their names, renamed as in the profile. Raises UserError for an unknown topic."""
     named = dict(OUTPUTS)
     for name, asked in spec.topics.items():
         if asked.of is not None:
@@ -67,14 +68,14 @@ def named_topics(spec: RosSpec) -> dict[str, RosTopic]:
 
 
 def user_topics(spec: RosSpec) -> Iterator[UserTopic]:
-    """Topics of the user's own. Raises UserError for what cannot be had."""
+    """Yield the user topics. Raises UserError for an invalid topic."""
     for name, asked in spec.topics.items():
         if asked.of is not None:
             yield _user_topic(name, asked)
 
 
 def check_topics(spec: RosSpec) -> None:
-    """Raises UserError for what `ros.topics` asks for and cannot be had, also for two of one name."""
+    """Raises UserError for invalid entries of `ros.topics`, and for two topics with one name."""
     topics = [*named_topics(spec).values(), *(user.topic for user in user_topics(spec))]
     seen: set[str] = set()
     for topic in topics:
@@ -120,7 +121,7 @@ def _user_topic(name: str, asked: RosTopicSpec) -> UserTopic:
 
 
 def _field(path: str, asked: RosTopicSpec, fields: list[str]) -> tuple[str, Callable[[Any], Any]]:
-    """Type and reader of a field. Raises UserError."""
+    """Return type and reader of a field. Raises UserError."""
     if asked.field is None:
         raise UserError(f"{path}: names no field; use field: {', '.join(fields)}")
     type_name = asked.type or "std_msgs/msg/Float64"
@@ -143,7 +144,7 @@ def _field(path: str, asked: RosTopicSpec, fields: list[str]) -> tuple[str, Call
 
 
 def _pattern(name: str) -> str | None:
-    """The name in OUTPUTS: that of one of several too, `range/rangefinder_0`."""
+    """Return the name in OUTPUTS, also for one of several: `range/rangefinder_0`."""
     if name in OUTPUTS:
         return name
     for known in OUTPUTS:

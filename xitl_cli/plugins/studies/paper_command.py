@@ -1,4 +1,4 @@
-"""`xitl paper`: the paper's experiments, its values beside ours."""
+"""`xitl paper`: the paper's experiments, with the paper's values and xitl's."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def _setup(
 
 
 def _carry_out(sections: Sequence[str], setup: ExperimentSetup, page: bool, as_json: bool) -> None:
-    """One after the other, each shown and written when it is done."""
+    """Carry out the sections one after the other. Each is shown and written when it is done."""
     from xitl_cli.experiment.setup import InterruptedRunError
     from xitl_cli.plugins.studies.experiments.catalogue import carry_out
     from xitl_cli.plugins.studies.experiments.figures import check_figures_installed
@@ -215,7 +215,7 @@ def _page(done: Sequence[ExperimentReport], directory: Path) -> Path:
 
 
 def _keep(console: Console, found: ExperimentReport, directory: Path, as_json: bool) -> None:
-    """Its table, its files and where they are."""
+    """Write its table and its files, and print their paths."""
     from xitl_cli.experiment.setup import write_file
     from xitl_cli.extras import FIGURES
     from xitl_cli.plugins.studies.experiments.figures import write_figures

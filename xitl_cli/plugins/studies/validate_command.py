@@ -1,4 +1,4 @@
-"""`xitl validate`: standard manoeuvres of vessels beside published figures and closed forms."""
+"""`xitl validate`: standard manoeuvres of vessels compared with published figures and closed forms."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def validate(
 
 
 def _validated(profiles: Sequence[Profile], told: Callable[[str], None]) -> list[VesselValidation]:
-    """Several at once, as many as the machine has processors. Raises UserError for a vessel that does not float."""
+    """Validate several vessels in parallel, one per processor. Raises UserError for a vessel that does not float."""
     if len(profiles) == 1 or (processors := os.cpu_count() or 1) == 1:
         return [_one(profile, told) for profile in profiles]
     from concurrent.futures import ProcessPoolExecutor, as_completed

@@ -1,4 +1,4 @@
-"""`xitl vehicle check`: what a vessel does, from its file alone, and what looks wrong."""
+"""`xitl vehicle check`: behaviour of a vessel from its file, and suspicious values."""
 
 from __future__ import annotations
 

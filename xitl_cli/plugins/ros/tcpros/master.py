@@ -1,4 +1,4 @@
-"""The master by XML-RPC, and what it is to know of a node: again whenever it comes back."""
+"""The ROS 1 master by XML-RPC, and the registrations of a node, which are renewed after a restart of the master."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ SIM_TIME = "/use_sim_time"
 
 
 class MasterAwayError(Exception):
-    """It does not answer; the message says why."""
+    """The master does not answer; the message is the reason."""
 
 
 class MasterRefusedError(Exception):
-    """It answers and does not do what was asked; the message is its own."""
+    """The master answers and refuses a request; the message is the master's."""
 
 
 class _PatientTransport(Transport):
@@ -36,7 +36,7 @@ class _PatientTransport(Transport):
 
 
 def call(uri: str, method: str, *arguments: Any) -> Any:
-    """The value that a master or a node gives. Raises MasterAwayError, MasterRefusedError."""
+    """Return the value from a master or a node. Raises MasterAwayError, MasterRefusedError."""
     try:
         with ServerProxy(uri, transport=_PatientTransport(), allow_none=True) as proxy:
             answer: Any = getattr(proxy, method)(*arguments)
@@ -53,12 +53,12 @@ def call(uri: str, method: str, *arguments: Any) -> Any:
 
 
 def nonsense(method: str) -> MasterRefusedError:
-    """Of a method that was answered otherwise than ROS has it."""
+    """Return the error for a method with an answer that violates the ROS API."""
     return MasterRefusedError(f"{method} was answered with what is no answer of ROS")
 
 
 def master_uri(master: str) -> str:
-    """Of a profile's `ros1://HOST:PORT`; of `ros1://` that of the environment."""
+    """Return the URI for a profile's `ros1://HOST:PORT`; for `ros1://` that of the environment."""
     place = master.removeprefix("ros1://").strip("/")
     if not place:
         return os.environ.get(URI_VARIABLE) or USUAL_URI
@@ -66,33 +66,33 @@ def master_uri(master: str) -> str:
 
 
 def own_host(uri: str) -> str:
-    """The name by which other nodes reach this machine, as ROS 1 chooses it."""
+    """Return the name by which other nodes reach this machine, with ROS 1's rules."""
     given = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
     if given:
         return given
     place = urlsplit(uri)
     try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # nothing is sent
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # sends no packet
             probe.connect((place.hostname or "localhost", place.port or 11311))
             return str(probe.getsockname()[0])
-    except (OSError, ValueError):  # ValueError: of a port that is none
+    except (OSError, ValueError):  # ValueError: for an invalid port
         return "127.0.0.1"
 
 
 class Subscription(Protocol):
-    """What is told of the publishers of a topic, by their URIs."""
+    """Receives the publishers of a topic, by their URIs."""
 
     def registering(self) -> None:
-        """Before the master is asked."""
+        """Called before the request to the master."""
 
     def registered(self, uris: list[str]) -> None:
-        """What it answered."""
+        """Called with the master's answer."""
 
 
 class Registrar:
-    """Has the master know the node's publishers, subscribers, services and parameters, from a thread of its own.
+    """Registers the node's publishers, subscribers, services and parameters with the master, in a separate thread.
 
-    node: its name, which becomes another where that of a running node is the same.
+    node: its name, which changes if a running node has the same name.
     """
 
     def __init__(self, uri: str, node: str, notes: NodeNotes) -> None:
@@ -110,7 +110,7 @@ class Registrar:
         self._thread = threading.Thread(target=self._keep, name="ros master", daemon=True)
 
     def start(self, node_uri: str) -> None:
-        """node_uri: where the node's own XML-RPC is."""
+        """Start with node_uri, the URI of the node's XML-RPC server."""
         self.node_uri = node_uri
         self._thread.start()
 
@@ -118,15 +118,15 @@ class Registrar:
         self._want(("registerPublisher", topic, type_name), None)
 
     def add_subscriber(self, topic: str, type_name: str, subscription: Subscription) -> None:
-        """subscription: is told which publishers there are."""
+        """Add a subscriber; subscription receives the publishers."""
         self._want(("registerSubscriber", topic, type_name), subscription)
 
     def add_service(self, service: str, place: str) -> None:
-        """place: rosrpc://HOST:PORT."""
+        """Add a service; place: rosrpc://HOST:PORT."""
         self._want(("registerService", service, place), None)
 
     def set_parameter(self, name: str, value: Any) -> None:
-        """Also anew, with another value. It is taken away at the end."""
+        """Set a parameter, or change its value. It is deleted at the end."""
         with self._lock:
             self._wanted[("setParam", name)] = value, None
             self._known.discard(("setParam", name))
@@ -134,11 +134,11 @@ class Registrar:
 
     @property
     def reached(self) -> bool:
-        """Whether the master answered when it was last asked."""
+        """Return True if the master answered the last request."""
         return self._master_id is not None
 
     def stop(self, leave: bool = True) -> None:
-        """leave: have the master forget the node."""
+        """Stop; leave: unregister the node from the master."""
         self._over.set()
         self._change.set()
         if self._thread.is_alive() and threading.current_thread() is not self._thread:
@@ -179,10 +179,10 @@ class Registrar:
             self._change.wait(LOOK_S)
 
     def _look(self) -> None:
-        """Tell the master what it does not know yet."""
+        """Send missing registrations to the master."""
         try:
             master_id = self._ask("getPid")
-        except MasterRefusedError as error:  # a page of somebody else
+        except MasterRefusedError as error:  # a page of another server
             raise MasterAwayError(str(error)) from error
         if not self._named:
             self._choose_name()
@@ -205,7 +205,7 @@ class Registrar:
         method, name, *rest = key
         if method == "setParam":
             if name == SIM_TIME and self._ask("hasParam", name) and self._ask("getParam", name) is True:
-                return  # somebody else's: it stays at the end
+                return  # another node's service: it remains registered at the end
             self._known.add(key)
             self._ask(method, name, value)
             return
@@ -221,13 +221,13 @@ class Registrar:
             subscription.registered(found)
 
     def _look_for_others(self, topic: str) -> None:
-        """Tell of other nodes that publish the same."""
+        """Warn of other publishers of the same topic."""
         try:
             publishers, _, _ = self._ask("getSystemState")
             others = sorted({str(node) for name, nodes in publishers if name == topic for node in nodes} - {self.node})
         except (TypeError, ValueError) as error:
             raise nonsense("getSystemState") from error
-        shared = topic in ("/tf", "/tf_static")  # for all who know a frame
+        shared = topic in ("/tf", "/tf_static")  # shared by all nodes that publish frames
         if others and not shared:
             self._notes.tell(
                 f"{topic} is published by {', '.join(others)} as well; give one of the two a namespace (ros.namespace)",
@@ -239,7 +239,7 @@ class Registrar:
             there = str(self._ask("lookupNode", self.node))
             call(there, "getPid", self.node)
         except (MasterRefusedError, MasterAwayError):
-            there = ""  # nobody of this name, or one that is gone
+            there = ""  # no node has this name, or it has ended
         if there:
             taken, self.node = self.node, f"{self.node}_{os.getpid()}"
             self._notes.tell(f"a node {taken} is at the ROS master already; this one is {self.node}")

@@ -1,4 +1,4 @@
-"""What a node has to tell: sentences, each once, and counts by topic."""
+"""Reports of a node: sentences, each once, and counts by topic."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import threading
 from collections import Counter
 
 MOST_SAID = 400
-"""Characters: what peers call themselves and ask for may be of any length."""
+"""Limit in characters, because names and requests of peers may have any length."""
 
 
 class NodeNotes:
-    """dropped: messages that did not fit, for readers or from writers that are faster. refused: messages and peers."""
+    """dropped: messages that did not fit, of slow readers or fast writers. refused: messages and peers."""
 
     def __init__(self) -> None:
         self.dropped: Counter[str] = Counter()
@@ -20,7 +20,7 @@ class NodeNotes:
         self._lock = threading.Lock()
 
     def tell(self, sentence: str, again: str = "") -> None:
-        """Once, until `forget(again)`."""
+        """Report a sentence once, until `forget(again)`."""
         key = again or sentence
         with self._lock:
             if key not in self._told:
@@ -32,7 +32,7 @@ class NodeNotes:
             self._told.discard(again)
 
     def refuse(self, topic: str, sentence: str) -> None:
-        """Tell once, and count: who sees the count can read why."""
+        """Report a refusal once, and count it: the report explains the count."""
         self.tell(sentence, f"refused {topic}")
         with self._lock:
             self.refused[topic] += 1
@@ -42,7 +42,7 @@ class NodeNotes:
             self.dropped[topic] += 1
 
     def sentences(self) -> list[str]:
-        """New since the last call."""
+        """Return new sentences since the last call."""
         with self._lock:
             found, self._sentences = self._sentences, []
         return found

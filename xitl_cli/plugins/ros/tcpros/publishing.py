@@ -1,4 +1,4 @@
-"""A topic that is given out: its subscribers, each with a queue and a thread of its own."""
+"""A published topic: each subscriber has a queue and a thread."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ANY = "*"
 
 
 class SubscriberLink:
-    """One subscriber. A slow one loses the oldest messages, and holds nobody else up."""
+    """One subscriber. A slow subscriber loses the oldest messages, and does not delay others."""
 
     def __init__(self, connection: socket.socket, peer: str, depth: int, drop: Callable[[], None]) -> None:
         self.peer = peer
@@ -61,7 +61,7 @@ class SubscriberLink:
                     self._connection.sendall(data)
                 elif self._is_gone():
                     break
-        except (OSError, ValueError):  # ValueError: of a socket that was closed meanwhile
+        except (OSError, ValueError):  # ValueError: for a socket that was closed meanwhile
             pass
         finally:
             self.close()
@@ -69,11 +69,11 @@ class SubscriberLink:
     def _is_gone(self) -> bool:
         if not select.select([self._connection], [], [], 0.0)[0]:
             return False
-        return not self._connection.recv(1 << 10)  # a subscriber has nothing to say: what it says is passed over
+        return not self._connection.recv(1 << 10)  # a subscriber sends no data; received data is ignored
 
 
 class TopicPublisher:
-    """latching: who comes later is given the last message."""
+    """Publisher of a topic. latching: new subscribers get the last message."""
 
     def __init__(self, topic: str, kind: Ros1Type, latching: bool, depth: int, notes: NodeNotes) -> None:
         self.topic, self.kind = topic, kind
@@ -90,11 +90,11 @@ class TopicPublisher:
 
     @property
     def wanted(self) -> bool:
-        """Whether a message is of use to anybody, now or later."""
+        """Return True if anybody needs a message, now or later."""
         return self._latching or any(not link.closed for link in self._links)
 
     def publish(self, message: bytes) -> None:
-        """A message as ROS 1 has it, from any thread."""
+        """Publish a ROS 1 message, from any thread."""
         data = block(message)
         with self._lock:
             if self._latching:
@@ -104,7 +104,7 @@ class TopicPublisher:
                     link.offer(data)
 
     def accept(self, connection: socket.socket, asked: Header, node: str) -> None:
-        """Add a subscriber by its header. Raises TcprosError of one of another type or too many, and OSError."""
+        """Add a subscriber by its header. Raises TcprosError for another type or too many subscribers, and OSError."""
         peer = asked.get("callerid", "a node without a name")
         md5, name = asked.get("md5sum", ""), asked.get("type", "")
         if md5 not in (ANY, self.kind.md5) or name not in (ANY, "", self.kind.name):

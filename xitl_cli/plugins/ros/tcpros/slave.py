@@ -1,4 +1,4 @@
-"""What the master and other nodes ask of a node by XML-RPC: the Slave API."""
+"""Requests of the master and other nodes to a node by XML-RPC: the Slave API."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from xitl_cli.plugins.ros.tcpros.wire import shut
 
 MOST_REQUEST = 1 << 20
 MOST_CONNECTIONS = 64
-"""At once, each with a thread. At the limit the oldest is closed."""
+"""Largest number of connections, each with a thread. At the limit, the oldest is closed."""
 TCPROS = "TCPROS"
 
 
 class SlaveNode(Protocol):
-    """What the server asks its node."""
+    """Requests of the server to its node."""
 
     def publications(self) -> list[tuple[str, str]]:
-        """Topic and type."""
+        """Return topic and type."""
 
     def subscriptions(self) -> list[tuple[str, str]]:
-        """Topic and type."""
+        """Return topic and type."""
 
     def connections(self) -> list[tuple[str, str, str]]:
-        """Peer, "i" or "o", topic."""
+        """Return peer, "i" or "o", topic."""
 
     def place_of(self, topic: str) -> tuple[str, int] | None:
-        """Host and port where the topic is given out; None for one that is not published."""
+        """Return host and port of the topic's server; None for a topic that is not published."""
 
     def set_publishers(self, topic: str, uris: list[str]) -> None:
-        """Who publishes what it has subscribed to."""
+        """Set the publishers of a subscribed topic."""
 
     def asked_to_stop(self, reason: str) -> None:
-        """By the master."""
+        """Called when the master requests a stop."""
 
 
 class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
-    """Answers in threads of its own. uri: where it is, for the master."""
+    """Answers in separate threads. uri: its address, for the master."""
 
     daemon_threads = True
     allow_reuse_address = True
@@ -60,7 +60,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         self.server_close()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a new thread; make room for it."""
+        """Answer in a new thread, and make room for it."""
         with self._open_lock:
             if len(self._open) >= MOST_CONNECTIONS:
                 oldest = next(iter(self._open))
@@ -70,21 +70,21 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         super().process_request(request, client_address)
 
     def shutdown_request(self, request: Any) -> None:
-        """The end of a connection."""
+        """Handle the end of a connection."""
         with self._open_lock:
             self._open.pop(request, None)
         super().shutdown_request(request)
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """A peer that went away is none of the terminal's concern."""
+        """Ignore a disconnected peer: it is not reported on the terminal."""
 
 
 class _Handler(SimpleXMLRPCRequestHandler):
-    rpc_paths = ()  # any: nodes ask at / or /RPC2
+    rpc_paths = ()  # any: nodes use / or /RPC2
     timeout = 10.0
 
     def parse_request(self) -> bool:
-        """Refuse what is longer than any request of ROS."""
+        """Refuse a request longer than any of ROS."""
         if not super().parse_request():
             return False
         length = self.headers.get("content-length", "")
@@ -95,7 +95,7 @@ class _Handler(SimpleXMLRPCRequestHandler):
 
 
 class _SlaveApi:
-    """Each method gives code, status and value; its first argument is the caller's name."""
+    """Methods of the API. Each returns code, status and value; its first argument is the caller's name."""
 
     def __init__(self, node: SlaveNode, master: str) -> None:
         self._node = node
@@ -113,7 +113,7 @@ class _SlaveApi:
         }
 
     def _dispatch(self, method: str, arguments: Sequence[Any]) -> list[Any]:
-        """By the server."""
+        """Dispatch a method; called by the server."""
         return self._methods[method](*arguments)
 
     def _bus_info(self, caller: str) -> list[Any]:

@@ -1,4 +1,4 @@
-"""A topic that is taken: a connection and a thread for each of its publishers."""
+"""A subscribed topic: each of its publishers has a connection and a thread."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ MOST_PUBLISHERS = 64
 
 
 class TopicSubscriber:
-    """taken: called with each message as ROS 1 has it, in the thread of its publisher. node: gives the node's name.
+    """Subscriber of a topic.
 
-    listed: whether a publisher may command, by the name of its node.
+    taken: called with each ROS 1 message, in the thread of its publisher. node: returns the node's name. listed:
+    returns True if a publisher may command, by the name of its node.
     """
 
     def __init__(
@@ -55,18 +56,18 @@ class TopicSubscriber:
             return [link.peer for link in self._links.values() if link.connected]
 
     def registering(self) -> None:
-        """The master is being asked: what it tells from now on may overtake its answer."""
+        """Note the request to the master: later updates may arrive before its answer."""
         with self._lock:
             self._updated = False
 
     def registered(self, uris: list[str]) -> None:
-        """The master's answer, which is older than an update that came meanwhile."""
+        """Use the master's answer, unless a later update has arrived."""
         with self._lock:
             if not self._updated:
                 self._connect(uris)
 
     def set_publishers(self, uris: list[str]) -> None:
-        """An update of the master."""
+        """Use an update of the master."""
         with self._lock:
             self._updated = True
             self._connect(uris)
@@ -75,7 +76,7 @@ class TopicSubscriber:
         self.set_publishers([])
 
     def _connect(self, uris: list[str]) -> None:
-        """To those that are new; leave those that are gone."""
+        """Connect to new publishers, and disconnect from removed ones."""
         for uri in self._links.keys() - set(uris):
             self._links.pop(uri).close()
         for uri in uris[:MOST_PUBLISHERS]:
@@ -84,7 +85,7 @@ class TopicSubscriber:
 
 
 class PublisherLink:
-    """The connection to one publisher, made anew as long as it is said to be there."""
+    """The connection to one publisher, renewed while the master lists it."""
 
     def __init__(self, subscriber: TopicSubscriber, uri: str) -> None:
         self.peer = uri
@@ -109,7 +110,7 @@ class PublisherLink:
                 self._subscriber.notes.refuse(topic, f"{topic}: the publisher {self.peer} is refused: {error}")
                 return
             except (OSError, MasterAwayError, MasterRefusedError):
-                pass  # it is about to begin or to end; the master says when it is gone
+                pass  # it is starting or ending; the master reports its end
             finally:
                 self.connected = False
                 if self._connection is not None:
@@ -117,7 +118,7 @@ class PublisherLink:
             self._over.wait(AGAIN_S)
 
     def _receive(self) -> None:
-        """Until the publisher closes."""
+        """Receive until the publisher closes."""
         own, name = self._subscriber, self._subscriber.node()
         answer = call(self._uri, "requestTopic", name, own.topic, [[TCPROS]])
         try:
@@ -125,7 +126,7 @@ class PublisherLink:
             if protocol != TCPROS or not 0 < int(port) < 65536:
                 raise ValueError(answer)
             self._connection = connection = socket.create_connection((str(host), int(port)), HEADER_S)
-        except (TypeError, ValueError) as error:  # of a host that is none too
+        except (TypeError, ValueError) as error:  # also for an invalid host
             raise TcprosError(f"it offers {str(answer)[:80]}, not {TCPROS} at a host and a port") from error
         if self._over.is_set():
             return

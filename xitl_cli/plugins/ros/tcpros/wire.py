@@ -1,4 +1,4 @@
-"""What goes over a connection of TCPROS: blocks with their length before them, the first a header of fields."""
+"""Wire format of TCPROS: blocks preceded by their length, the first a header of fields."""
 
 from __future__ import annotations
 
@@ -16,29 +16,31 @@ Header = Mapping[str, str]
 
 
 class Ros1Type(NamedTuple):
-    """name: `sensor_msgs/Imu`. definition: with all that is nested in it."""
+    """A message type of ROS 1."""
 
     name: str
+    """Name, such as `sensor_msgs/Imu`."""
     md5: str
     definition: str
+    """Text with all nested types."""
 
 
 class TcprosError(Exception):
-    """What a peer said is not TCPROS, or not what was asked for; the message is a clause."""
+    """Data of a peer is not TCPROS, or not the requested data; the message is a clause."""
 
 
 def block(data: bytes) -> bytes:
-    """With its length before it."""
+    """Return the data preceded by its length."""
     return _LENGTH.pack(len(data)) + data
 
 
 def encode_header(fields: Header) -> bytes:
-    """The whole block."""
+    """Return the whole block."""
     return block(b"".join(block(f"{name}={value}".encode()) for name, value in fields.items()))
 
 
 def parse_header(data: bytes) -> Header:
-    """Fields of a header without its length. Raises TcprosError."""
+    """Return the fields of a header without its length. Raises TcprosError."""
     fields, at = dict[str, str](), 0
     while at < len(data):
         end = at + 4 + _LENGTH.unpack_from(data, at)[0] if at + 4 <= len(data) else len(data) + 1
@@ -51,7 +53,7 @@ def parse_header(data: bytes) -> Header:
 
 
 def receive_exactly(connection: socket.socket, size: int) -> bytes | None:
-    """`size` bytes; None where the peer has closed before the first. Raises TcprosError in the midst, and OSError."""
+    """Return `size` bytes; None if the peer closed before the first. Raises TcprosError for less, and OSError."""
     parts, left = list[bytes](), size
     while left:
         part = connection.recv(min(left, 1 << 16))
@@ -65,7 +67,7 @@ def receive_exactly(connection: socket.socket, size: int) -> bytes | None:
 
 
 def receive_block(connection: socket.socket, most: int) -> bytes | None:
-    """The next block; None where the peer has closed before it. Raises TcprosError, and OSError."""
+    """Return the next block; None if the peer closed before it. Raises TcprosError, and OSError."""
     length = receive_exactly(connection, 4)
     if length is None:
         return None
@@ -81,7 +83,7 @@ def receive_block(connection: socket.socket, most: int) -> bytes | None:
 
 
 def receive_header(connection: socket.socket) -> Header:
-    """The first block of a connection. Raises TcprosError, and OSError."""
+    """Return the first block of a connection. Raises TcprosError, and OSError."""
     data = receive_block(connection, MOST_HEADER)
     if data is None:
         raise TcprosError("it closed without a header")
@@ -89,7 +91,7 @@ def receive_header(connection: socket.socket) -> Header:
 
 
 def shut(connection: socket.socket) -> None:
-    """Close, also while another thread waits on it."""
+    """Close the connection, also while another thread waits on it."""
     with contextlib.suppress(OSError):
         connection.shutdown(socket.SHUT_RDWR)
     connection.close()

@@ -1,1 +1,1 @@
-"""The experiments of the paper, each one command: it makes the runs and prints the table."""
+"""The experiments of the paper, one command each: it carries out the runs and prints the table."""

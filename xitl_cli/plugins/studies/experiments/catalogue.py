@@ -16,11 +16,13 @@ EXPERIMENTS: Mapping[str, str] = {
     "4.4": "xitl_cli.plugins.studies.experiments.section_4_4_lidar_sonar:lidar_sonar_report",
     "wdri": "xitl_cli.plugins.studies.experiments.wdri_indices:wdri_report",
 }
-"""Each a function that carries it out."""
+"""Function of each experiment."""
 
 
 def carry_out(section: str, setup: ExperimentSetup) -> ExperimentReport:
-    """Its runs, and what they say. Raises UserError where it cannot be done here, and InterruptedRunError."""
+    """Carry out the runs and return their results. Raises UserError if this is impossible here, and
+    InterruptedRunError.
+    """
     module, _, name = EXPERIMENTS[section].partition(":")
     experiment = cast(Callable[[ExperimentSetup], ExperimentReport], getattr(import_module(module), name))
     return experiment(setup)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 PAGE = "paper.html"
 DOTS_PER_INCH = 170
-# Okabe and Ito's colours, which the colour-blind tell apart.
+# Okabe and Ito's colours, which colour-blind people can distinguish.
 OURS, OTHER, PAPER, THIRD, GREY = "#0072b2", "#e69f00", "#d55e00", "#009e73", "#777777"
 STYLE: dict[Any, Any] = {
     "font.size": 8.5,
@@ -43,23 +43,23 @@ STYLE: dict[Any, Any] = {
 
 
 def check_figures_installed() -> None:
-    """Raise UserError, with what to type, where figures cannot be drawn."""
+    """Raise UserError with an installation command if figures cannot be drawn."""
     FIGURES.require("figures need")
 
 
 def mark_paper(axes: Axes, value: float, text: str) -> None:
-    """A dashed level line where the paper has its value."""
+    """Draw a dashed level line at the paper's value."""
     axes.axhline(value, color=PAPER, linestyle="--", linewidth=1.0, label=f"paper: {text}")
 
 
 def name_lines(axes: Axes, **look: Any) -> None:
-    """A legend where there is anything to name."""
+    """Add a legend if any line has a name."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(**look)
 
 
 def write_figures(report: ExperimentReport, directory: Path) -> list[Path]:
-    """NAME.png and NAME.svg of each; earlier ones are replaced. Raises UserError where they cannot be written."""
+    """Write NAME.png and NAME.svg of each figure and replace earlier ones. Raises UserError for a write failure."""
     files = []
     for figure in report.figures:
         for kind in ("png", "svg"):
@@ -69,12 +69,12 @@ def write_figures(report: ExperimentReport, directory: Path) -> list[Path]:
 
 
 def write_page(reports: Sequence[ExperimentReport], path: Path) -> None:
-    """All tables and figures in one file that needs no network."""
+    """Write all tables and figures in one file that needs no network."""
     write_file(path, "\n".join(_page(reports)).encode())
 
 
 def drawn(figure: PaperFigure, kind: str) -> bytes:
-    """Its file, `png` or `svg`; the same bytes for the same content."""
+    """Return the figure as `png` or `svg`; equal content gives equal bytes."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 

@@ -1,9 +1,9 @@
-"""Section 4.1: recorded motor outputs drive the simulated 1/3 scale vessel, beside what the recording says of itself.
+"""Section 4.1: recorded motor outputs drive the simulated 1/3 scale vessel. The result is compared with the recording.
 
-The paper's recording is of the real scale vessel, steered by hand along an arc. Until there is one (`--real`), a run
-stands in for it that differs from the simulation as a real boat would: mass, damping and thrust drawn about those of
-the model, wind and current that the replay knows nothing of, and noisy sensors, of which its autopilot logs what it
-believes.
+The paper's recording is of the real scale vessel, steered by hand along an arc. Without such a recording (`--real`), a
+run replaces it. This run differs from the simulation like a real boat. Its mass, damping and thrust are drawn about
+those of the model. It has wind and current that the replay does not have. Its sensors are noisy, and its autopilot logs
+its estimates.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from xitl_cli.replay.pulse_log import read_pulse_log
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# As the paper prints them.
+# As printed in the paper.
 IAE_X_MS, IAE_Y_MS, FARTHEST_M = 3.87, 1.4, 1.25
 
 STAND_IN, REPLAY = "stand-in", "simulated"
 ARC_S = 40.0
-_DEVIATION = 0.05  # of mass, damping and thrust: what a towing tank and a bollard test leave
+_DEVIATION = 0.05  # of mass, damping and thrust: uncertainty after towing tank and bollard tests
 _DRAWN = {
     "mass_kg": (), "damping_linear": ("surge", "sway", "yaw"), "damping_quadratic": ("surge", "sway", "yaw"),
 }  # fmt: skip
 _ALIGNED_S = 15.0
-_STICKS = (  # seconds after arming, what else, steering and throttle (µs): away straight, then an arc
+_STICKS = (  # seconds after arming, other action, steering and throttle (µs): away straight, then an arc
     (0.0, "arm: true, mode: MANUAL, ", 1500, 1500),
     (1.0, "", 1500, 1640),
     (5.0, "", 1560, 1640),
@@ -54,39 +54,47 @@ _ALIKE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class StartPose:
-    """Where the recording begins: degrees, metres above sea level, degrees from north."""
+    """Pose at the start of the recording."""
 
     latitude_deg: float
+    """In degrees."""
     longitude_deg: float
+    """In degrees."""
     altitude_m: float
+    """In metres above sea level."""
     heading_deg: float
+    """In degrees from north."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayComparison:
-    """time_s: (N,) since the start of the replay. real_m, simulated_m: (N, 2) east and north of the start.
-
-    facts: of the comparison of both logs (`xitl logs compare`), by key. real_speed, simulated_speed: m/s.
-    speed_rms_mps: of their difference. outputs: what the recording holds of them, by channel.
-    """
+    """Comparison of a recording with its replay."""
 
     time_s: Floats
+    """Time since the start of the replay, (N,)."""
     real_m: Floats
+    """Position east and north of the start, (N, 2)."""
     simulated_m: Floats
+    """Position east and north of the start, (N, 2)."""
     facts: Mapping[str, Value]
+    """Facts of the comparison of both logs (`xitl logs compare`), by key."""
     real_speed: TimeSeries | None
+    """In m/s."""
     simulated_speed: TimeSeries | None
+    """In m/s."""
     speed_rms_mps: float | None
+    """RMS of the difference in speed."""
     outputs: Mapping[int, TimeSeries]
+    """Recorded outputs, by channel."""
 
     @property
     def errors_m(self) -> Floats:
-        """(N, 2) simulated less real."""
+        """Simulated less real positions, (N, 2)."""
         return self.simulated_m - self.real_m
 
 
 def recorded_outputs_report(setup: ExperimentSetup) -> ExperimentReport:
-    """The replay of `setup.real`, or of a run that stands in for it. Raises UserError and InterruptedRunError."""
+    """Replay `setup.real`, or a run that replaces it. Raises UserError and InterruptedRunError."""
     vehicle = _vehicle(setup.vehicle)
     runs: list[str] = []
     factors: dict[str, float] = {}
@@ -115,15 +123,17 @@ def recorded_outputs_report(setup: ExperimentSetup) -> ExperimentReport:
 
 
 def drawn_factors(seed: int) -> dict[str, float]:
-    """By what each parameter of the stand-in is multiplied, by its key: 5 % about 1, drawn from the seed."""
+    """Return the factor of each parameter of the replacement run, by key: 5 % about 1, drawn from the seed."""
     rng = np.random.default_rng([seed, 41])
     keys = [f"{group}.{axis}" if axis else group for group, axes in _DRAWN.items() for axis in axes or ("",)]
     return {key: round(float(1.0 + _DEVIATION * rng.standard_normal()), 4) for key in (*keys, "port", "starboard")}
 
 
 def stand_in_profile(vehicle: str, setup: ExperimentSetup, factors: Mapping[str, float]) -> str:
-    """A person steers it along an arc, in MANUAL; its autopilot logs what it senses. Raises UserError for a vessel
-    that two propellers do not steer.
+    """Return the profile of a person who steers the vessel along an arc, in MANUAL; its autopilot logs the sensed
+    motion.
+
+    Raises UserError for a vessel that is not steered by two propellers.
     """
     vessel = load_profile(vehicle).vehicle
     if vessel is None or vessel.commands != 2 or len(vessel.propellers) != 2:
@@ -176,7 +186,9 @@ def stand_in_profile(vehicle: str, setup: ExperimentSetup, factors: Mapping[str,
 
 
 def replay_profile(vehicle: str, real: Path, start: StartPose, start_s: float, end_s: float) -> str:
-    """The recorded outputs straight to the vessel, in still water and air, from where the recording begins."""
+    """Return the profile that applies the recorded outputs directly to the vessel, in still water and air, from the
+    start pose.
+    """
     return (
         "# Section 4.1 of the paper: the outputs of a recording drive the vessel, without an autopilot.\n"
         f"extends: [{vehicle}, environments/calm]\n"
@@ -195,7 +207,7 @@ def replay_profile(vehicle: str, real: Path, start: StartPose, start_s: float, e
 
 
 def start_pose(log: Log, start_s: float) -> StartPose:
-    """Place and heading at this second of the log. Raises UserError where it does not tell them."""
+    """Return position and heading at this second of the log. Raises UserError if the log does not contain them."""
     at_ns = np.array([log.zero_ns + round(start_s * 1e9)], dtype=np.int64)
     place, yaw = signals.position_geodetic(log), signals.yaw(log)
     if place is None or yaw is None:
@@ -214,7 +226,7 @@ def start_pose(log: Log, start_s: float) -> StartPose:
 
 
 def compare_replay(real: Log, simulated: Log, start_s: float) -> ReplayComparison:
-    """Of a recording as it is logged and a replay's true motion, which begins at `start_s` of the recording."""
+    """Compare a recording with a replay's true motion, which begins at `start_s` of the recording."""
     start_ns = real.zero_ns + round(start_s * 1e9)
     assert real.span_ns is not None
     assert simulated.span_ns is not None
@@ -242,7 +254,7 @@ def compare_replay(real: Log, simulated: Log, start_s: float) -> ReplayCompariso
 
 
 def _since(found: TimeSeries | None, start_s: float) -> TimeSeries | None:
-    """With the start as its zero, without what was before."""
+    """Shift the zero to the start, and drop earlier samples."""
     if found is None or not len(after := found.since(start_s)):
         return None
     return TimeSeries(after.time_s - start_s, after.values)

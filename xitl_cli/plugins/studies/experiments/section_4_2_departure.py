@@ -1,9 +1,9 @@
-"""Section 4.2: how long an autopilot takes until it moves, in three environments.
+"""Section 4.2: time until an autopilot moves, in three environments.
 
-The vessel floats free from the start, as the paper's does: current, waves and wind move it while the estimator of the
-autopilot settles. ArduPilot with its own simulated sensors and with ours where there is an ardurover, else the embedded
-autopilot; one run each, all times are simulation time from the autopilot's start. The paper sends one GUIDED waypoint
-by hand; here the mission starts as soon as it can.
+The vessel floats freely from the start, like the paper's: current, waves and wind move it while the estimator of the
+autopilot settles. If an ardurover is available, ArduPilot runs with its simulated sensors and with xitl's. Otherwise,
+the embedded autopilot runs. There is one run each. All times are simulation time from the autopilot's start. In the
+paper, an operator sends one GUIDED waypoint. Here the mission starts as soon as possible.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ EVENTS = {
 MOTION = "time_to_motion_s"
 DURATION_S = 120.0
 
-# As the paper prints them.
+# As printed in the paper.
 LATE_S, SOONER_S, SPEED_MPS = 30.0, 10.0, 3.0
 _ALIKE_S = 5.0
 _PREARM_CHECKED = 1 << 28  # MAV_SYS_STATUS_PREARM_CHECK
@@ -55,7 +55,7 @@ _PREARM_CHECKED = 1 << 28  # MAV_SYS_STATUS_PREARM_CHECK
 
 @dataclass(frozen=True, slots=True)
 class DepartureRun:
-    """One run. times_s: by event, None for what did not happen. problem: why it ended early, or empty."""
+    """One run."""
 
     environment: str
     sensors: str
@@ -63,26 +63,30 @@ class DepartureRun:
     directory: str
     firmware: str
     times_s: dict[str, float | None]
+    """By event, None for an event that did not happen."""
     problem: str
+    """Reason of an early end, or empty."""
 
 
 @dataclass(frozen=True, slots=True)
 class DepartureTraces:
-    """What is drawn of a run; None for what its logs do not hold.
-
-    altitude, true_altitude: m; speed: m/s over ground; origin_height: m, of the estimator's origin; max_t: µs.
-    """
+    """Traces of a run for the figures; None for data that its logs do not contain."""
 
     altitude: TimeSeries | None
+    """In m."""
     true_altitude: TimeSeries | None
+    """In m."""
     speed: TimeSeries | None
+    """Speed over ground in m/s."""
     origin_height: TimeSeries | None
+    """Height of the estimator's origin in m."""
     max_t: TimeSeries | None
+    """In µs."""
 
 
 @dataclass(frozen=True, slots=True)
 class DepartureComparison:
-    """One event in one environment, seconds; None for what did not happen. difference: ours less own."""
+    """One event in one environment, in seconds; None for an event that did not happen."""
 
     environment: str
     event: str
@@ -92,14 +96,14 @@ class DepartureComparison:
 
     @property
     def difference_s(self) -> float | None:
-        """Below 0: sooner with our sensors."""
+        """Time with xitl's sensors less time with ArduPilot's. Below 0: sooner with xitl's sensors."""
         return None if self.own_s is None or self.ours_s is None else self.ours_s - self.own_s
 
 
 def departure_report(setup: ExperimentSetup) -> ExperimentReport:
-    """All runs, each in a directory of `setup.out` beside the profile it is made from.
+    """Carry out all runs. Each has a directory in `setup.out`, next to its profile.
 
-    Raises UserError where a run cannot be made at all, and InterruptedRunError with what was done until then.
+    Raises UserError if a run cannot be carried out, and InterruptedRunError with the completed results.
     """
     ways, note = _ways(setup.firmware)
     departures: list[DepartureRun] = []
@@ -115,7 +119,7 @@ def departure_report(setup: ExperimentSetup) -> ExperimentReport:
 
 
 def measure_departure(setup: ExperimentSetup, environment: str, sensors: str) -> DepartureRun:
-    """One of the runs. Raises UserError and InterruptedRunError."""
+    """Carry out one of the runs. Raises UserError and InterruptedRunError."""
     name = f"{environment}-{sensors}"
     overrides: dict[str, Any] = {"clock.seed": setup.seed, "clock.duration_s": setup.duration_s or DURATION_S}
     if sensors != EMBEDDED and setup.firmware is not None:
@@ -130,7 +134,7 @@ def measure_departure(setup: ExperimentSetup, environment: str, sensors: str) ->
 
 
 def compare_departures(departures: Sequence[DepartureRun]) -> list[DepartureComparison]:
-    """All ways side by side, by environment and event."""
+    """Compare all sensor sources, by environment and event."""
     by_key = {(one.environment, one.sensors): one.times_s for one in departures}
     nothing: dict[str, float | None] = {}
     return [
@@ -143,9 +147,9 @@ def compare_departures(departures: Sequence[DepartureRun]) -> list[DepartureComp
 
 
 def dominant_period_s(altitude: TimeSeries) -> float | None:
-    """The period (s) at which the spectrum of the detrended altitude is highest; None where it does not move.
+    """Return the period (s) with the highest spectrum of the detrended altitude; None without motion.
 
-    By the periodogram under a Hann window, between 1 and 10 s.
+    The method is the periodogram under a Hann window, between 1 and 10 s.
     """
     if len(altitude.time_s) < 16:
         return None
@@ -162,7 +166,7 @@ def dominant_period_s(altitude: TimeSeries) -> float | None:
 
 
 def _ways(firmware: str | None) -> tuple[tuple[str, ...], str]:
-    """How sensors get in, and a sentence on it. Raises UserError for a firmware that is named and is not there."""
+    """Return the sensor sources, and a sentence on them. Raises UserError for a given firmware that does not exist."""
     try:
         find_firmware("rover", "sitl", *(() if firmware is None else (firmware,)))
     except UserError as error:
@@ -196,7 +200,7 @@ def _departure(environment: str, sensors: str, profile: str, result: Result) -> 
 
 
 def _embedded_times_s(directory: Path) -> dict[str, float | None]:
-    """By its log, and for its readiness by its telemetry."""
+    """Return the times from its log, and for its readiness from its telemetry."""
     with open_log(directory / "autopilot.bin") as log, open_log(directory / "run.mcap") as run:
         healthy = first_s(
             run,
@@ -371,7 +375,7 @@ def _seconds(value_s: float | None) -> str:
 
 _Pairs = Sequence[tuple[DepartureRun, DepartureTraces]]
 _WINDOW_S = 30.0
-_WIDTHS = {IDEAL: 3.2, WAVES: 1.9, GUSTS: 0.9}  # where they lie on each other all can be seen
+_WIDTHS = {IDEAL: 3.2, WAVES: 1.9, GUSTS: 0.9}  # with these widths, overlapping lines stay visible
 _COLOURS = {IDEAL: THIRD, WAVES: BLUE, GUSTS: OTHER}
 
 
@@ -380,7 +384,7 @@ def _ways_in(pairs: _Pairs) -> list[str]:
 
 
 def _draw_departures(figure: Figure, pairs: _Pairs) -> None:
-    """A panel for each way of getting at sensors."""
+    """Draw a panel for each sensor source."""
     ways = _ways_in(pairs)
     panels = figure.subplots(len(ways), 1, sharex=True, squeeze=False)[:, 0]
     for axes, way in zip(panels, ways, strict=True):
@@ -407,7 +411,7 @@ def _draw_departures(figure: Figure, pairs: _Pairs) -> None:
 
 
 def _draw_altitudes(figure: Figure, pairs: _Pairs) -> None:
-    """A row for each environment, of the first way."""
+    """Draw a row for each environment, with the first sensor source."""
     panels = figure.subplots(len(ENVIRONMENTS), 1, sharex=True, sharey=True)
     way = _ways_in(pairs)[-1]
     for axes, environment in zip(panels, ENVIRONMENTS, strict=True):
@@ -428,7 +432,7 @@ def _draw_altitudes(figure: Figure, pairs: _Pairs) -> None:
 
 
 def _draw_scheduler(figure: Figure, pairs: _Pairs) -> None:
-    """MaxT, and below it the height of the origin where it is logged."""
+    """Draw MaxT, and below it the height of the origin if it is logged."""
     heights = [(one, traces.origin_height) for one, traces in pairs if traces.origin_height is not None]
     panels = figure.subplots(2 if heights else 1, 1, sharex=True, squeeze=False)[:, 0]
     styles = dict(zip(_ways_in(pairs), ("-", "--", ":"), strict=False))

@@ -1,8 +1,9 @@
 """Section 4.3: one mission along the log boom in software in the loop and in hardware in the loop.
 
-The software side runs in lockstep. The hardware side keeps real time: an agent on a board where one is named, else
-ArduPilot's Linux build where it is found, else its simulated build or the embedded autopilot as a process of its own.
-Where perception is installed a companion maps the boom in both runs, and its map is made again from the recording.
+The software side runs in lockstep. The hardware side runs in real time. It is an agent on a board, if one is given.
+Otherwise it is ArduPilot's Linux build if available, or its simulated build or the embedded autopilot as a separate
+process. If perception is installed, a companion maps the boom in both runs, and its map is recomputed from the
+recording.
 """
 
 from __future__ import annotations
@@ -35,47 +36,51 @@ if TYPE_CHECKING:
     from xitl_cli.mapping.rebuild import Measured
 
 MAX_LOOP_US = 300_000.0
-"""What the paper prints of MaxT while arming in HITL."""
+"""MaxT while arming in HITL, as printed in the paper."""
 LINUX_LOOP_US = 401_037.0
-"""The same of ArduPilot's Linux build on a PC with sensors injected as a MicroStrain: one recorded run."""
+"""MaxT of ArduPilot's Linux build on a PC with sensors injected as a MicroStrain: one recorded run."""
 
 SITL, HITL = "sitl", "hitl"
 DURATION_S = 240.0
 WAYPOINTS_NE_M = ((11.8, 17.6), (107.8, 89.6))
-_HIGHEST_MAP = 8_000  # points drawn
+_HIGHEST_MAP = 8_000  # drawn points
 
 
 @dataclass(frozen=True, slots=True)
 class HardwareSide:
-    """What stands for the hardware: the profile that it extends, its own keys, and a sentence.
-
-    software, firmware: the profile that the other side extends, and its keys.
-    """
+    """Substitute for the hardware."""
 
     extends: str
+    """Profile that it extends."""
     keys: str
+    """Additional keys."""
     said: str
+    """Description as a sentence."""
     software: str = "sitl"
+    """Profile that the software side extends."""
     firmware: str = ""
+    """Keys of the software side."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimeBaseFit:
-    """Time stamps against sample numbers. residual_s (N,): from the straight line, through least squares.
-
-    rate_hz: of the line. rms_s: of the residual. numbers, time_s (N,).
-    """
+    """Least-squares line of time stamps against sample numbers."""
 
     name: str
     numbers: Floats
+    """Sample numbers, (N,)."""
     time_s: Floats
+    """Times, (N,)."""
     residual_s: Floats
+    """Deviations from the line, (N,)."""
     rate_hz: float
+    """Rate of the line."""
     rms_s: float
+    """RMS of the residual."""
 
     @classmethod
     def of_stamps(cls, name: str, stamp_ns: Any) -> TimeBaseFit | None:
-        """None with fewer than three samples."""
+        """Fit the line; None for fewer than three samples."""
         if len(stamp_ns) < 3:
             return None
         time_s = ((np.asarray(stamp_ns, dtype=np.int64) - int(stamp_ns[0])) * 1e-9).astype(np.float64)
@@ -87,11 +92,7 @@ class TimeBaseFit:
 
 @dataclass(frozen=True, slots=True)
 class LoopSide:
-    """One of the two runs. Times are in seconds, of speed, yaw and outputs since the mission began, else of its clock.
-
-    mission_s: when it began on the autopilot's clock, None where it did not. missed: deadlines, of all tasks or loops.
-    bases: the autopilot's time base, and the high level's.
-    """
+    """One of the two runs. Times are in seconds: from the mission start for speed, yaw and outputs, else its clock."""
 
     name: str
     path_m: Floats
@@ -102,26 +103,31 @@ class LoopSide:
     max_t: TimeSeries | None
     load: TimeSeries | None
     missed: int
+    """Missed deadlines of all tasks or loops."""
     mission_s: float | None
+    """Start of the mission on the autopilot's clock, None without a start."""
     bases: tuple[TimeBaseFit, ...]
+    """The autopilot's time base, and the high level's."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoomMap:
-    """name: of its side. online_ned_m, offline_ned_m (N, 3): its map by the true pose where it began.
-
-    boom_ne_m (K, 2): middles of the boom's floats. report: as of `xitl map`.
-    """
+    """Maps of the boom from one run."""
 
     name: str
+    """Name of the side."""
     online_ned_m: Floats
+    """Online map, placed by the true pose at its start, (N, 3)."""
     offline_ned_m: Floats
+    """Recomputed map, placed in the same way, (N, 3)."""
     boom_ne_m: Floats
+    """Middles of the boom's floats, (K, 2)."""
     report: Mapping[str, Any]
+    """Report of `xitl map`."""
 
 
 def sitl_hitl_report(setup: ExperimentSetup) -> ExperimentReport:
-    """Both runs. Raises UserError where one cannot be made, and InterruptedRunError with nothing to compare."""
+    """Carry out both runs. Raises UserError if a run is impossible, and InterruptedRunError with nothing to compare."""
     hardware = find_hardware(setup)
     maps = not PERCEPTION.missing
     duration_s = setup.duration_s or DURATION_S
@@ -195,7 +201,7 @@ def sitl_hitl_report(setup: ExperimentSetup) -> ExperimentReport:
 
 
 def _real_time_notes(result: Result) -> tuple[str, ...]:
-    """Whether this machine kept up: what else ran on it is in every figure of the run."""
+    """Note if this machine did not keep up: other load affects every figure of the run."""
     verdict = result.summary.get("verdict") or {}
     if verdict.get("real_time") is not False:
         return ()
@@ -204,7 +210,7 @@ def _real_time_notes(result: Result) -> tuple[str, ...]:
 
 
 def find_hardware(setup: ExperimentSetup) -> HardwareSide:
-    """What stands for the hardware here. Raises UserError for a firmware that is named and is not there."""
+    """Return the substitute for the hardware. Raises UserError for a given firmware that does not exist."""
     if setup.board is not None:
         board = f"autopilot: {{runs: board, link: {setup.board!r}, connect_timeout_s: 20}}"
         keys = f"technique: hitl\n{board}\nclock: {{mode: realtime}}\n"
@@ -215,7 +221,7 @@ def find_hardware(setup: ExperimentSetup) -> HardwareSide:
         ("sitl", "hitl-ardupilot-ahrs-loopback", "ArduPilot's simulated build in real time, a VectorNav port between"),
     ):
         if build == "linux" and given:
-            continue  # the one that is named is a simulated build: it also runs the software side
+            continue  # the given firmware is a simulated build: it also runs the software side
         try:
             program = find_firmware("rover", build, *given)
             simulated = find_firmware("rover", "sitl", *given)
@@ -234,7 +240,7 @@ def find_hardware(setup: ExperimentSetup) -> HardwareSide:
 
 
 def loop_profile(name: str, extends: str, keys: str, maps: bool) -> str:
-    """The mission along the boom, of either side."""
+    """Return the profile of either side: the mission along the boom."""
     parts = [extends, "sites/santo-antonio-river", *(["sensors/perception"] if maps else [])]
     link = "tcp://127.0.0.1:0" if name == SITL else "udp://127.0.0.1:0"
     companion = f"companion: {{runs: process, link: '{link}', parameters: {{AVD_ENABLE: 0}}}}\n" if maps else ""
@@ -248,7 +254,7 @@ def loop_profile(name: str, extends: str, keys: str, maps: bool) -> str:
 
 
 def loop_side(name: str, directory: Path) -> LoopSide:
-    """What both logs of a run say of it."""
+    """Read the data of a run from both its logs."""
     log_path = directory / "autopilot.bin"
     with open_log(directory / "run.mcap") as run, open_log(log_path if log_path.exists() else run.path) as log:
         begun_s = _mission_s(log)
@@ -277,7 +283,7 @@ def loop_side(name: str, directory: Path) -> LoopSide:
 
 
 def boom_map(name: str, recording: Path) -> BoomMap | None:
-    """The map of the run and the one from its recording; None where the run made none."""
+    """Return the run's map and the map recomputed from its recording; None if the run made none."""
     from xitl_cli.mapping.clouds import map_points
     from xitl_cli.mapping.rebuild import measure, profile_of
     from xitl_cli.scenery import Scenery
@@ -299,7 +305,7 @@ def boom_map(name: str, recording: Path) -> BoomMap | None:
 
 
 def _placed(found: Measured, began_ns: int, points_odom_m: Any) -> Floats:
-    """NED by the true pose where the odometry began."""
+    """Convert to NED by the true pose at the start of the odometry."""
     from sim_core.frames import quat_to_matrix
     from xitl_cli.mapping.clouds import at
 
@@ -311,7 +317,7 @@ def _placed(found: Measured, began_ns: int, points_odom_m: Any) -> Floats:
 
 
 def _mission_s(log: Log) -> float | None:
-    """When it first navigated by itself while armed."""
+    """Return the time of its first autonomous navigation while armed."""
     armed = signals.armed(log)
     starts = [
         max(mode.from_ns, span.from_ns)
@@ -324,14 +330,14 @@ def _mission_s(log: Log) -> float | None:
 
 
 def _from(found: TimeSeries | None, begun_s: float | None) -> TimeSeries | None:
-    """On a clock that begins with the mission."""
+    """Shift to a clock that begins with the mission."""
     if found is None or begun_s is None:
         return None
     return TimeSeries(found.time_s - begun_s, found.values)
 
 
 def _events(log: Log) -> Iterator[tuple[float, str]]:
-    """Arming, modes and events by name, in seconds of the log's clock."""
+    """Yield arming, modes and events by name, in seconds of the log's clock."""
     from xitl_cli.logs.signals.states import event_rows
     from xitl_cli.logs.tables.events import event_name
 
@@ -340,7 +346,7 @@ def _events(log: Log) -> Iterator[tuple[float, str]]:
 
 
 def _missed(log: Log, directory: Path) -> int:
-    """Long loops of the autopilot's scheduler, or deadlines that the run's summary counts."""
+    """Return the long loops of the autopilot's scheduler, or the missed deadlines in the run's summary."""
     import json
 
     table = log.tables.get("PM")
@@ -350,7 +356,7 @@ def _missed(log: Log, directory: Path) -> int:
 
 
 def _compared(software: Path, hardware: Path) -> Comparison | None:
-    """By the autopilots' logs, from where each began its mission; None where one did not."""
+    """Compare the autopilots' logs from the start of each mission; None without a start."""
     from xitl_cli.logs.model.errors import LogError
 
     logs = [
@@ -459,7 +465,7 @@ _WIDTHS = {SITL: 2.2, HITL: 1.0}
 
 
 def _draw_mission(figure: Figure, sides: Sequence[LoopSide]) -> None:
-    """Path, speed, yaw and outputs."""
+    """Draw path, speed, yaw and outputs."""
     (path, speed), (yaw, outputs) = figure.subplots(2, 2)
     longest_s = max((float(side.speed.time_s[-1]) for side in sides if side.speed is not None), default=1.0)
     for side in sides:
@@ -485,14 +491,14 @@ def _draw_mission(figure: Figure, sides: Sequence[LoopSide]) -> None:
 
 
 def _unbroken(values: Floats) -> Floats:
-    """Without the stroke where 360 becomes 0."""
+    """Break the line at the jump from 360 to 0."""
     drawn = values.copy()
     drawn[1:][np.abs(np.diff(values)) > 180.0] = np.nan
     return drawn
 
 
 def _draw_scheduler(figure: Figure, sides: Sequence[LoopSide]) -> None:
-    """Events as marks, MaxT with the paper's, load."""
+    """Draw events as marks, MaxT with the paper's, load."""
     events, max_t, load = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.6, 1.0))
     kinds = list(dict.fromkeys(words for side in sides for _, words in sorted(side.events)))
     for number, side in enumerate(sides):
@@ -520,7 +526,7 @@ def _draw_scheduler(figure: Figure, sides: Sequence[LoopSide]) -> None:
 
 
 def _draw_bases(figure: Figure, sides: Sequence[LoopSide]) -> None:
-    """Time against sample numbers, and residuals."""
+    """Draw time against sample numbers, and residuals."""
     times, residuals = figure.subplots(1, 2)
     styles = {"autopilot": "-", "high level": "--"}
     for side in sides:
@@ -541,7 +547,7 @@ def _draw_bases(figure: Figure, sides: Sequence[LoopSide]) -> None:
 
 
 def _draw_maps(figure: Figure, maps: Sequence[BoomMap]) -> None:
-    """A row for each run: online and offline."""
+    """Draw a row for each run: online and offline."""
     panels = figure.subplots(len(maps), 2, sharex=True, sharey=True, squeeze=False)
     for row, one in enumerate(maps):
         for axes, words, points in zip(

@@ -1,8 +1,8 @@
-"""Section 4.4: lidar and sonar fused, before a half-submerged branch and a trunk under water.
+"""Section 4.4: fused lidar and sonar in front of a half-submerged branch and a trunk under water.
 
-The vessel lies still in turbid water with ripples, so that what each sensor has of each body can be counted against
-where the bodies truly are: water plane and branch in the lidar's cloud, branch and sunken trunk in the sonar's echoes.
-The companion sends what it sees to the autopilot as proximity messages.
+The vessel is at rest in turbid water with ripples. The points of each sensor on each body can therefore be counted
+against the true positions of the bodies. The lidar's cloud shows water plane and branch, the sonar's echoes branch and
+sunken trunk. The companion sends its detections to the autopilot as proximity messages.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ DURATION_S = 30.0
 BRANCH_NE_M, BRANCH_LENGTH_M, BRANCH_HEADING_DEG = (9.0, 2.5), 3.0, 70.0
 TRUNK_NE_M, TRUNK_LENGTH_M, TRUNK_RADIUS_M, TRUNK_DOWN_M, TRUNK_HEADING_DEG = (10.0, -4.0), 4.0, 0.35, 1.3, 60.0
 _MESH = "sunken-trunk.obj"
-_AROUND_M = 0.6  # of a body: what an echo's beam width and a body's slow turning leave
-_ABOVE_M = 0.1  # of the water: what is no water
+_AROUND_M = 0.6  # margin about a body for an echo's beam width and a body's slow rotation
+_ABOVE_M = 0.1  # margin above the water surface
 _BELOW_M = 0.15  # under the water: beyond the lidar's noise
-_NEAREST_M = 1.5  # the vessel itself
-_EVERY = 5  # of the clouds
+_NEAREST_M = 1.5  # excludes the vessel itself
+_EVERY = 5  # use every fifth cloud
 _DRAWN = 12_000  # points of a panel
 _SECTOR_DEG = 5.0
 _SENT = "/link/agent/tx:"
@@ -47,15 +47,16 @@ _PROXIMITY = ("OBSTACLE_DISTANCE", "DISTANCE_SENSOR")
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """From above: all within `around_m` of a line of this length. middle_ne_m: north and east."""
+    """Area in plan: all points within `around_m` of a line of this length."""
 
     middle_ne_m: tuple[float, float]
+    """North and east."""
     length_m: float
     heading_deg: float
     around_m: float
 
     def holds(self, points_ned_m: Floats) -> NDArray[np.bool_]:
-        """(N,) of points (N, 3)."""
+        """Return (N,) True for points (N, 3) in the area."""
         along = np.array([np.cos(np.radians(self.heading_deg)), np.sin(np.radians(self.heading_deg))])
         apart = points_ned_m[:, :2] - np.array(self.middle_ne_m)
         on_line = np.clip(apart @ along, -0.5 * self.length_m, 0.5 * self.length_m)
@@ -69,36 +70,39 @@ TRUNK = Footprint(TRUNK_NE_M, TRUNK_LENGTH_M, TRUNK_HEADING_DEG, TRUNK_RADIUS_M 
 
 @dataclass(frozen=True, slots=True)
 class FusedCloud:
-    """lidar_ned_m (N, 3), sonar_ned_m (M, 3): by the true poses; north, east, down of the start. water_down_m: of its
-    surface. ranges_m: of the last OBSTACLE_DISTANCE by bearing (deg). proximity: messages that went to the autopilot.
-    """
+    """Points of both sensors, placed by the true poses, north, east, down from the start."""
 
     lidar_ned_m: Floats
+    """Lidar points, (N, 3)."""
     sonar_ned_m: Floats
+    """Sonar points, (M, 3)."""
     water_down_m: float
+    """Down coordinate of the water surface."""
     ranges_m: Mapping[float, float] = field(default_factory=dict)
+    """Ranges of the last OBSTACLE_DISTANCE by bearing (deg)."""
     proximity: Mapping[str, int] = field(default_factory=dict)
+    """Number of proximity messages to the autopilot."""
 
     @property
     def height_m(self) -> Floats:
-        """(N,) of the lidar's points above the water."""
+        """Heights of the lidar's points above the water, (N,)."""
         found: Floats = self.water_down_m - self.lidar_ned_m[:, 2]
         return found
 
     def lidar_in(self, footprint: Footprint) -> int:
-        """Returns out of the water there."""
+        """Count the lidar's points above the water in an area."""
         return int((footprint.holds(self.lidar_ned_m) & (self.height_m > _ABOVE_M)).sum())
 
     def lidar_below(self) -> int:
-        """Returns from under the surface."""
+        """Count the lidar's points under the surface."""
         return int((self.height_m < -_BELOW_M).sum())
 
     def water(self) -> NDArray[np.bool_]:
-        """(N,) which of the lidar's points are the water's."""
+        """Return (N,) True for lidar points on the water."""
         return np.asarray(np.abs(self.height_m) <= _ABOVE_M) & ~BRANCH.holds(self.lidar_ned_m)
 
     def told_toward(self, place_ne_m: tuple[float, float]) -> float | None:
-        """The range (m) of the sector in which this place is, None where that is empty."""
+        """Return the range (m) of the sector toward this place, None for an empty sector."""
         bearing_deg = float(np.degrees(np.arctan2(place_ne_m[1], place_ne_m[0])))
         nearest = min(self.ranges_m, key=lambda each: abs(each - bearing_deg), default=None)
         if nearest is None or abs(nearest - bearing_deg) > _SECTOR_DEG:
@@ -106,12 +110,12 @@ class FusedCloud:
         return round(self.ranges_m[nearest], 2)
 
     def sonar_in(self, footprint: Footprint) -> int:
-        """Echoes there."""
+        """Count the echoes in an area."""
         return int(footprint.holds(self.sonar_ned_m).sum())
 
 
 def lidar_sonar_report(setup: ExperimentSetup) -> ExperimentReport:
-    """One run. Raises UserError where perception is not installed, and InterruptedRunError."""
+    """Carry out one run. Raises UserError if perception is not installed, and InterruptedRunError."""
     PERCEPTION.require("lidar and sonar need")
     duration_s = setup.duration_s or DURATION_S
     write_file(setup.out / _MESH, trunk_mesh())
@@ -150,13 +154,13 @@ def lidar_sonar_report(setup: ExperimentSetup) -> ExperimentReport:
 
 
 def seen_as_in_the_paper(cloud: FusedCloud) -> bool:
-    """Whether each sensor saw what the paper shows of it, and the autopilot was told."""
+    """Return True if each sensor shows the same as in the paper, and the autopilot received it."""
     seen = (cloud.water().sum(), cloud.lidar_in(BRANCH), cloud.sonar_in(TRUNK), sum(cloud.proximity.values()))
     return all(seen) and not cloud.lidar_in(TRUNK) and not cloud.lidar_below()
 
 
 def scene_profile(seed: int, duration_s: float) -> str:
-    """The vessel lies still, bow to the north, branch and trunk before it."""
+    """Return the profile: the vessel at rest, bow to the north, branch and trunk in front of it."""
     return (
         "# Section 4.4 of the paper: lidar and sonar before a floating branch and a trunk under water.\n"
         "extends: [bases/base-sitl, sites/santo-antonio, vehicles/asv-full, sensors/perception, environments/calm]\n"
@@ -182,7 +186,7 @@ def scene_profile(seed: int, duration_s: float) -> str:
 
 
 def trunk_mesh() -> str:
-    """A trunk lying along north as an OBJ file: x east, y north, z up."""
+    """Return a trunk along north as an OBJ file: x east, y north, z up."""
     mesh = cylinder(TRUNK_RADIUS_M, TRUNK_LENGTH_M, WOOD)
     corners = (f"v {east:.4f} {north:.4f} {-down:.4f}\n" for north, east, down in mesh.vertices_m.tolist())
     faces = (f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in mesh.faces.tolist())
@@ -190,7 +194,7 @@ def trunk_mesh() -> str:
 
 
 def fused_cloud(log: Log) -> FusedCloud:
-    """Both sensors' points of a recording by its true poses. Raises UserError where it has no clouds."""
+    """Place both sensors' points of a recording by its true poses. Raises UserError without clouds."""
     from agent.companion.sonar import echo_points
     from xitl_cli.mapping.clouds import at, clouds, pings, truth
 
@@ -226,7 +230,7 @@ def fused_cloud(log: Log) -> FusedCloud:
 
 
 def _ranges_m(log: Log) -> dict[float, float]:
-    """Of the last OBSTACLE_DISTANCE that told any: bearing to starboard (deg) and range."""
+    """Return the ranges of the last OBSTACLE_DISTANCE with values: bearing to starboard (deg) and range."""
     table = log.tables.get(_SENT + "OBSTACLE_DISTANCE")
     if table is None or not len(table):
         return {}
@@ -293,7 +297,7 @@ def _told_said(told_m: float | None, true_m: float) -> str:
 
 
 def _draw_cloud(figure: Figure, cloud: FusedCloud) -> None:
-    """From above, and below it from the side: forward against height."""
+    """Draw the cloud from above, and below it from the side: forward against height."""
     above, side = figure.subplots(2, 1, height_ratios=(3, 1.5))
     _scatter(above, cloud, across=1)
     for footprint, words in ((BRANCH, "branch"), (TRUNK, "sunken trunk")):
@@ -330,7 +334,7 @@ def _trunk_side() -> Any:
 
 
 def _scatter(axes: Axes, cloud: FusedCloud, across: int) -> None:
-    """Lidar on the water, lidar above it, sonar. across: 1 for a view from above, 2 for one from the side."""
+    """Draw lidar on the water, lidar above it, sonar. across: 1 for the view from above, 2 for the side view."""
     above = cloud.height_m > _ABOVE_M
     lifted = cloud.lidar_ned_m - np.array([0.0, 0.0, cloud.water_down_m])
     echoes = cloud.sonar_ned_m - np.array([0.0, 0.0, cloud.water_down_m])

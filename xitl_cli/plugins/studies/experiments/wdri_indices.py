@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PrintedIndex:
-    """A row of the paper: its equation, what it is of, the profile with its graph, and the WDRI as printed."""
+    """A row of the paper: its equation, its subject, the profile with its graph, and the printed WDRI."""
 
     equation: str
     name: str
@@ -45,25 +45,28 @@ PRINTED_DIGITS = 2
 
 @dataclass(frozen=True, slots=True)
 class ComputedIndex:
-    """printed: of the paper. computed: from the profile's graph. reference: the graph it is held against."""
+    """An index of the paper and its computed value."""
 
     printed: PrintedIndex
+    """The paper's index."""
     computed: Wdri
+    """Index computed from the profile's graph."""
     reference: Graph | None
+    """The graph of the reference."""
 
     @property
     def alike(self) -> bool:
-        """Whether they are equal as far as the paper prints."""
+        """True if both are equal to the printed digits."""
         return round(self.computed.wdri, PRINTED_DIGITS) == self.printed.wdri
 
 
 def compute_indices() -> list[ComputedIndex]:
-    """All of the paper's, in its order."""
+    """Return all indices of the paper, in its order."""
     return [_compute(printed) for printed in PRINTED]
 
 
 def wdri_report(setup: ExperimentSetup) -> ExperimentReport:
-    """The table and the eight graphs. It makes no runs."""
+    """Return the table and the eight graphs. It carries out no runs."""
     indices = compute_indices()
     return ExperimentReport(
         section="WDRI",
@@ -130,7 +133,7 @@ _COLOURS = {"D": "#cc79a7", "P": GREY, "L": OURS, "H": THIRD, "M": OTHER}
 
 
 def draw_graphs(figure: Figure, indices: Sequence[ComputedIndex]) -> None:
-    """One panel a graph, and one with the words."""
+    """Draw one panel per graph, and one with the legend."""
     panels = figure.subplots(3, 3).flat
     for one, axes in zip(indices, panels, strict=False):
         _draw_graph(axes, one)
@@ -160,7 +163,7 @@ def _draw_graph(axes: Axes, one: ComputedIndex) -> None:
 def _draw_links(
     axes: Axes, at: dict[str, tuple[float, float]], links: Sequence[str], color: str, linestyle: str
 ) -> None:
-    """A vertex linked to itself gets a ring beside it."""
+    """Draw the links. A vertex with a link to itself gets a ring next to it."""
     from matplotlib.patches import Circle
 
     for link in links:
@@ -193,7 +196,7 @@ def _paler(colour: str) -> tuple[float, ...]:
 
 
 def _draw_legend(axes: Axes) -> None:
-    """What vertices and fillings mean."""
+    """Draw the meaning of vertices and fillings."""
     rows = [
         (Vertex("D", "real", 1.0), "real, weight 1"),
         (Vertex("D", "virtual", 0.5), "virtual, weight 0.5"),

@@ -1,1 +1,1 @@
-"""Standard manoeuvres of a vessel without an autopilot, and what they measure."""
+"""Standard manoeuvres of a vessel without an autopilot, and their measures."""

@@ -1,4 +1,4 @@
-"""Of a figure that differs from its reference: whether it matters, and which key of the vessel to change."""
+"""Advice on a figure that differs from its reference: its importance, and the key of the vessel to change."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from xitl_cli.plugins.studies.manoeuvres.validation import (
 )
 
 _MUCH = 3.0
-"""Tolerances of a figure. Up to so many, a closed form that leaves something out explains the difference."""
+"""Number of tolerances up to which an omission in a closed form explains a difference."""
 
 _MATTERS = {
     ARCHIMEDES: "draft and trim shift drag, windage and natural periods",
@@ -49,7 +49,7 @@ _RESTORE = "compare the file with docs/vehicles.md, or give your vessel a name o
 
 
 def advice(figure: ValidatedFigure) -> str:
-    """Whether a difference matters and what to change, in plain sentences; empty for a figure that agrees."""
+    """Return the importance of a difference and the key to change, in sentences; empty for a figure that agrees."""
     if figure.agrees is not False or figure.reference is None:
         return ""
     source = figure.reference.source

@@ -1,8 +1,8 @@
-"""What theory says of a vessel's data, by formulas of its own: nothing here runs the simulation.
+"""Theoretical predictions from a vessel's data, by independent formulas: nothing here runs the simulation.
 
-Afloat: Archimedes and the second moments of the waterline. Small motions: mass, damping and that stiffness as an
-eigenvalue problem. Straight way: the balance of thrust and drag, and the equation of surge alone. Long-crested waves:
-strip theory of relative motion with the wave's pressure of the surface (long waves beside the draft).
+Afloat: Archimedes and the second moments of the waterline. Small motions: an eigenvalue problem of mass, damping and
+that stiffness. Straight course: the balance of thrust and drag, and the equation of surge alone. Long-crested waves:
+strip theory of relative motion with the wave's pressure at the surface (waves long relative to the draft).
 """
 
 from __future__ import annotations
@@ -26,23 +26,24 @@ _HEIGHTS = 400
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waterline:
-    """Afloat without heel: depth of the body's origin, trim (bow up), keel's greatest depth amidships.
-
-    stiffness: (3, 3) heave, roll, pitch about the origin, N, N m and m, rad.
-    """
+    """A vessel afloat without heel."""
 
     depth_m: float
+    """Depth of the body's origin."""
     trim_rad: float
+    """Bow up."""
     draft_m: float
+    """Greatest depth of the keel amidships."""
     stiffness: Array
+    """Heave, roll and pitch about the origin, (3, 3), N, N m and m, rad."""
     gm_transverse_m: float
     gm_longitudinal_m: float
     bm_transverse_m: float
-    """What the waterline has of the transverse one, above the centre of buoyancy."""
+    """Part of the transverse height due to the waterline, above the centre of buoyancy."""
 
 
 def waterline(model: VesselSpec, water: Water) -> Waterline | None:
-    """None for hulls from a mesh. Raises ValueError where Newton's method finds no rest."""
+    """Return the waterline, None for hulls from a mesh. Raises ValueError if Newton's method does not converge."""
     if any(hull.mesh is not None for hull in model.demi_hulls):
         return None
     hulls = [_Lines(hull) for hull in model.demi_hulls]
@@ -50,7 +51,7 @@ def waterline(model: VesselSpec, water: Water) -> Waterline | None:
     centre = np.array(model.centre_of_gravity_frd_m)
 
     def balance(depth_m: float, trim_rad: float) -> Array:
-        """Volume left over, and its moment along the vessel about the centre of gravity, level axes."""
+        """Return the excess volume, and its moment along the vessel about the centre of gravity, level axes."""
         volume, along, _, down, *_ = np.sum([hull.immersed(depth_m, trim_rad) for hull in hulls], axis=0)
         cosine, sine = math.cos(trim_rad), math.sin(trim_rad)
         lever = cosine * (along - centre[0] * volume) + sine * (down - centre[2] * volume)
@@ -71,7 +72,7 @@ def waterline(model: VesselSpec, water: Water) -> Waterline | None:
     immersed = np.sum([hull.immersed(depth_m, trim_rad) for hull in hulls], axis=0)
     volume, _, _, down, area, along_1, aside_1, along_2, aside_2, both = immersed
     weight = water.density_kgpm3 * GRAVITY_MPS2
-    # About the origin; what the depths of buoyancy and weight add, to both angles alike.
+    # About the origin. The depths of buoyancy and weight contribute equally to both angles.
     pendulum = weight * (centre[2] * volume - down)
     stiffness = weight * np.array([[area, aside_1, -along_1], [aside_1, aside_2, -both], [-along_1, -both, along_2]])
     stiffness[1, 1] += pendulum
@@ -95,7 +96,7 @@ class _Lines:
         section = hull.section
         assert section is not None
         if (radius := section.radius_m) is not None:
-            # On equal angles, where the half width is smooth up to the keel.
+            # On equal angles, because the half width as a function of the angle is smooth up to the keel.
             self.heights = radius * (1.0 - np.cos(np.linspace(0.0, math.pi, _HEIGHTS + 1)))
             half = np.sqrt(np.maximum(2.0 * radius * self.heights - self.heights**2, 0.0))
         elif section.offsets_m is not None:
@@ -111,8 +112,11 @@ class _Lines:
         self.moments = np.concatenate([[0.0], np.cumsum(2.0 * middle * rises * steps)])
 
     def immersed(self, depth_m: float, trim_rad: float) -> Array:
-        """Volume and its moments along, across and down; area of the waterline, its first moments along and across,
-        its second moments along and across, and the mixed one."""
+        """Return the volume and moments below the surface, and the moments of the waterline.
+
+        The order is: volume and its moments along, across and down; area of the waterline; its first moments along and
+        across; its second moments along and across, and the mixed one.
+        """
         depths = depth_m + self.keel - self.along * math.sin(trim_rad)
         wet = np.clip(depths, 0.0, self.heights[-1])
         area = self.share * np.interp(wet, self.heights, self.areas)
@@ -140,7 +144,7 @@ class _Lines:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearSeakeeping:
-    """Mass, damping and stiffness (6, 6) of small motions about rest; added mass and damping also meet the waves."""
+    """Mass, damping and stiffness (6, 6) of small motions about rest. Waves act on added mass and damping too."""
 
     mass: Array
     added_mass: Array
@@ -148,15 +152,16 @@ class LinearSeakeeping:
     stiffness: Array
 
     def released(self, axis: int, time_s: Array) -> Array:
-        """(K,) deflection in an axis (2 heave, 3 roll, 4 pitch) after a release from 1 there and 0 in all others.
+        """Return the (K,) deflection in an axis (2 heave, 3 roll, 4 pitch) after a release from 1 there and 0 in all
+        others.
 
-        Of M x'' + D x' + K x = 0 by its eigenvalues.
+        The solution of M x'' + D x' + K x = 0 uses its eigenvalues.
         """
         drift = np.zeros((12, 12))
         drift[:6, 6:] = np.eye(6)
         drift[6:, :6] = -np.linalg.solve(self.mass, self.stiffness)
         drift[6:, 6:] = -np.linalg.solve(self.mass, self.damping)
-        kept = np.array([2, 3, 4, *range(6, 12)])  # ways that nothing restores have no part in the rest
+        kept = np.array([2, 3, 4, *range(6, 12)])  # motions without restoring force do not affect the rest
         roots, shapes = np.linalg.eig(drift[np.ix_(kept, kept)])
         start = np.zeros(9)
         start[axis - 2] = 1.0
@@ -166,7 +171,7 @@ class LinearSeakeeping:
 
 
 def surge_drag_n(model: VesselSpec, speed_mps: float) -> float:
-    """Of the water and the still air, straight ahead and level."""
+    """Return the drag of water and still air, straight ahead and level."""
     named = model.derivatives
     linear = model.damping_linear.surge - named.get("X_u", 0.0)
     if model.damping_linear_matrix is not None:
@@ -177,13 +182,13 @@ def surge_drag_n(model: VesselSpec, speed_mps: float) -> float:
 
 
 def surge_mass_kg(model: VesselSpec) -> float:
-    """With the water's."""
+    """Return the mass including added mass."""
     added = model.added_mass.surge_kg - model.derivatives.get("X_udot", 0.0)
     return model.mass_kg + added + (model.added_mass_matrix[0][0] if model.added_mass_matrix is not None else 0.0)
 
 
 def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: float) -> float:
-    """Along its own line, at a fraction of full speed and a speed along that line: the formulas of docs/vessel.md."""
+    """Return the thrust along the propeller's axis, at a fraction of full speed and an axial speed: docs/vessel.md."""
     ahead, astern = propeller.static_thrust_n(water.density_kgpm3)
     advance = speed_mps * (1.0 - propeller.wake_fraction)
     rest = (ahead if turning >= 0 else astern) * turning * abs(turning)
@@ -194,7 +199,7 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
         share = float(np.interp(ratio, curve.advance_ratio, curve.thrust_coefficient)) / curve.thrust_coefficient[0]
         thrust = rest * share
     elif propeller.medium == "water" and propeller.zero_thrust_speed_mps is not None and turning:
-        onward = max(math.copysign(1.0, turning) * advance, 0.0)  # against the way its K_T is that at rest
+        onward = max(math.copysign(1.0, turning) * advance, 0.0)  # against the thrust: K_T of rest
         thrust = rest * (1.0 - onward / (propeller.zero_thrust_speed_mps * abs(turning)))
     elif propeller.medium == "air" and propeller.diameter_m is not None and rest > 0:
         disc = 2.0 * AIR_DENSITY_KGPM3 * math.pi * propeller.diameter_m**2 / 4.0
@@ -209,7 +214,7 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
 
 
 def steady_speed_mps(model: VesselSpec, water: Water, turning: Array) -> float:
-    """Where thrust and drag meet, for (P,) speeds of the propellers as fractions of full."""
+    """Return the speed of equal thrust and drag, for (P,) speeds of the propellers as fractions of full."""
     low, high = 0.0, 100.0
     if _thrust_n(model, water, turning, 0.0) < 0:
         low, high = -100.0, 0.0
@@ -231,9 +236,9 @@ def _thrust_n(model: VesselSpec, water: Water, turning: Array, speed_mps: float)
 def surge_run(
     model: VesselSpec, water: Water, turning: Array, wanted: Array, speed_mps: float, until: Callable[[float], bool]
 ) -> tuple[float, float]:
-    """Time and way of surge alone from a speed, its (P,) propellers going from `turning` to `wanted`, until a speed.
+    """Return time and distance of surge alone from one speed to another; (P,) propellers go from `turning` to `wanted`.
 
-    Runge and Kutta's classical step of 10 ms; at most ten minutes.
+    The method is Runge and Kutta's classical step of 10 ms; at most ten minutes.
     """
     mass = surge_mass_kg(model)
     up = np.array([propeller.spin_up_s for propeller in model.propellers])
@@ -266,21 +271,22 @@ def wave_theory(
     number: Array,
     omega: Array,
 ) -> dict[int, Array]:
-    """Complex amplitudes of heave up (2), roll (3) and pitch (4) a unit amplitude of the waves, each (W,).
+    """Return complex amplitudes of heave up (2), roll (3) and pitch (4) per unit amplitude of the waves, each (W,).
 
-    heading: head seas come over the bow, beam seas over the port side. Relative motion, strip by strip: the stiffness
-    of each strip acts on its depth below the local surface, its lift along the surface's normal, and added mass and
-    damping on the velocity against the water's, whose mean and turn are those over all strips by what each displaces.
+    heading: head seas come over the bow, beam seas over the port side. The theory is relative motion, strip by strip.
+    The stiffness of each strip acts on its depth below the local surface, and its lift acts along the surface's normal.
+    Added mass and damping act on the velocity relative to the water. The mean and rotation of the water are averages
+    over all strips, weighted by displacement.
     """
     strips = _strips(model, afloat)
     along, aside, breadth, step, area, drop = (np.concatenate(parts) for parts in zip(*strips, strict=True))
     weight, share = water.density_kgpm3 * GRAVITY_MPS2, area / area.sum()
     found: dict[int, list[complex]] = {2: [], 3: [], 4: []}
     for k, w in zip(number, omega, strict=True):
-        # The waves go aft, or to starboard; time goes as exp(-i w t).
+        # The waves go aft, or to starboard; the time factor is exp(-i w t).
         wave_x, wave_y = (-k, 0.0) if heading == "head" else (0.0, k)
         local = np.exp(1j * (wave_x * along + wave_y * aside))
-        # Over a strip's own breadth: the mean of the wave, and its first moment a unit length.
+        # Over a strip's breadth: the mean of the wave, and its first moment per unit length.
         half = 0.5 * abs(wave_y) * breadth
         mean = local * np.sinc(half / math.pi)
         lean = np.zeros_like(local)
@@ -293,7 +299,7 @@ def wave_theory(
         force[3] = (-aside * up - drop * sideways - weight * step * lean).sum()
         force[4] = (along * up + drop * ahead).sum()
         force[5] = (along * sideways - aside * ahead).sum()
-        surface = np.zeros(6, dtype=complex)  # motion that goes with the water: displacement of the mean, angles
+        surface = np.zeros(6, dtype=complex)  # motion with the water: displacement of the mean, angles
         whole = (share * mean).sum()
         surface[2] = -whole
         depth = math.tanh(k * water.depth_m)
@@ -312,7 +318,7 @@ def wave_theory(
 
 
 def _strips(model: VesselSpec, afloat: Waterline) -> list[tuple[Array, ...]]:
-    """Of each hull's strips: places along and aside, breadth, length, volume, and depth at which the lift acts."""
+    """Return, for each hull's strips: places along and aside, breadth, length, volume, and depth of the lift."""
     strips: list[tuple[Array, ...]] = []
     for hull in model.demi_hulls:
         lines = _Lines(hull)
@@ -336,20 +342,24 @@ def _strips(model: VesselSpec, afloat: Waterline) -> list[tuple[Array, ...]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HorizontalRun:
-    """Surge, sway and yaw alone over K instants: positions from the start, velocities (K, 3) and what was ordered."""
+    """Surge, sway and yaw over K instants."""
 
     time_s: Array
     north_m: Array
+    """Position north of the start, (K,)."""
     east_m: Array
+    """Position east of the start, (K,)."""
     yaw_rad: Array
     velocity: Array
+    """Velocities, (K, 3)."""
     steering_deg: Array
+    """Ordered steering, (K,)."""
 
 
 class HorizontalMotion:
     """M nu' + C(nu) nu + D(nu) nu = tau in surge, sway and yaw (Fossen 2021, section 6.5), of a vessel without rudders.
 
-    Mass and linear damping are given; what goes with squares and products is written out here.
+    Mass and linear damping are given. This class contains the quadratic and product terms.
     """
 
     def __init__(self, model: VesselSpec, water: Water, small: LinearSeakeeping) -> None:
@@ -369,7 +379,7 @@ class HorizontalMotion:
         self._gears = [number for number, one in enumerate(model.propellers) if one.steering is not None]
 
     def force(self, velocity: Array, fractions: Array, gears_rad: Array) -> Array:
-        """(3,) X, Y, N for (3,) u, v, r, (P,) speeds of propellers and (G,) angles of their gears."""
+        """Return (3,) X, Y, N for (3,) u, v, r, (P,) speeds of propellers and (G,) angles of their gears."""
         u, v, r = velocity.tolist()
         model, mass, middle = self._model, self._mass, self._middle_m
         across = mass[1, 1] * v + mass[1, 2] * r
@@ -415,13 +425,13 @@ class HorizontalMotion:
         return np.array([x + more[0], y + more[1], n + more[5]])
 
     def wanted(self, command: Array) -> tuple[Array, Array]:
-        """(P,) speeds of the propellers and (G,) angles of their gears of a command."""
+        """Return (P,) speeds of the propellers and (G,) angles of their gears for a command."""
         propellers = len(self._model.propellers)
         most = np.radians([one.steering.max_angle_deg for one in self._model.propellers if one.steering is not None])
         return command[:propellers], command[propellers:] * most
 
     def steady(self, command: Array, guess: tuple[float, float, float]) -> tuple[float, float, float] | None:
-        """Surge, sway and rate of turn under a held command, by Newton's method; None where it finds nothing."""
+        """Return surge, sway and rate of turn under a held command, by Newton's method; None without convergence."""
         fractions, gears = self.wanted(command)
         at = np.array(guess)
         for _ in range(50):
@@ -446,9 +456,10 @@ class HorizontalMotion:
         longest_s: float,
         dt_s: float = 0.05,
     ) -> HorizontalRun:
-        """From a straight approach under the command `before`, by Runge and Kutta's classical step.
+        """Simulate from a straight approach under the command `before`, by Runge and Kutta's classical step.
 
-        order: steering in degrees for the time and the degrees turned; command: of the steering; over: ends the run.
+        order: returns the steering in degrees for the time and the turned degrees. command: returns the command of the
+        steering. over: ends the run.
         """
         fractions, gears = self.wanted(before)
         up = np.array([propeller.spin_up_s for propeller in self._model.propellers])

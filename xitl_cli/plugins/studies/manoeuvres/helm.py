@@ -1,8 +1,8 @@
 """Throttle and steering of any vessel as its commands, without an autopilot.
 
-Steering is an angle, positive for the bow to starboard, 35 degrees being full. A rudder or a propeller on a gear takes
-it as its own angle, up to the most it has. A vessel without either steers by difference of thrust: the propellers of
-the inner side push `angle / 35` less, so that at full steering they stand still.
+Steering is an angle, positive for the bow to starboard; 35 degrees are full steering. A rudder or a propeller on a gear
+takes this angle, up to its limit. A vessel without either steers by difference of thrust: the propellers of the inner
+side push `angle / 35` less, and stop at full steering.
 """
 
 from __future__ import annotations
@@ -17,26 +17,27 @@ from sim_core.frames import Array
 from sim_core.vessel.spec import VesselSpec
 
 FULL_STEERING_DEG = 35.0
-"""The rudder of a turning circle (IMO MSC.137(76))."""
+"""Rudder angle of a turning circle (IMO MSC.137(76))."""
 
 
 @dataclass(frozen=True, slots=True)
 class Helm:
-    """Constants of one vessel with P propellers and G gears and rudders; `by` is what it steers with.
-
-    ahead: (P,) command of each at full throttle, 0 for one that pushes to the side. turning: (P,) lever of its thrust
-    ahead about the centre of gravity, positive for the bow to starboard. most_deg, sign: (G,) of gears and rudders.
-    """
+    """Constants of one vessel with P propellers and G gears and rudders."""
 
     by: Literal["rudder", "gear", "difference of thrust", "nothing"]
+    """Means of steering."""
     ahead: Array
+    """Command of each propeller at full throttle, (P,), 0 for a propeller that pushes sideways."""
     turning_m: Array
+    """Lever of each propeller's thrust ahead about the centre of gravity, (P,), positive for the bow to starboard."""
     most_deg: Array
+    """Limit of each gear and rudder, (G,)."""
     sign: Array
+    """Sign of each gear and rudder, (G,)."""
 
     @classmethod
     def from_spec(cls, model: VesselSpec) -> Helm:
-        """From the places and directions of the actuators."""
+        """Compute the constants from the places and directions of the actuators."""
         centre_m = model.centre_of_gravity_frd_m
         angle = np.radians([propeller.angle_deg for propeller in model.propellers])
         along = np.cos(angle)
@@ -57,7 +58,7 @@ class Helm:
         return cls(by, ahead, turning, most, sign)
 
     def command(self, throttle: float, steering_deg: float = 0.0) -> Array:
-        """(C,) in [-1, 1] for a throttle in [-1, 1] and an angle; the latter is cut at 35 degrees."""
+        """Return (C,) in [-1, 1] for a throttle in [-1, 1] and an angle, which is limited to 35 degrees."""
         steering_deg = min(max(steering_deg, -FULL_STEERING_DEG), FULL_STEERING_DEG)
         propellers = throttle * self.ahead
         if self.by == "difference of thrust":
@@ -69,11 +70,11 @@ class Helm:
         return np.concatenate([propellers, angles])
 
     def straight(self, throttle: float, yaw_rad: float, rate_radps: float) -> Array:
-        """(C,) that keeps the course north under way ahead: what leaves it for rounding is brought back."""
+        """Return (C,) that keeps a northerly course under way ahead: it corrects deviations due to rounding."""
         return self.command(throttle, -math.degrees(yaw_rad + rate_radps))
 
     def spot_turn(self, forward_n: Array, reverse_n: Array) -> Array:
-        """(C,) that turns the bow to starboard where it stands: one side ahead, the other astern, as hard.
+        """Return (C,) that turns the bow to starboard on the spot: one side ahead, the other astern, with equal thrust.
 
         forward_n, reverse_n: (P,) full thrust of each.
         """

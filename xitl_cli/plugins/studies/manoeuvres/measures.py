@@ -1,4 +1,4 @@
-"""What a manoeuvre measures, from the track alone: arrays (K,) over time, angles in rad that go on beyond a turn.
+"""Measures of a manoeuvre from its track: arrays (K,) over time, angles in rad that continue beyond a turn.
 
 Turning circle, zig-zag, spiral and stopping as ITTC 7.5-02-06-03 and IMO MSC.137(76) define them; decays by the
 logarithmic decrement; responses to waves by least squares.
@@ -16,15 +16,17 @@ from sim_core.frames import Array
 
 _LEAST_SWING = 0.01
 _STEADY_SHARE = 0.25
-"""Of the end of a turn, that is called steady."""
+"""Last part of a turn, which counts as steady."""
 
 
 @dataclass(frozen=True, slots=True)
 class TurningCircle:
-    """From the steering order on; advance along the approach, transfer to the side of the turn. None: not reached."""
+    """Measures from the steering order on. None: not reached."""
 
     advance_m: float | None
+    """Along the approach."""
     transfer_m: float | None
+    """To the side of the turn."""
     tactical_diameter_m: float | None
     steady_diameter_m: float
     rate_radps: float
@@ -34,7 +36,10 @@ class TurningCircle:
 
 
 def turning_circle(time_s: Array, north_m: Array, east_m: Array, yaw_rad: Array, velocity: Array) -> TurningCircle:
-    """velocity: (K, 2) ahead and to starboard. The order is given at the first instant, on a straight approach."""
+    """Measure a turn. velocity: (K, 2) ahead and to starboard.
+
+    The order is at the first instant, on a straight approach.
+    """
     turned = yaw_rad - yaw_rad[0]
     side = math.copysign(1.0, turned[-1])
     ahead = (north_m - north_m[0]) * math.cos(yaw_rad[0]) + (east_m - east_m[0]) * math.sin(yaw_rad[0])
@@ -56,7 +61,7 @@ def turning_circle(time_s: Array, north_m: Array, east_m: Array, yaw_rad: Array,
 
 
 def _first_at(rising: Array, level: float) -> float | None:
-    """Fractional index where `rising` first reaches a level."""
+    """Return the fractional index at which `rising` first reaches a level."""
     above = np.flatnonzero(rising >= level)
     if not above.size:
         return None
@@ -73,17 +78,19 @@ def _at(values: Array, index: float | None) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class ZigZag:
-    """initial_turn_s, initial_turn_m: from the first order to the first reversal. overshoot_rad: each beyond the
-    heading at which the steering was reversed. period_s: between the second and the fourth reversal; None without."""
+    """Measures of a zig-zag."""
 
     initial_turn_s: float
+    """From the first order to the first reversal."""
     initial_turn_m: float
+    """From the first order to the first reversal, along the track."""
     overshoot_rad: tuple[float, ...]
+    """Each beyond the heading at which the steering was reversed."""
     period_s: float | None
 
 
 def zig_zag(time_s: Array, yaw_rad: Array, speed_mps: Array, steering: Array) -> ZigZag:
-    """steering: (K,) as ordered, its sign alone counts. Raises ValueError where it was never reversed."""
+    """Measure a zig-zag. steering: (K,) as ordered, only its sign counts. Raises ValueError without a reversal."""
     reversals = np.flatnonzero(np.diff(np.sign(steering)) != 0) + 1
     if not reversals.size:
         raise ValueError("the heading of the first reversal was not reached")
@@ -92,7 +99,7 @@ def zig_zag(time_s: Array, yaw_rad: Array, speed_mps: Array, steering: Array) ->
     for start, end in zip(reversals, [*reversals[1:], len(time_s)], strict=True):
         side = math.copysign(1.0, heading[start])
         beyond = side * (heading[start:end] - heading[start])
-        if int(np.argmax(beyond)) < len(beyond) - 1:  # it has come back
+        if int(np.argmax(beyond)) < len(beyond) - 1:  # it has returned
             overshoots.append(float(beyond.max()))
     first = reversals[0]
     return ZigZag(
@@ -104,7 +111,7 @@ def zig_zag(time_s: Array, yaw_rad: Array, speed_mps: Array, steering: Array) ->
 
 
 def spiral(time_s: Array, rate_radps: Array, steering: Array) -> list[tuple[float, float]]:
-    """Steering and the mean rate of turn in the last quarter of the time for which it was held, in the order held."""
+    """Return steering and the mean rate of turn in the last quarter of each hold, in order."""
     changes = np.flatnonzero(np.diff(steering) != 0) + 1
     held = []
     for start, end in zip([0, *changes], [*changes, len(time_s)], strict=True):
@@ -115,37 +122,40 @@ def spiral(time_s: Array, rate_radps: Array, steering: Array) -> list[tuple[floa
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """From the order on; track_reach_m: along the track. None: more way was kept."""
+    """Measures from the order on. None: the vessel did not slow down enough."""
 
     time_s: float | None
     track_reach_m: float | None
+    """Along the track."""
 
 
 def stopping(time_s: Array, north_m: Array, east_m: Array, ahead_mps: Array, left: float = 0.0) -> Stop:
-    """Until the share `left` of the way ahead is left. The order is given at the first instant."""
+    """Measure until the share `left` of the speed ahead remains. The order is at the first instant."""
     index = _first_at(-ahead_mps, -left * float(ahead_mps[0]) - 1e-12)
     track_m = np.concatenate([[0.0], np.hypot(np.diff(north_m), np.diff(east_m)).cumsum()])
     return Stop(_at(time_s - time_s[0], index), _at(track_m, index))
 
 
 def time_to_95_percent(time_s: Array, speed_mps: Array, final_mps: float) -> float | None:
-    """Until 95 % of the final speed is reached; None where it is not."""
+    """Return the time to 95 % of the final speed; None if it is not reached."""
     index = _first_at(speed_mps, 0.95 * final_mps)
     return _at(time_s - time_s[0], index)
 
 
 @dataclass(frozen=True, slots=True)
 class Decay:
-    """period_s: natural, without damping. damping_ratio: share of the critical one."""
+    """Free decay."""
 
     period_s: float
+    """Natural period, without damping."""
     damping_ratio: float
+    """Share of critical damping."""
 
 
 def decay(time_s: Array, deflection: Array) -> Decay | None:
-    """Of a free decay of a deflection from rest, by the logarithmic decrement of its half swings.
+    """Analyse a free decay of a deflection from rest, by the logarithmic decrement of its half swings.
 
-    Those below `_LEAST_SWING` of the first deflection are left out. None where there are fewer than two.
+    Swings below `_LEAST_SWING` of the first deflection are omitted. None for fewer than two.
     """
     turning = np.flatnonzero(np.diff(np.sign(np.diff(deflection))) != 0) + 1
     peaks = [(float(time_s[0]), abs(float(deflection[0])))]
@@ -156,7 +166,7 @@ def decay(time_s: Array, deflection: Array) -> Decay | None:
         peaks.append((at_s, size))
     if len(peaks) < 3:
         return None
-    at_s, size = np.array(peaks[1:]).T  # the release is no free swing: what follows the motion lags there
+    at_s, size = np.array(peaks[1:]).T  # the release is not a free swing: terms that follow the motion lag there
     half_s, _ = np.polyfit(np.arange(len(at_s)), at_s, 1)
     slope, _ = np.polyfit(np.arange(len(size)), np.log(size), 1)
     ratio = -slope / math.hypot(slope, math.pi)
@@ -164,7 +174,7 @@ def decay(time_s: Array, deflection: Array) -> Decay | None:
 
 
 def _vertex(time_s: Array, values: Array, index: int) -> tuple[float, float]:
-    """Instant and size of the extreme at a sample, by the parabola through it and its neighbours."""
+    """Return instant and size of the extreme at a sample, by the parabola through it and its neighbours."""
     before, here, after = values[index - 1 : index + 2]
     bend = before - 2.0 * here + after
     off = 0.5 * (before - after) / bend if bend else 0.0
@@ -173,7 +183,7 @@ def _vertex(time_s: Array, values: Array, index: int) -> tuple[float, float]:
 
 
 def response(phase_rad: Array, values: Array) -> Array:
-    """(W,) complex amplitudes c of waves with phases (K, W) in a series (K,): mean + Re(sum of c exp(i phase))."""
+    """Fit (W,) complex amplitudes c of waves with phases (K, W) to a series (K,): mean + Re(sum of c exp(i phase))."""
     columns = np.hstack([np.cos(phase_rad), -np.sin(phase_rad), np.ones((len(phase_rad), 1))])
     found = np.linalg.lstsq(columns, values, rcond=None)[0]
     waves = phase_rad.shape[1]
@@ -182,5 +192,5 @@ def response(phase_rad: Array, values: Array) -> Array:
 
 
 def radius_of_95_percent(north_m: Array, east_m: Array, place: Sequence[float]) -> float:
-    """Of the circle about a place that a vessel was inside for 95 % of the time."""
+    """Return the radius of the circle about a place that contains the vessel for 95 % of the time."""
     return float(np.quantile(np.hypot(north_m - place[0], east_m - place[1]), 0.95))

@@ -1,6 +1,6 @@
-"""Published figures of the shipped vessels, as data: each with its source and how near the vessel has to come.
+"""Published figures of the shipped vessels, as data, each with its source and its tolerance.
 
-Runs are of the published equations, with the same thrust as the commands here make: tests/oracles/ integrates them.
+Runs are of the published equations, with the same thrust as from these commands: tests/oracles/ integrates them.
 """
 
 from __future__ import annotations
@@ -9,40 +9,42 @@ import math
 from dataclasses import dataclass
 
 SAME_MODEL = 0.03
-"""Of surge, sway and rate of turn where the reference is the same vessel's published model."""
+"""Tolerance of surge, sway and rate of turn if the reference is the published model of the same vessel."""
 SAME_HEADING_DEG = 3.0
 DATA_SHEET = 0.10
-"""A data sheet's speed has one digit or two, of a boat whose load and batteries it does not tell."""
+"""Tolerance of a data sheet's speed: one or two digits, without load and batteries of the boat."""
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedRun:
-    """From rest under held commands: surge, sway and rate of turn after `RUNS_S`, and the heading after 10 s.
-
-    commands: fractions of full speed of the propellers, and of the full angle of the rudders.
-    """
+    """Run from rest under held commands."""
 
     name: str
     commands: tuple[float, ...]
+    """Fractions of full speed of the propellers, and of the full angle of the rudders."""
     surge_mps: float
+    """After `RUNS_S`."""
     sway_mps: float
+    """After `RUNS_S`."""
     rate_degps: float
+    """After `RUNS_S`."""
     heading_10_s_deg: float
+    """Heading after 10 s."""
     source: str
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedFigure:
-    """A figure of a manoeuvre, by the key that it has there; tolerance: as a share of it.
-
-    disputed: why it is not what the vessel is made after, where its sources contradict each other.
-    """
+    """A figure of a manoeuvre."""
 
     key: str
+    """Key in the manoeuvre."""
     value: float
     tolerance: float
+    """Tolerance as a share of the value."""
     source: str
     disputed: str = ""
+    """Reason why the vessel does not follow it, if its sources contradict each other."""
 
 
 _OTTER_AHEAD = math.sqrt(0.5 * 24.4 * 9.81 / (0.5 * 0.02216))
@@ -66,9 +68,9 @@ def _wamv(port_n: float, starboard_n: float) -> tuple[float, float]:
 
 
 RUNS_S = 15.0
-"""After which they are compared: steady, and too short for an unstable course to be left for want of symmetry."""
+"""Time of the comparison: the motion is steady, and an unstable course is not yet lost by asymmetry."""
 RUNS_WATER_KGPM3 = {"otter": 1025.0, "wamv16": 997.7735, "cybership2": 1000.0}
-"""Of the published models; none has air that drags."""
+"""Environment of the published models; none has air drag."""
 RUNS: dict[str, tuple[PublishedRun, ...]] = {
     "otter": (
         PublishedRun("100 and 100 rad/s", _otter(100, 100), 2.85734, 0.0, 0.0, 0.0, _OTTER),

@@ -1,7 +1,7 @@
-"""Small motions about rest or about steady way: stiffness, natural periods, damping ratios, stability of course.
+"""Small motions about rest or about steady way: stiffness, natural periods, damping ratios, course stability.
 
-The acceleration of the simulation's own vessel is differentiated numerically, by central differences, so whatever
-forces a vessel has are in it. State: depth z, roll, pitch, then the six velocities in body axes.
+The acceleration of the simulated vessel is differentiated numerically, by central differences. All forces of the vessel
+are therefore included. State: depth z, roll, pitch, then the six velocities in body axes.
 """
 
 from __future__ import annotations
@@ -23,36 +23,40 @@ Plane = Literal["across", "upright"]
 
 @dataclass(frozen=True, slots=True)
 class NaturalMode:
-    """An oscillation about rest: natural period without damping, and damping as a share of the critical one."""
+    """An oscillation about rest."""
 
     name: str
     period_s: float
+    """Natural period without damping."""
     damping_ratio: float
+    """Share of critical damping."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmallMotion:
-    """x' = matrix x, (9, 9), about one motion; mass: (6, 6) with the added one."""
+    """x' = matrix x about one motion."""
 
     matrix: Array
+    """State matrix, (9, 9)."""
     mass: Array
+    """Mass with added mass, (6, 6)."""
 
     @property
     def stiffness(self) -> Array:
-        """(3, 3) force down and moments of roll and pitch against depth, roll and pitch."""
+        """Force down and moments of roll and pitch against depth, roll and pitch, (3, 3)."""
         restoring: Array = -(self.mass @ self.matrix[3:, :3])[2:5]
         return restoring
 
     @property
     def damping(self) -> Array:
-        """(6, 6) force against velocity."""
+        """Force against velocity, (6, 6)."""
         drag: Array = -self.mass @ self.matrix[3:, 3:]
         return drag
 
     def modes(self) -> tuple[NaturalMode, ...]:
-        """Heave, roll and pitch: the undamped modes, each with the damping that acts in its own shape.
+        """Return heave, roll and pitch: the undamped modes, each with the damping of its mode shape.
 
-        That holds for one damped beyond oscillation too. Raises ValueError where the vessel does not right itself.
+        This also applies to an overdamped mode. Raises ValueError if the vessel does not right itself.
         """
         restoring = np.zeros((6, 6))
         restoring[:, 2:5] = -self.matrix[3:, :3]
@@ -77,18 +81,20 @@ class SmallMotion:
         return tuple(sorted(modes, key=lambda mode: ("heave", "roll", "pitch").index(mode.name)))
 
     def growth(self, plane: Plane) -> float:
-        """Rate (1/s) of what grows fastest across the hull (sway, roll, yaw) or in its upright plane; below 0: none."""
+        """Return the largest growth rate (1/s) across the hull (sway, roll, yaw) or in its upright plane; below 0:
+        none.
+        """
         rows = np.array([1, 4, 6, 8] if plane == "across" else [0, 2, 3, 5, 7])
         return float(np.linalg.eigvals(self.matrix[np.ix_(rows, rows)]).real.max())
 
     @property
     def fastest_radps(self) -> float:
-        """Of all motions: what the steps of a simulation have to follow."""
+        """Return the fastest rate of all motions, which limits the steps of a simulation."""
         return float(np.abs(np.linalg.eigvals(self.matrix)).max())
 
 
 def small_motion(simulation: Simulation, state: VesselState, vessel: int = 0) -> SmallMotion:
-    """About the motion of one vessel of a state, in still water, with its propellers held."""
+    """Linearise about the motion of one vessel of a state, in still water, with its propellers held."""
     matrix = slopes(_Base(simulation, state, vessel).rates)
     hydrodynamics = simulation.vessel.hydrodynamics
     mass: Array = hydrodynamics.rigid_mass + hydrodynamics.added_mass
@@ -96,12 +102,12 @@ def small_motion(simulation: Simulation, state: VesselState, vessel: int = 0) ->
 
 
 def moved(simulation: Simulation, state: VesselState, offsets: Array) -> Kinematics:
-    """The first vessel of a state, off it by (N, 9) in depth, roll, pitch and the six velocities."""
+    """Return the first vessel of a state, offset by (N, 9) in depth, roll, pitch and the six velocities."""
     return _Base(simulation, state, 0).motions(offsets)
 
 
 class _Base:
-    """One motion, and what happens a little off it."""
+    """One motion and small deviations from it."""
 
     def __init__(self, simulation: Simulation, state: VesselState, vessel: int) -> None:
         motion = state.motion
@@ -114,7 +120,7 @@ class _Base:
         self._velocity = np.concatenate([motion.vel_ned_mps[vessel] @ rotation, motion.gyro_frd_radps[vessel]])
 
     def motions(self, offsets: Array) -> Kinematics:
-        """(N, 9) offsets from it."""
+        """Return the motions for (N, 9) offsets."""
         count = len(offsets)
         pos = np.tile(self._pos, (count, 1))
         pos[:, 2] += offsets[:, 0]
@@ -129,7 +135,7 @@ class _Base:
         )
 
     def rates(self, offsets: Array) -> Array:
-        """(N, 9) derivatives of depth, roll, pitch and velocity."""
+        """Return (N, 9) derivatives of depth, roll, pitch and velocity."""
         count, motion = len(offsets), self.motions(offsets)
         surface = StillHull(self._points).sample(0.0, motion.pos_ned_m, motion.rot_ned_frd)
         still = np.zeros((count, 3))

@@ -1,4 +1,4 @@
-"""Station keeping in wind and current: a run of the embedded autopilot with its own sensors and estimate."""
+"""Station keeping in wind and current: a run of the embedded autopilot with its sensors and estimate."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from xitl_cli.run.status_display import NoDisplay
 
 ARMED_S, SETTLED_S, ENDS_S = 5.0, 30.0, 80.0
 CURRENT_OF_SPEED, WIND_OF_THRUST, MOST_WIND_MPS = 0.1, 0.1, 8.0
-"""A tenth of the top speed, and a wind that pushes its side with a tenth of the thrust, but no more than a breeze."""
+"""Current of a tenth of the top speed. The wind pushes the side with a tenth of the thrust, at most a breeze."""
 ESTIMATE_M = 0.5
-"""By which the estimate of the place, which the vessel keeps, may be off."""
+"""Allowance for the error of the position estimate, by which the vessel keeps its position."""
 
 
 def station_conditions(model: VesselSpec, top_speed_mps: float, thrust_n: float) -> tuple[float, float]:
-    """Current and wind, m/s."""
+    """Return current and wind, m/s."""
     drag = 0.5 * AIR_DENSITY_KGPM3 * model.wind.sway_coefficient * model.wind.lateral_area_m2
     wind = math.sqrt(WIND_OF_THRUST * thrust_n / drag) if drag > 0 else MOST_WIND_MPS
     return round(CURRENT_OF_SPEED * top_speed_mps, 2), round(min(wind, MOST_WIND_MPS), 1)
 
 
 def loiter_radius_m(autopilot: AutopilotSpec | None) -> float:
-    """Which the embedded autopilot keeps to: its LOIT_RADIUS."""
+    """Return the loiter radius of the embedded autopilot: its LOIT_RADIUS."""
     given = None if autopilot is None else autopilot.parameters.get("LOIT_RADIUS")
     return float(given if given is not None else Parameters()["LOIT_RADIUS"])
 
@@ -45,9 +45,9 @@ def loiter_radius_m(autopilot: AutopilotSpec | None) -> float:
 def station_keeping(
     model: VesselSpec, autopilot: AutopilotSpec | None, water: Water, top_speed_mps: float, thrust_n: float
 ) -> Section:
-    """The vessel is sent to the place where it lies; the current sets east, the wind blows from the south-west.
+    """Send the vessel to its own position. The current sets east, the wind blows from the south-west.
 
-    autopilot: of its profile, for its parameters, where that is the embedded one.
+    autopilot: from its profile, for its parameters, if it is the embedded one.
     """
     current, wind = station_conditions(model, top_speed_mps, thrust_n)
     own = AutopilotSpec() if autopilot is None or autopilot.kind != "embedded" else autopilot

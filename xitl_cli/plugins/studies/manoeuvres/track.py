@@ -1,4 +1,4 @@
-"""A batch of vessels sailed under commands, and the tracks they leave."""
+"""A batch of vessels sailed under commands, and their tracks."""
 
 from __future__ import annotations
 
@@ -18,37 +18,41 @@ from sim_core.vessel.vessel import VesselState
 
 _WINDOW_S, _STEADY_SHARE = 4.0, 5e-4
 Pilot = Callable[[float, "Instant"], Array]
-"""Time since the start and the motion of N vessels -> their (N, C) commands."""
+"""Returns the (N, C) commands for the time since the start and the motion of N vessels."""
 State = TypeVar("State")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
-    """Motion of N vessels: positions (N, 3) NED, Euler angles (N, 3), velocity and rates (N, 6) in body axes."""
+    """Motion of N vessels."""
 
     pos_ned_m: Array
+    """Positions, (N, 3) NED."""
     euler_rad: Array
+    """Euler angles, (N, 3)."""
     velocity_frd: Array
+    """Velocity and rates, (N, 6), body axes."""
 
     @classmethod
     def from_motion(cls, motion: Kinematics) -> Instant:
-        """Yaw in [-pi, pi]."""
+        """Convert a motion. Yaw is in [-pi, pi]."""
         velocity = (motion.vel_ned_mps[:, None, :] @ motion.rot_ned_frd)[:, 0]
         return cls(motion.pos_ned_m, matrix_to_euler(motion.rot_ned_frd), np.hstack([velocity, motion.gyro_frd_radps]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """What N vessels did at K instants: time (K,), the rest (K, N, ...) as of `Instant`; yaw goes on beyond a turn."""
+    """Motion of N vessels at K instants: arrays (K, N, ...) as in `Instant`. Yaw continues beyond a turn."""
 
     time_s: Array
+    """Times, (K,)."""
     pos_ned_m: Array
     euler_rad: Array
     velocity_frd: Array
     command: Array
 
     def __getitem__(self, vessel: int) -> Track:
-        """Of one vessel, (K, 1, ...)."""
+        """Return the track of one vessel, (K, 1, ...)."""
         one = slice(vessel, vessel + 1)
         return Track(
             self.time_s, self.pos_ned_m[:, one], self.euler_rad[:, one], self.velocity_frd[:, one], self.command[:, one]
@@ -56,17 +60,17 @@ class Track:
 
     @property
     def speed_mps(self) -> Array:
-        """(K, N) horizontal."""
+        """Horizontal speed, (K, N)."""
         return np.hypot(self.velocity_frd[:, :, 0], self.velocity_frd[:, :, 1])
 
 
 def still_water(environment: Environment | None = None) -> Environment:
-    """`environment` without what moves in it."""
+    """Return `environment` without moving water and air."""
     return Environment() if environment is None else Environment(water=environment.water)
 
 
 def spread(state: State, rows: Sequence[int]) -> State:
-    """The vessels `rows` of a state, in this order: one may come several times."""
+    """Return the vessels `rows` of a state, in this order. A vessel may occur several times."""
     return cast("State", _spread(state, np.array(rows)))
 
 
@@ -79,7 +83,7 @@ def _spread(part: Any, rows: NDArray[np.intp]) -> Any:
 
 
 def start(simulation: Simulation, vessels: int, vessel: VesselState | None = None) -> SimulationState:
-    """At rest at the origin, bow to the north, or as `vessel`, of as many."""
+    """Start at rest at the origin, bow to the north, or with the given vessels, which must have the same number."""
     state = world.initial(simulation, np.zeros((vessels, 2)), np.zeros(vessels), np.random.default_rng(1))
     return state if vessel is None else replace(state, vessel=vessel)
 
@@ -94,9 +98,9 @@ def sail(
     until: Callable[[Track], bool] | None = None,
     look_s: float = 4.0,
 ) -> tuple[SimulationState, Track]:
-    """Ask the pilot every `every_s` and keep what is there then, until the duration is over or `until` says so.
+    """Ask the pilot every `every_s` and record the state, until the end of the duration or until `until` returns True.
 
-    until: is shown the track so far each `look_s`.
+    until: receives the track so far each `look_s`.
     """
     rng = np.random.default_rng(1)
     steps = max(round(every_s / simulation.dt_s), 1)
@@ -129,13 +133,13 @@ def _track(kept: list[tuple[float, Instant, Array]]) -> Track:
 
 
 def steady(track: Track) -> bool:
-    """Whether speed and rate of turn of all vessels changed by less than a share of themselves in the last window."""
+    """Return True if speed and rate of turn of all vessels changed by less than a given share in the last window."""
     step_s = float(track.time_s[1] - track.time_s[0])
     samples = round(_WINDOW_S / step_s)
     if len(track.time_s) <= 2 * samples:
         return False
     last = track.velocity_frd[-samples:][:, :, (0, 1, 5)]
-    # Each of the two halves of the window by its mean, so that a small rolling does not count.
+    # The mean of each half of the window, so that a small rolling does not count.
     halves = np.array([last[: samples // 2].mean(axis=0), last[samples // 2 :].mean(axis=0)])
     change = np.abs(halves[1] - halves[0])
     size = np.maximum(np.abs(halves[1]), np.array([0.02, 0.02, 0.01]))

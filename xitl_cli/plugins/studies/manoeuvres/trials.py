@@ -1,7 +1,7 @@
 """The standard manoeuvres of one vessel in still water, and its response to waves: figures and plots of each.
 
-They begin at the speed of 85 % of the full power (IMO MSC.137(76)), on a straight course. A vessel is steered as
-`Helm` says: 35 degrees are full steering.
+They begin at the speed of 85 % of the full power (IMO MSC.137(76)), on a straight course. `Helm` defines steering: 35
+degrees are full steering.
 """
 
 from __future__ import annotations
@@ -27,38 +27,41 @@ from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spre
 from xitl_cli.plugins.studies.manoeuvres.vessel_check import AtRest
 
 APPROACH_THROTTLE = 0.85 ** (1 / 3)
-"""85 % of the power, which goes with the third power of the propellers' speed."""
+"""85 % of the power, which is proportional to the cube of the propellers' speed."""
 SPIRAL_DEG = (20.0, 10.0, 5.0, 0.0, -5.0, -10.0, -20.0)
 WAVELENGTHS = (1.2, 1.6, 2.2, 3.0, 4.5, 7.0, 12.0, 20.0)
-"""Over the vessel's length, all in one sea: their responses are told apart by their frequencies."""
+"""Wavelengths over the vessel's length, all in one sea: the frequencies separate their responses."""
 WAVE_STEEPNESS = 0.002
-"""Amplitude times wave number, of each: small, so that damping that grows with speed has no part."""
+"""Amplitude times wave number of each wave: small, so that quadratic damping has no effect."""
 _EVERY_S = 0.02
 LONGEST_S = 400.0
 _LENGTHS_A_HOLD = 15.0
 SWINGS = 8.0
 RELEASES = {2: ("heave", 0.05, "of the draft"), 3: ("roll", 1.0, "deg"), 4: ("pitch", 1.0, "deg")}
-"""By axis: small, so that it is the damping at rest that is measured."""
+"""Initial deflections by axis: small, so that the result is the damping at rest."""
 
 
 class SeaTrials:
-    """All manoeuvres of a vessel; each is a section of figures and plots. Raises ValueError for one that sinks."""
+    """All manoeuvres of a vessel; each is a section of figures and plots. Raises ValueError for a vessel that sinks."""
 
     def __init__(self, model: VesselSpec, water: Water, step_s: float | None = None) -> None:
-        """step_s: of the simulation; the longest that follows the vessel's fastest motion, unless given."""
+        """Prepare the vessel.
+
+        step_s: step of the simulation; None for the longest step that follows the vessel's fastest motion.
+        """
         self.rest = AtRest(model, water)
         self.model, self.water, self.helm = model, water, self.rest.helm
         self.step_s = step_s or self.rest.step_s
         self.simulation = Simulation.from_spec(model, self.rest.environment, self.step_s)
 
     def runs(self, commands: Sequence[Sequence[float]], duration_s: float) -> Track:
-        """From rest under held commands, a vessel for each row."""
+        """Run from rest under held commands, one vessel per row."""
         held = np.array(commands, dtype=float)
         state = start(self.simulation, len(held), spread(self.rest.state, [0] * len(held)))
         return sail(self.simulation, state, lambda _t, _m: held, duration_s, every_s=0.05)[1]
 
     def sections(self) -> Iterator[Section]:
-        """Under way, in the order of the field's tables."""
+        """Yield the sections of manoeuvres under way, in the usual order."""
         before, acceleration = self._approach()
         yield acceleration
         if self.helm.by != "nothing":
@@ -227,7 +230,7 @@ class SeaTrials:
         return Section("decays", "Free decays", tuple(facts), plots=tuple(plots))
 
     def _waves(self) -> Section:
-        """Bow against the waves, and side on: one sea of all wavelengths, two vessels."""
+        """Measure responses in bow and beam seas: one sea of all wavelengths, two vessels."""
         responses = wave_responses(self.model, self.water, self.step_s)
         facts, plots = [], []
         for name, (heading, motion, amplitudes) in responses.curves.items():
@@ -242,26 +245,27 @@ class SeaTrials:
 
 @dataclass(frozen=True, slots=True)
 class WaveResponses:
-    """Per amplitude of the wave in heave, per slope in roll and pitch, complex: against the elevation at the origin.
-
-    curves: by key, heading of the sea, motion, and the amplitudes (W,). omega_radps: (W,).
+    """Responses per amplitude of the wave in heave, per slope in roll and pitch, complex, relative to the elevation at
+    the origin.
     """
 
     wavelengths: tuple[float, ...]
     omega_radps: Array
+    """Frequencies, (W,)."""
     wave_number_radpm: Array
     curves: dict[str, tuple[str, str, Array]]
+    """By key: heading of the sea, motion, and the amplitudes (W,)."""
 
 
 def wave_numbers(model: VesselSpec, water: Water) -> tuple[tuple[float, ...], Array, Array]:
-    """Wavelengths over the vessel's length, wave numbers (W,) and frequencies (W,) of the sea that it is tried in."""
+    """Return wavelengths over the vessel's length, wave numbers (W,) and frequencies (W,) of the test sea."""
     number = 2.0 * math.pi / (np.array(WAVELENGTHS) * model.length_m)
     omega: Array = np.sqrt(GRAVITY_MPS2 * number * np.tanh(number * water.depth_m))
     return WAVELENGTHS, number, omega
 
 
 def wave_responses(model: VesselSpec, water: Water, step_s: float) -> WaveResponses:
-    """Free and at rest but for the waves, which go to the south; one vessel heads north, one east."""
+    """Simulate free vessels that only the waves move. The waves go to the south; one vessel heads north, one east."""
     _, number, omega = wave_numbers(model, water)
     field = WaveField(
         amplitude_m=WAVE_STEEPNESS / number,
@@ -295,7 +299,7 @@ Figure = tuple[str, str, float | None, str]
 
 
 def turning_figures(found: measures.TurningCircle) -> tuple[Figure, ...]:
-    """Of a turn to one side; the rate of turn with its sign."""
+    """Return the figures of a turn to one side; the rate of turn has its sign."""
     return (
         ("advance_m", "advance", found.advance_m, "m"),
         ("transfer_m", "transfer", found.transfer_m, "m"),
@@ -308,7 +312,7 @@ def turning_figures(found: measures.TurningCircle) -> tuple[Figure, ...]:
 
 
 def zig_zag_figures(found: measures.ZigZag, angle_deg: float) -> tuple[Figure, ...]:
-    """Of a zig-zag with as much steering as heading."""
+    """Return the figures of a zig-zag with equal angles of steering and heading."""
     name, kind = f"zig_zag_{angle_deg:.0f}", f"{angle_deg:.0f}/{angle_deg:.0f}"
     first, second = ([math.degrees(value) for value in found.overshoot_rad] + [None, None])[:2]
     figures: tuple[Figure, ...] = (
@@ -323,7 +327,7 @@ def zig_zag_figures(found: measures.ZigZag, angle_deg: float) -> tuple[Figure, .
 
 
 class SteeringOrder:
-    """What is ordered of one vessel: `steering_deg` of the time and how far it has turned; `done` when it is over."""
+    """Steering order of one vessel. `steering` returns degrees for the time and the turned degrees; `done` ends it."""
 
     done = False
 
@@ -332,7 +336,7 @@ class SteeringOrder:
 
 
 class TurnOrder(SteeringOrder):
-    """Twice round."""
+    """Two full turns."""
 
     def __init__(self, angle_deg: float) -> None:
         self._angle = angle_deg
@@ -343,7 +347,7 @@ class TurnOrder(SteeringOrder):
 
 
 class ZigZagOrder(SteeringOrder):
-    """Reversed whenever the heading has gone as far as the steering; six times."""
+    """Reversed whenever the heading change equals the steering angle; six times."""
 
     def __init__(self, angle_deg: float) -> None:
         self._angle, self._side, self._reversals = angle_deg, 1.0, 0
@@ -357,7 +361,7 @@ class ZigZagOrder(SteeringOrder):
 
 
 class SpiralOrder(SteeringOrder):
-    """Each angle for as long."""
+    """Each angle for an equal time."""
 
     def __init__(self, angles_deg: tuple[float, ...], hold_s: float) -> None:
         self._angles, self._hold_s = angles_deg, hold_s
@@ -369,7 +373,7 @@ class SpiralOrder(SteeringOrder):
 
 
 class _Pilot:
-    """Orders to several vessels; `finished`: the number of samples after which each was over."""
+    """Orders to several vessels; `finished`: the number of samples at the end of each order."""
 
     def __init__(self, orders: Sequence[SteeringOrder], command: Callable[[float, float], Array]) -> None:
         self._orders, self._command = orders, command
@@ -387,7 +391,7 @@ class _Pilot:
         last = yaw if self._yaw_rad is None else self._yaw_rad
         self._turned_rad = self._turned_rad + wrap_pi(yaw - last)
         self._yaw_rad = yaw
-        # Half a sample ahead, so that a heading is not noticed late on the mean.
+        # Half a sample ahead, so that a heading is not noticed late on average.
         turned = np.degrees(self._turned_rad + 0.5 * _EVERY_S * now.velocity_frd[:, 5])
         angles = [order.steering(time_s, float(angle)) for order, angle in zip(self._orders, turned, strict=True)]
         self.steering_deg.append(angles)

@@ -1,4 +1,4 @@
-"""A vessel's manoeuvres beside their references: published figures and closed forms, each with the error."""
+"""A vessel's manoeuvres with their references: published figures and closed forms, each with the error."""
 
 from __future__ import annotations
 
@@ -54,53 +54,54 @@ MIRRORED = "the same to the other side"
 LOITER = "LOIT_RADIUS of the embedded autopilot, which it keeps to by its own estimate"
 
 OF_WATERLINE, OF_BM, OF_LENGTH = 0.01, 0.02, 0.05
-"""To the fineness of the strips, which blunt a hull's ends; n of them leave out 1 / n2 of the longitudinal moment."""
+"""Tolerance for the strips, which blunt a hull's ends; n of them omit 1 / n^2 of the longitudinal moment."""
 OF_PERIOD, OF_RATIO = 0.02, 0.10
-"""Lift is not quite linear in depth, and some damping grows with speed: neither is in the linear problem."""
+"""Tolerance for nonlinear terms: lift is not quite linear in depth, and some damping grows with speed."""
 OF_SURGE = 0.05
-"""The vessel trims, which the equation of surge alone does not know."""
+"""Tolerance for trim, which the equation of surge alone omits."""
 OF_TURN, OF_DRIFT_DEG = 0.03, 0.5
 OF_ZIG_ZAG, OF_OVERSHOOT_DEG = 0.05, 0.5
-"""Reversals are noticed at samples, within which a boat turns by half a degree."""
+"""Tolerance for sampled reversals, between which a boat turns by half a degree."""
 OF_MIRROR = 0.005
 OF_RESPONSE = 0.05
-"""Of amplitude or slope, and of the response where it is more: strips of a fifth of the length blur short waves.
+"""Share of amplitude or slope, or of the response if that is larger: strips of a fifth of the length blur short waves.
 
-In roll, near resonance, what the tolerance of the waterline makes of it comes on top.
+In roll, near resonance, the effect of the waterline's tolerance is added.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class FigureReference:
-    """What a figure should be, how far it may be off, in its own unit, and who says so."""
+    """Reference of a figure: value, largest error in the figure's unit, and source."""
 
     value: float
     allowed: float
     source: str
     disputed: str = ""
     at_most: bool = False
-    """Whether it may be less by any amount."""
+    """True if the figure may be any amount smaller."""
 
 
 @dataclass(frozen=True, slots=True)
 class ValidatedFigure:
-    """One of a manoeuvre beside its reference, where there is one. value: None where it was not reached."""
+    """A figure of a manoeuvre with its reference, if there is one."""
 
     manoeuvre: str
     key: str
     label: str
     unit: str
     value: float | None
+    """None if it was not reached."""
     reference: FigureReference | None
 
     @property
     def error(self) -> float | None:
-        """Less the reference."""
+        """Value less the reference."""
         return None if self.value is None or self.reference is None else self.value - self.reference.value
 
     @property
     def agrees(self) -> bool | None:
-        """None where nothing is published, or what is published is disputed."""
+        """True if the figure agrees; None without an undisputed reference."""
         if self.reference is None or self.reference.disputed:
             return None
         error = self.error
@@ -110,7 +111,7 @@ class ValidatedFigure:
 
     @property
     def error_text(self) -> str:
-        """As a share where that says something."""
+        """Return the error as a share if this is meaningful."""
         if (error := self.error) is None or self.reference is None:
             return ""
         if self.reference.at_most and error <= 0:
@@ -122,16 +123,18 @@ class ValidatedFigure:
 
 @dataclass(frozen=True, slots=True)
 class VesselValidation:
-    """sections: with their plots, by key; figures in their order."""
+    """Validation of a vessel."""
 
     vehicle: str
     steered_by: str
     sections: tuple[Section, ...]
+    """Sections with their plots, by key."""
     figures: tuple[ValidatedFigure, ...]
+    """Figures in order."""
 
     @property
     def differing(self) -> tuple[ValidatedFigure, ...]:
-        """Those that have a reference and are off it by more than is allowed."""
+        """Return the figures with an error above the tolerance."""
         return tuple(figure for figure in self.figures if figure.agrees is False)
 
 
@@ -142,7 +145,8 @@ def validate_vessel(
     autopilot: AutopilotSpec | None = None,
     told: Callable[[str], None] = lambda _: None,
 ) -> VesselValidation:
-    """name: under which figures are published. autopilot: for station keeping. told: is called with each manoeuvre.
+    """Validate a vessel. name: key of the published figures. autopilot: for station keeping. told: called with each
+    manoeuvre.
 
     Raises ValueError for a vessel that does not float upright.
     """
@@ -160,13 +164,13 @@ def validate_vessel(
     top_mps = next(float(fact.value or 0.0) for one in sections for fact in one.facts if fact.key == "top_speed_mps")
     sections.append(station_keeping(model, autopilot, water, top_mps, trials.rest.forward_n))
     values = {
-        fact.key: float(fact.value)  # numpy's own numbers are no numbers for JSON
+        fact.key: float(fact.value)  # JSON does not accept numpy's number types
         for section in sections
         for fact in section.facts
         if isinstance(fact.value, int | float) and not isinstance(fact.value, bool)
     }
     theory = _Theory(trials, values)
-    turning_m = 0.0 if trials.helm.by == "difference of thrust" else model.length_m  # others need room to turn round
+    turning_m = 0.0 if trials.helm.by == "difference of thrust" else model.length_m  # others need room to turn
     theory.limit("station_radius_m", loiter_radius_m(autopilot), ESTIMATE_M + turning_m, LOITER)
     sections = [theory.drawn(section) for section in sections]
     published = {figure.key: figure for figure in FIGURES.get(name, ())}
@@ -185,7 +189,7 @@ def validate_vessel(
 
 
 def _published_runs(model: VesselSpec, name: str) -> Section:
-    """In the published models' water, and without air."""
+    """Run in the published models' water, without air."""
     runs = RUNS[name]
     trials = SeaTrials(replace(model, wind=Windage()), Water(density_kgpm3=RUNS_WATER_KGPM3[name]))
     track = trials.runs([run.commands for run in runs], RUNS_S)
@@ -218,7 +222,7 @@ def _of_runs(name: str, key: str) -> Iterator[FigureReference]:
 
 
 class _Theory:
-    """Closed forms of a vessel's figures. values: those measured, from which equations are solved on."""
+    """Closed forms of a vessel's figures. values: measured figures, from which the equations start."""
 
     def __init__(self, trials: SeaTrials, values: dict[str, float]) -> None:
         self._found: dict[str, list[FigureReference]] = {}
@@ -248,15 +252,15 @@ class _Theory:
         self._turns()
 
     def references(self, key: str) -> list[FigureReference]:
-        """Of a figure; none where theory has nothing to say."""
+        """Return the references of a figure; empty if theory gives none."""
         return self._found.get(key, [])
 
     def limit(self, key: str, value: float, allowed: float, source: str) -> None:
-        """What a figure may not be above."""
+        """Set an upper limit of a figure."""
         self._found.setdefault(key, []).append(FigureReference(value, allowed, source, at_most=True))
 
     def drawn(self, section: Section) -> Section:
-        """With what theory has to be drawn beside what was measured."""
+        """Return the section with theoretical curves added to its plots."""
         plots = tuple(
             replace(plot, traces=(*plot.traces, self._curves[plot.key])) if plot.key in self._curves else plot
             for plot in section.plots
@@ -297,7 +301,7 @@ class _Theory:
         speed = closed_forms.steady_speed_mps(trials.model, trials.water, motion.wanted(straight)[0])
         for angle in (angle for angle in SPIRAL_DEG if angle > 0):
             key = f"spiral_at_{angle:.0f}_degps"
-            guess = (speed, -0.1 * speed, math.radians(values.get(key, 10.0)))  # which of several turns it is
+            guess = (speed, -0.1 * speed, math.radians(values.get(key, 10.0)))  # selects one of several solutions
             if (found := motion.steady(trials.helm.command(APPROACH_THROTTLE, angle), guess)) is not None:
                 degps = math.degrees(found[2])
                 self._add(key, degps, OF_TURN * abs(degps), HORIZONTAL)
@@ -335,7 +339,7 @@ class _Theory:
                     self._add(key, other, OF_MIRROR * abs(other), MIRRORED)
 
     def _mirrored(self) -> bool:
-        """Whether port and starboard are alike."""
+        """Return True if port and starboard are symmetric."""
         model = self._trials.model
         places = [propeller.position_frd_m[:2] for propeller in model.propellers if propeller.position_frd_m[1]]
         paired = all((x, -y) in places for x, y in places)
@@ -360,5 +364,5 @@ class _Theory:
                 for ratio, size, other in zip(wavelengths, sizes.tolist(), less.tolist(), strict=True):
                     self._add(f"{key}_{ratio:g}", size, OF_RESPONSE * max(1.0, size) + abs(other - size), STRIPS)
                 slowness = (trials.rest.modes[motion].period_s * omega.min() / (2.0 * math.pi)) ** 2
-                if slowness < 0.5 * OF_RESPONSE:  # else it swings in the longest too
+                if slowness < 0.5 * OF_RESPONSE:  # otherwise it oscillates in the longest waves too
                     self._add(f"{key}_{max(wavelengths):g}", 1.0, OF_RESPONSE, LONG_WAVES)

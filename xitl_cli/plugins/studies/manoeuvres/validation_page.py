@@ -1,4 +1,4 @@
-"""The validation of vessels as a page of the logs' kind: figures, references and plots of each manoeuvre."""
+"""The validation of vessels as a page in the logs' format: figures, references and plots of each manoeuvre."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLUMNS = ("figure", "unit", "ours", "reference", "error", "agrees", "source")
 
 
 def validation_page(validations: Sequence[VesselValidation]) -> Page:
-    """A part for each manoeuvre of each vessel; what differs at its head."""
+    """Return a page with a part for each manoeuvre of each vessel, and differences at the top."""
     several = len(validations) > 1
     parts = [
         PagePart(_section(section, validation), TimeLine(), validation.vehicle if several else "")
@@ -27,7 +27,7 @@ def validation_page(validations: Sequence[VesselValidation]) -> Page:
 
 
 def counts(validation: VesselValidation) -> tuple[int, int, int]:
-    """Figures that agree, that differ, and that have no reference."""
+    """Return the numbers of figures that agree, that differ, and that have no reference."""
     verdicts = [figure.agrees for figure in validation.figures]
     return verdicts.count(True), verdicts.count(False), sum(figure.reference is None for figure in validation.figures)
 
@@ -70,7 +70,7 @@ def _source(reference: FigureReference) -> str:
 
 
 def rounded(value: float | None) -> float | None:
-    """To four digits, and to nothing what is rounding."""
+    """Round to four digits, and rounding residues to zero."""
     return None if value is None else 0.0 if abs(value) < 1e-9 else float(f"{value:.4g}")
 
 

@@ -1,6 +1,7 @@
-"""What a vessel does, from its data alone: afloat, in small motions, under way, turning and stopping; what looks wrong.
+"""Behaviour of a vessel from its data: afloat, in small motions, under way, turning and stopping; and suspicious
+values.
 
-Every figure is one of the simulation in still water and still air; the wind of the vessel's own speed acts.
+Every figure is from the simulation in still water and still air. The apparent wind of the vessel's own motion acts.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spre
 
 THROTTLES = (0.25, 0.5, 0.75, 1.0)
 _STEP_S = (0.01, 0.005, 0.0025, 0.001, 0.0005)
-"""The longest that follows the vessel's fastest motion is used: what is asked for here is slow."""
+"""Possible steps. The check uses the longest step that follows the vessel's fastest motion: its runs are slow.
+"""
 _STEPS_PER_RADIAN = 8.0
 _LONGEST_S = 240.0
 _FULL = len(THROTTLES) - 1
@@ -32,10 +34,12 @@ _FULL = len(THROTTLES) - 1
 
 @dataclass(frozen=True, slots=True)
 class VesselFinding:
-    """What looks wrong. key: of the profile that it is about; rule: stable name for programs."""
+    """A suspicious value."""
 
     rule: str
+    """Stable name for programs."""
     key: str
+    """Key of the profile."""
     severity: Severity
     sentence: str
     next_step: str
@@ -43,21 +47,23 @@ class VesselFinding:
 
 @dataclass(frozen=True, slots=True)
 class VesselCheck:
-    """Figures by heading, each with a stable key that ends in its unit, and what looks wrong, the worst first."""
+    """Figures and findings of a vessel."""
 
     vehicle: str
     figures: tuple[tuple[str, tuple[Fact, ...]], ...]
+    """Figures by heading, each with a stable key that ends in its unit."""
     findings: tuple[VesselFinding, ...]
+    """Suspicious values, the worst first."""
 
     @property
     def values(self) -> dict[str, Value]:
-        """Figures by key."""
+        """Return the figures by key."""
         return {fact.key: fact.value for _, facts in self.figures for fact in facts}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demands:
-    """What the vessel is to be used for, as far as the file says it."""
+    """Intended use of the vessel, as specified in the file."""
 
     environment: EnvironmentSpec | None = None
     mission_speed_mps: float | None = None
@@ -65,7 +71,7 @@ class Demands:
 
 
 def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselCheck:
-    """Raises ValueError, with the number that is wrong, for a vessel that does not float upright."""
+    """Check a vessel. Raises ValueError with the wrong number for a vessel that does not float upright."""
     demands = demands or Demands()
     rest = AtRest(model, demands.environment.water if demands.environment else Water())
     runs = _Runs(rest)
@@ -83,7 +89,7 @@ def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselChe
 
 
 class AtRest:
-    """A vessel that floats, and small motions about that. Raises ValueError where it does not, or does not upright."""
+    """A floating vessel and its small motions. Raises ValueError if it does not float upright."""
 
     def __init__(self, model: VesselSpec, water: Water) -> None:
         self.model, self.water = model, water
@@ -100,7 +106,7 @@ class AtRest:
         self.forward_n, self.reverse_n = (float(np.abs(self.helm.ahead) @ full) for full in self.full_n)
 
         def drag_n(velocity: Array) -> Array:
-            """(N, 6) force of the water against (N, 6) velocities, at the depth of rest."""
+            """Return the (N, 6) force of the water against (N, 6) velocities, at the depth of rest."""
             hydrodynamics = finest.vessel.hydrodynamics
             force: Array = np.concatenate(hydrodynamics.terms(velocity), axis=1) @ hydrodynamics.wrench
             return -force
@@ -109,7 +115,7 @@ class AtRest:
 
     @property
     def step_s(self) -> float:
-        """The longest that follows its fastest motion."""
+        """Return the longest step that follows its fastest motion."""
         most = 1.0 / (_STEPS_PER_RADIAN * self.about.fastest_radps)
         return next((dt_s for dt_s in _STEP_S if dt_s <= most), _STEP_S[-1])
 
@@ -124,7 +130,7 @@ class _Runs:
         others = [helm.command(-1.0), spot]
 
         def ahead(_time_s: float, now: Instant) -> Array:
-            """The several throttles ahead on a straight course, then the others."""
+            """Return the commands: several throttles ahead on a straight course, then the others."""
             yaw, rate = now.euler_rad[:, 2], now.velocity_frd[:, 5]
             rows = [helm.straight(throttle, yaw[row], rate[row]) for row, throttle in enumerate(THROTTLES)]
             return np.array([*rows, *others])
@@ -144,18 +150,18 @@ class _Runs:
 
 
 def _turned(track: Track) -> bool:
-    """Once round, and steady."""
+    """Return True after a full turn, if it is steady."""
     return bool(np.all(np.abs(track.euler_rad[-1, :, 2] - track.euler_rad[0, :, 2]) > 2 * np.pi)) and steady(track)
 
 
 def _stopped(track: Track) -> bool:
-    """The one astern has stopped, the other is down to a tenth."""
+    """Return True if the vessel astern has stopped and the other is down to a tenth."""
     along = track.velocity_frd[:, :, 0]
     return bool(along[-1, 0] <= 0.0 and along[-1, 1] <= 0.1 * along[0, 1])
 
 
 def afloat_facts(rest: AtRest) -> Iterator[Fact]:
-    """Draft, freeboard, trim, heel and metacentric heights."""
+    """Yield draft, freeboard, trim, heel and metacentric heights."""
     model, motion = rest.model, rest.state.motion
     rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
     keels = np.array([hull.keel_frd_m for hull in model.demi_hulls])
@@ -243,12 +249,12 @@ def _stopping(runs: _Runs) -> Iterator[Fact]:
 
 
 def _rounded(value: float | None) -> float | None:
-    """To four digits: more would be noise of the steps. None for what is no number."""
+    """Round to four digits: more would be noise of the steps. None for a value that is not a finite number."""
     return None if value is None or not math.isfinite(value) else float(f"{value:.4g}") + 0.0
 
 
 def rest_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
-    """What can be seen without a run."""
+    """Yield the findings that need no run."""
     yield from _afloat_findings(rest)
     yield from _body_findings(rest)
     yield from _place_findings(rest)
@@ -269,7 +275,10 @@ def _number(values: dict[str, Value], key: str) -> float:
 
 
 SMALL_GM_OF_WIDTH = 0.03
-"""Merchant ships have 0.04 and more (Rawson and Tupper 2001, ch. 4), small craft several times that."""
+"""Limit of a small metacentric height, as a share of the width.
+
+Merchant ships have 0.04 and more (Rawson and Tupper 2001, ch. 4), small craft several times that.
+"""
 
 
 def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
@@ -385,19 +394,20 @@ def _listed(words: list[str]) -> str:
 
 
 LITTLE_DAMPING, MUCH_DAMPING = 0.05, 2.0
-"""Bare hulls at rest roll with 0.03 to 0.1 of critical damping, catamarans and hulls with skegs with 0.1 to 0.4 (Himeno
-1981; Faltinsen 2005, ch. 7)."""
+"""Usual roll damping. Bare hulls at rest roll with 0.03 to 0.1 of critical damping, catamarans and hulls with skegs
+with 0.1 to 0.4 (Himeno 1981; Faltinsen 2005, ch. 7).
+"""
 
 
 AHEAD_OF_BOW, BEHIND_STERN, OUTSIDE = 0.02, 0.25, 1.05
-"""Shares of the hulls' length, and of half their width, that propellers and rudders reach beyond the hulls' extents.
+"""Shares of the hulls' length, and of half their width, by which propellers and rudders may exceed the hulls' extents.
 
-Outboards hang on brackets behind the stern; nothing hangs ahead of the bow.
+Outboards are on brackets behind the stern; nothing is ahead of the bow.
 """
 
 
 def _place_findings(rest: AtRest) -> Iterator[VesselFinding]:
-    """Propellers and rudders beyond the hulls' extents."""
+    """Yield propellers and rudders beyond the hulls' extents."""
     model = rest.model
     bow_m = max(hull.keel_frd_m[0] + 0.5 * hull.length_m for hull in model.demi_hulls)
     stern_m, half_m = bow_m - model.length_m, 0.5 * model.width_m
@@ -431,17 +441,18 @@ def _place_findings(rest: AtRest) -> Iterator[VesselFinding]:
 
 YAW_OF_CLARKE = (0.1, 10.0)
 """Yaw damping as a share of Clarke's regression. The shipped vessels have 0.4 to 2.3. Multihulls and small craft are
-outside the ships that the regression is of, hence the wide range."""
+outside the range of ships of the regression, hence the wide limits.
+"""
 _TURN = 0.5
-"""Lengths over radius of the turn at top speed whose rate is looked at: that of a turn of two lengths."""
+"""Length over radius of the checked turn at top speed: a turn with a radius of two lengths."""
 
 
 def clarke_yaw_damping_nmps(rest: AtRest, speed_mps: float) -> float:
-    """-N_r of the hulls in N m s about amidships, at a speed through the water.
+    """Return -N_r of the hulls in N m s about amidships, at a speed through the water.
 
-    Clarke, Gedling and Hine 1983, The application of manoeuvring criteria in hull design using linear theory:
-    -N_r' = pi (T / L)^2 (1 / 4 + 0.039 B / T - 0.56 B / L), made dimensional by rho L^4 U / 2. The bracket is at least
-    0.1, as it is negative for hulls far wider than ships.
+    Clarke, Gedling and Hine 1983, The application of manoeuvring criteria in hull design using linear theory: -N_r' =
+    pi (T / L)^2 (1 / 4 + 0.039 B / T - 0.56 B / L), made dimensional by rho L^4 U / 2. The bracket is at least 0.1,
+    because it is negative for hulls far wider than ships.
     """
     motion = rest.state.motion
     rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
@@ -455,7 +466,7 @@ def clarke_yaw_damping_nmps(rest: AtRest, speed_mps: float) -> float:
 
 
 def _yaw_findings(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
-    """The damping of a turn on the spot against Clarke's regression at top speed: a turn ends without way too."""
+    """Compare the damping of a turn on the spot with Clarke's regression at top speed: a turn ends without way too."""
     if not top_mps > 0.0:
         return
     rate = _TURN * top_mps / rest.model.length_m
@@ -464,7 +475,7 @@ def _yaw_findings(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
     moment = rest.drag_n(turning)[:, 5]
     has, usual = 0.5 * float(moment[0] - moment[1]) / rate, clarke_yaw_damping_nmps(rest, top_mps)
     least, most = (share * usual for share in YAW_OF_CLARKE)
-    if has <= 0.0 or least <= has <= most:  # without any, `damping.yaw` says so
+    if has <= 0.0 or least <= has <= most:  # without any damping, `damping.yaw` reports it
         return
     yield _wrong(
         f"damping.yaw.{'little' if has < least else 'much'}",
@@ -534,7 +545,7 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
 
 
 FROUDE_OF_HUMP = 0.5
-"""Where the main hump of the wave resistance is (Faltinsen 2005, ch. 4); a slender demi-hull has a low one."""
+"""Position of the main hump of the wave resistance (Faltinsen 2005, ch. 4); a slender demi-hull has a low one."""
 
 
 def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> Iterator[VesselFinding]:
@@ -619,7 +630,7 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
 
 
 def _damping_key(model: VesselSpec, name: str) -> str:
-    """Where the damping of an axis is written."""
+    """Return the key of an axis' damping."""
     if model.damping_linear_matrix is not None:
         return "vehicle.damping_linear_matrix"
     return "vehicle.derivatives" if model.derivatives else f"vehicle.damping_linear.{name}"
