@@ -9,10 +9,10 @@ from sim_core.world.rays import Backend, RayCaster, Scene
 
 
 def make_caster(scene: Scene, backend: Backend = "embree") -> RayCaster:
-    """A caster for the scene: Embree, or numpy, which is slow and needs nothing else.
+    """Make a caster for the scene: Embree, or numpy, which is slow and needs no extra package.
 
     Raises:
-        WorldError: embree is wanted and not installed.
+        WorldError: embree is selected and not installed.
     """
     if backend == "numpy":
         from sim_core.world.primitive_rays import PrimitiveCaster

@@ -34,7 +34,7 @@ COMMAND = Command("An ARMv7 board with a Debian of its own, emulated on this mac
 
 
 def running_board(name: str, port: int | None, identity: Path | None, ssh_config: Path | None) -> Board:
-    """The running emulated board `name`, to reach over ssh. Raises UserError where it does not run."""
+    """Return the running emulated board `name`, for access over ssh. Raises UserError if it does not run."""
     from xitl_cli.deploy.ssh import Board
     from xitl_cli.plugins.board.emulator import the_running_board
 

@@ -1,1 +1,1 @@
-"""The command `xitl map`: build the map of a recording again and compare it with the world."""
+"""The command `xitl map`: rebuild the map of a recording and compare it with the world."""

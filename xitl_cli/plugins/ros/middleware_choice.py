@@ -16,7 +16,7 @@ MOST_SAID = 120
 
 
 def open_middleware(spec: RosSpec, node_name: str = NODE_NAME) -> Middleware:
-    """The way in that the profile asks for. Raises UserError where there is none."""
+    """Open the middleware of the profile. Raises UserError if it is not available."""
     if spec.master is not None:
         from xitl_cli.plugins.ros.tcpros_middleware import TcprosMiddleware
 
@@ -40,7 +40,7 @@ def open_middleware(spec: RosSpec, node_name: str = NODE_NAME) -> Middleware:
 
 
 def rclpy_problem() -> str | None:
-    """Why the rclpy that is here cannot be imported, as one for another Python; None where it can be."""
+    """Return why the installed rclpy cannot be imported, for example one for another Python; None if it can."""
     try:
         import_module("rclpy")
     except ImportError as error:
@@ -49,7 +49,7 @@ def rclpy_problem() -> str | None:
 
 
 def ros2_way(spec: RosSpec) -> Literal["rclpy", "cyclonedds"]:
-    """Which of the two there is. Raises UserError where it is not."""
+    """Return the available middleware. Raises UserError if there is none."""
     if spec.way != "cyclonedds" and find_spec("rclpy") is not None:
         return "rclpy"
     if spec.way == "rclpy":

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def live_ros(profiles: Sequence[RunProfile]) -> LiveOutput:
-    """A run as a node of ROS, for `ros.enabled`."""
+    """Return a run as a ROS node, for `ros.enabled`."""
     from xitl_cli.plugins.ros.live_ros import RosOutput
 
     return RosOutput(profiles)
@@ -29,14 +29,14 @@ def export_bag(
     out: Path | None,
     overwrite: bool,
 ) -> ExportResult:
-    """Write a log as a bag of ROS: see `bag_export.export_bag`."""
+    """Write a log as a ROS bag: see `bag_export.export_bag`."""
     from xitl_cli.plugins.ros.bag_export import export_bag as write
 
     return write(log, wanted, names, bag_format, out, overwrite)
 
 
 def doctor_checks() -> Iterable[DoctorFinding]:
-    """How `--ros` would connect to ROS 2 on this machine."""
+    """Check how `--ros` would connect to ROS 2 on this machine."""
     from xitl_cli.plugins.ros.readiness import check_ros
 
     return [check_ros()]
