@@ -11,7 +11,7 @@ import numpy as np
 from sim_core.frames import Array32
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.scenery import Scenery
 
 HALF_VIEW_RAD = math.radians(35.2)
 

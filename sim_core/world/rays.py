@@ -1,6 +1,6 @@
 """Ray casting: a scene of what does not move, bodies adrift, and what rays meet of them.
 
-    hits = make_caster(scene).cast(origin_ned_m, direction_ned, bodies)
+    hits = ray_backends.make_caster(scene).cast(origin_ned_m, direction_ned, bodies)
 
 A caster knows what does not move. What drifts comes with every call.
 """
@@ -133,19 +133,3 @@ class Scene:
     def triangles(self) -> int:
         """Of all parts."""
         return sum(len(part.mesh.faces) for part in self.parts)
-
-
-def make_caster(scene: Scene, backend: Backend = "embree") -> RayCaster:
-    """A caster for the scene: Embree, or numpy, which is slow and needs nothing else.
-
-    Raises:
-        WorldError: embree is wanted and not installed.
-    """
-    if backend == "numpy":
-        from sim_core.world.primitive_rays import PrimitiveCaster
-
-        meshes = [part.mesh for part in scene.parts if not part.solids]
-        return PrimitiveCaster([solid for part in scene.parts for solid in part.solids], meshes)
-    from sim_core.world.embree_rays import EmbreeCaster
-
-    return EmbreeCaster([part.mesh for part in scene.parts])

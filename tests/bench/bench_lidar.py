@@ -26,8 +26,8 @@ from sim_core.sensors.spec import LidarSpec
 from sim_core.world.embree_rays import EmbreeCaster
 from sim_core.world.rays import Hits
 from xitl_cli.profile import load_profile
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_simulation
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 PROFILE = "sitl-perception"

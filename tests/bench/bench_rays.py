@@ -14,7 +14,8 @@ import numpy as np
 
 from sim_core.frames import Array32
 from sim_core.world.geometry import WOOD, cylinder
-from sim_core.world.rays import NO_BODIES, Bodies, make_caster
+from sim_core.world.ray_backends import make_caster
+from sim_core.world.rays import NO_BODIES, Bodies
 from tests.river import fan, river_scenery
 
 RUNS = 7

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import threading
+from contextlib import suppress
+from queue import Queue
 from typing import Any
 from xmlrpc.client import ServerProxy
 from xmlrpc.server import SimpleXMLRPCServer
@@ -19,13 +21,16 @@ class FakeMaster:
         self.services: dict[str, str] = {}
         self.parameters: dict[str, Any] = {}
         self.nodes: dict[str, str] = {}
+        self._updates: Queue[tuple[str, str, list[str]] | None] = Queue()
         self._server = SimpleXMLRPCServer(("127.0.0.1", port), logRequests=False, allow_none=True)
         self.port: int = self._server.server_address[1]
         self.uri = f"ros1://127.0.0.1:{self.port}"
         self._server.register_instance(self)
         threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True).start()
+        threading.Thread(target=self._send_updates, daemon=True).start()
 
     def stop(self) -> None:
+        self._updates.put(None)
         self._server.shutdown()
         self._server.server_close()
 
@@ -86,9 +91,11 @@ class FakeMaster:
     def _news(self, topic: str) -> None:
         uris = [uri for _, uri in self.publishers[topic]]
         for _, uri in self.subscribers.get(topic, []):
-            threading.Thread(target=_tell, args=(uri, topic, uris), daemon=True).start()
+            self._updates.put((uri, topic, uris))
 
-
-def _tell(uri: str, topic: str, publishers: list[str]) -> None:
-    with ServerProxy(uri) as node:
-        node.publisherUpdate("/master", topic, publishers)
+    def _send_updates(self) -> None:
+        """In order, as roscore does for each subscriber: an older list never replaces a newer one."""
+        while (update := self._updates.get()) is not None:
+            uri, topic, publishers = update
+            with suppress(OSError), ServerProxy(uri) as node:
+                node.publisherUpdate("/master", topic, publishers)

@@ -175,6 +175,68 @@ def test_a_browser_sees_the_vessel_move_by_day_and_by_night(started: Callable[..
     assert view["shown"] > 5
 
 
+def test_a_pause_stays_when_the_last_browser_closes(started: Callable[..., Viewed], browser: Any) -> None:
+    run = started("sitl", "--pace", "0.5", "--set", "view.rate_hz=5", "--view")
+
+    def opened() -> Any:
+        page = unhurried(browser.new_page(viewport={"width": 900, "height": 540}))
+        page.goto(run.address)
+        page.locator("td", has_text="waypoint").wait_for()
+        return page
+
+    page = opened()
+    page.get_by_role("button", name="Pause", exact=True).click()
+    wait_until(lambda: "paused" in told(page, "time"))
+    stood_s = seconds(page)
+    page.close()
+    wait_until(lambda: "the last browser has closed and the run stays paused" in run.said)
+    assert run.address in run.said.rpartition("stays paused")[2]
+    page = opened()
+    wait_until(lambda: "paused" in told(page, "time"))
+    assert seconds(page) == stood_s
+    page.get_by_role("button", name="Resume", exact=True).click()
+    wait_until(lambda: seconds(page) > stood_s)
+    page.close()
+    run.end()
+    assert run.summary()["operator"]["actions"] == {"pause": 1, "resume": 1}
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390)])
+def test_on_a_phone_the_controls_begin_closed_and_open(
+    started: Callable[..., Viewed], browser: Any, width: int, height: int
+) -> None:
+    run = started("sitl", "--pace", "0.5", "--set", "view.rate_hz=5", "--view")
+    page = unhurried(browser.new_page(viewport={"width": width, "height": height}))
+    page.goto(run.address)
+    pause = page.get_by_role("button", name="Pause", exact=True)
+
+    def pause_is_in_sight() -> bool:
+        page.wait_for_timeout(500)
+        box = pause.bounding_box() if pause.count() and pause.is_visible() else None
+        if box is None:
+            return False
+        middle = [box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]]
+        hit = "([x, y]) => document.elementFromPoint(x, y)?.closest('button')?.textContent === 'Pause'"
+        return bool(page.evaluate(hit, middle))
+
+    if width < height:
+        controls = page.get_by_role("button", name="Controls")
+        controls.wait_for()
+        wait_until(lambda: controls.get_attribute("aria-expanded") == "false")
+        wait_until(lambda: not pause_is_in_sight())
+        sheet = page.locator(".mantine-Paper-root", has=controls).first.bounding_box()
+        assert sheet["width"] * sheet["height"] < width * height / 3
+        controls.focus()
+        page.keyboard.press("Enter")
+        assert controls.get_attribute("aria-expanded") == "true"
+    else:
+        page.get_by_text("sitl", exact=True).wait_for()
+        wait_until(lambda: not pause_is_in_sight())
+        page.get_by_text("sitl", exact=True).click()
+    wait_until(pause_is_in_sight)
+    page.close()
+
+
 def test_browsers_that_do_not_read_and_vanish_change_nothing(started: Callable[..., Viewed]) -> None:
     run = started("sitl", "--view", "--pace", "0.5")  # its mission takes 5 minutes: ten may be slow to come
     address = run.address.replace("http", "ws", 1)

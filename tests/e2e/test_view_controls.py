@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import threading
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import differences, payloads, unhurried
 
@@ -39,6 +41,19 @@ def time_shown_s(page: Any) -> tuple[float, bool]:
     """As the table beside the picture has it, and whether it says that the run stands still."""
     found = re.search(r"(\d+\.\d) s( · paused)?", page.locator("table").first.inner_text())
     return (float(found[1]), found[2] is not None) if found else (0.0, False)
+
+
+def water(page: Any) -> np.ndarray:
+    """(H, W, 3) of the picture around the place of the click, clear of panels."""
+    image = pytest.importorskip("PIL.Image")
+    page.wait_for_timeout(500)
+    around = {"x": 320, "y": 165, "width": 80, "height": 50}
+    return np.asarray(image.open(io.BytesIO(page.screenshot(clip=around))).convert("RGB"), dtype=np.float64)
+
+
+def share_changed(before: np.ndarray, after: np.ndarray) -> float:
+    """Of the pixels, by more than a camera that settles changes them."""
+    return float((np.abs(after - before).max(axis=2) > 30.0).mean())
 
 
 @pytest.mark.slow
@@ -73,9 +88,6 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
             page.get_by_text("Debris and orders", exact=True).click()
             page.get_by_label("A click on the water").click()
             page.get_by_role("option", name=LAUNCHES).click()
-            click("Arm")
-            click("Resume")
-            wait_until(lambda: not time_shown_s(page)[1])
             refused = page.get_by_text("that is not on the water")
 
             def click_on_the_sky() -> bool:
@@ -85,7 +97,13 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
                 return bool(refused.is_visible())
 
             wait_until(click_on_the_sky)
+            free_water, stood = water(page), time_shown_s(page)
             page.mouse.click(345, 190)  # beside what is told at the left, and ahead of the vessel
+            wait_until(lambda: share_changed(free_water, water(page)) > 0.05, "no body is drawn while it is paused")
+            assert time_shown_s(page) == stood
+            click("Arm")
+            click("Resume")
+            wait_until(lambda: not time_shown_s(page)[1])
             page.get_by_text("trunk 0 of 4.0 m in the water").first.wait_for()
             before = page.screenshot()
             shown_s, _ = time_shown_s(page)

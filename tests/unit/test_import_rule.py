@@ -6,7 +6,7 @@ import ast
 import struct
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -204,22 +204,47 @@ def modules_named(node: ImportStatement, own: list[str]) -> Iterator[str]:
 
 
 @cache
-def folder_imports() -> dict[str, set[str]]:
-    """Which folder imports from which others. A package's own top files serve all below and are left out."""
+def file_imports() -> dict[str, set[str]]:
+    """Which file imports which others of the packages, also lazily and for types."""
     paths = [file.relative_to(ROOT) for package in PACKAGES for file in files(package)]
-    folders = {
+    modules = {
         ".".join((path.parent if path.name == "__init__.py" else path.with_suffix("")).parts): path for path in paths
     }
     edges: dict[str, set[str]] = {}
     for path in paths:
-        here = path.parent
-        own = list(here.parts)
         for node, _ in statements_of(ROOT / path):
-            for name in modules_named(node, own):
-                there = folders.get(name)
-                if there is not None and there.parent != here and len(here.parts) > 1 and len(there.parent.parts) > 1:
-                    edges.setdefault(here.as_posix(), set()).add(there.parent.as_posix())
+            for name in modules_named(node, list(path.parent.parts)):
+                there = modules.get(name)
+                if there is not None and there != path:
+                    edges.setdefault(path.as_posix(), set()).add(there.as_posix())
     return edges
+
+
+def grouped(edges: dict[str, set[str]], group: Callable[[Path], str]) -> dict[str, set[str]]:
+    """Imports between groups of files; a file of the group "" is left out."""
+    found: dict[str, set[str]] = {}
+    for source, targets in edges.items():
+        here = group(Path(source))
+        for there in {group(Path(target)) for target in targets} - {here, ""}:
+            if here:
+                found.setdefault(here, set()).add(there)
+    return found
+
+
+def folder_of(path: Path) -> str:
+    """The folder of a file. The top files of a package serve all below and are left out."""
+    return path.parent.as_posix() if len(path.parent.parts) > 1 else ""
+
+
+def package_of(path: Path) -> str:
+    """The package below `xitl_cli`, `agent` or `sim_core`, with the files in all of its folders."""
+    return "/".join(path.parent.parts[:2]) if len(path.parent.parts) > 1 else ""
+
+
+@cache
+def folder_imports() -> dict[str, set[str]]:
+    """Which folder imports from which others."""
+    return grouped(file_imports(), folder_of)
 
 
 def reached_from(start: str, edges: dict[str, set[str]]) -> set[str]:
@@ -242,6 +267,18 @@ def circles(edges: dict[str, set[str]]) -> list[set[str]]:
 def test_no_folders_import_each_other() -> None:
     edges = folder_imports()
     assert "xitl_cli/run/core" in edges["xitl_cli/run/nodes"], "the test looks in the wrong place"
+    assert circles(edges) == []
+
+
+def test_no_packages_import_each_other() -> None:
+    edges = grouped(file_imports(), package_of)
+    assert "xitl_cli/profile" in edges["xitl_cli/run"], "the test looks in the wrong place"
+    assert circles(edges) == []
+
+
+def test_no_files_import_each_other() -> None:
+    edges = file_imports()
+    assert "xitl_cli/errors.py" in edges["xitl_cli/main.py"], "the test looks in the wrong place"
     assert circles(edges) == []
 
 

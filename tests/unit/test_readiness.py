@@ -18,7 +18,6 @@ from xitl_cli.readiness import (
     check_firmware,
     check_ports,
     check_pseudo_terminals,
-    check_ros,
     verdict,
     without_optional,
 )
@@ -86,24 +85,6 @@ def test_pseudo_terminals_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(readiness.os, "openpty", none)
     assert "No space left on device" in check_pseudo_terminals().found
-
-
-def test_the_way_into_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    there = {"rclpy", "cyclonedds"}
-    for where in ("xitl_cli.extras", "xitl_cli.plugins.ros.middleware"):
-        monkeypatch.setattr(f"{where}.find_spec", lambda name: name if name in there else None)
-    monkeypatch.setenv("ROS_DISTRO", "jazzy")
-    monkeypatch.setattr("xitl_cli.plugins.ros.middleware.rclpy_problem", lambda: None)
-    assert check_ros().found == "rclpy of ROS 2 jazzy"
-    monkeypatch.setattr("xitl_cli.plugins.ros.middleware.rclpy_problem", lambda: "for Python 3.12")
-    assert check_ros().found == "rclpy of ROS 2 jazzy cannot be imported (for Python 3.12)"
-    assert "cyclonedds is used instead" in check_ros().advice
-    there.remove("cyclonedds")
-    assert check_ros().level == WARNING
-    there.clear()
-    assert check_ros().advice == "pip install 'xitl[ros2]'"
-    there.add("cyclonedds")
-    assert check_ros().found == "cyclonedds; no rclpy is sourced for this Python"
 
 
 def test_the_verdict_names_what_stands_in_the_way() -> None:

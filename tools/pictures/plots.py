@@ -189,7 +189,7 @@ def own_site(workplace: Workplace, path: Path) -> None:
     """The chart of the reach that docs/own-site.md makes."""
     from matplotlib.collections import PolyCollection
 
-    from xitl_cli.run.world.scenery import Scenery
+    from xitl_cli.scenery import Scenery
 
     profile = xitl.load_profile(workplace.file("reach.yaml", documented("own-site.md", "reach.yaml")))
     scenery = Scenery(profile)

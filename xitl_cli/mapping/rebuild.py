@@ -32,9 +32,9 @@ from xitl_cli.logs.export.files import make_directory, part_of
 from xitl_cli.logs.model.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
 from xitl_cli.mapping.clouds import SeenPoints, clouds, map_points, online, pings, read_autopilot_messages, truth
+from xitl_cli.profile.files.catalogue import PROFILE
 from xitl_cli.profile.load import recorded_profiles
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.core.directory import PROFILE
 
 MapFormat = Literal["ply", "pcd"]
 
@@ -249,7 +249,7 @@ class Measured:
 
 def measure(log: Log) -> Measured:
     """Raises UserError without clouds and without KISS-ICP."""
-    from xitl_cli.run.world.scenery import Scenery
+    from xitl_cli.scenery import Scenery
 
     profile = profile_of(log)
     boom = None if profile is None else Scenery(profile).boom

@@ -53,8 +53,8 @@ from xitl_cli.run.status_display import DisplayNode, StatusDisplay, StatusSource
 from xitl_cli.run.traffic.receivers import AisReceiver
 from xitl_cli.run.traffic.self_report import SelfReport, VesselVoices, report_from_motion
 from xitl_cli.run.world.plant import Plant, PlantView
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import has_waterway, local_frame
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 Node = TypeVar("Node", bound=RunNode)

@@ -46,8 +46,8 @@ from xitl_cli.run.traffic.receivers import AisReceiver
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 if TYPE_CHECKING:

@@ -26,7 +26,8 @@ from sim_core.sensors.lidar import BodyTrack, Lidar
 from sim_core.sensors.optics import WaterSeen
 from sim_core.sensors.spec import LidarSpec
 from sim_core.world.debris import Body
-from sim_core.world.rays import Bodies, Scene, make_caster
+from sim_core.world.ray_backends import make_caster
+from sim_core.world.rays import Bodies, Scene
 
 FRAME_S, STEP_S = 0.1, 0.02
 AUTO, GUIDED, HOLD = 10, 15, 4

@@ -9,7 +9,8 @@ import numpy as np
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.log import Damage, LogHealth
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
-from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
+from xitl_cli.logs.report.file_report import FileReport, RefusedFile
+from xitl_cli.logs.report.model import MapTrack, MapWaypoint, Overview, Report
 
 HOSTILE = '</script><script>document.title="taken"</script><img src=x onerror="document.title=1">\x1b[31m'
 SECONDS = 60.0

@@ -91,7 +91,7 @@ def test_what_went_wrong_on_the_linux_board(sections: dict[str, dict[str, Sectio
     assert found["arming.disarmed_by_failsafe"] is Severity.CRITICAL
     assert found["missions.unfinished"] is Severity.WARNING
     assert found["events.error.18.4"] is Severity.WARNING
-    assert found["modes.failsafe"] is Severity.NOTICE
+    assert found["modes.failsafe.link"] is Severity.NOTICE
     assert "vehicle.simulated" not in found
 
 

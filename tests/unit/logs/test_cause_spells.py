@@ -12,7 +12,8 @@ from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
 from xitl_cli.logs.report.build import build_report
 from xitl_cli.logs.report.causes import CAUSES, WHOLE_LOG, group_findings
-from xitl_cli.logs.report.model import FileFinding, FileReport, Report
+from xitl_cli.logs.report.file_report import FileFinding, FileReport
+from xitl_cli.logs.report.model import Report
 from xitl_cli.logs.signals.spans import spells
 
 S = 1_000_000_000
@@ -93,3 +94,20 @@ def test_real_logs_keep_the_order_of_time(name: str) -> None:
     unhealthy = [group for group in group_findings(report) if group.cause.finding.key == "sensors.unhealthy"]
     for group in unhealthy:  # barometers without a source, from the first row to the last
         assert not [each for each in group.consequences if each.finding.key.startswith(("missions", "gnss"))]
+
+
+def test_a_failsafe_of_the_radio_has_no_barometer_as_its_cause() -> None:
+    barometer = finding("sensors.unhealthy", (9.6, 9.8))
+    failsafe = finding("modes.failsafe.link", (10.6, 10.6))
+    heard = finding("events.said.radio_failsafe", (10.5, 10.5))
+    groups = {group.cause.finding.key for group in group_findings(report_of([barometer, failsafe]))}
+    assert groups == {"sensors.unhealthy", "modes.failsafe.link"}
+    groups = {group.cause.finding.key for group in group_findings(report_of([barometer, failsafe, heard]))}
+    assert groups == {"sensors.unhealthy", "events.said.radio_failsafe"}
+
+
+def test_a_radio_failsafe_of_a_real_log_follows_no_sensor() -> None:
+    report = build_report([LOGS / "boat-auto-linux-hal-injected.bin"])
+    for group in group_findings(report):
+        below = [each.finding.key for each in group.consequences]
+        assert not (group.cause.finding.key.startswith("sensors") and "modes.failsafe.link" in below)

@@ -11,9 +11,10 @@ from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
 from xitl_cli.logs.report import terminal
 from xitl_cli.logs.report.causes import CAUSES, FindingGroup, group_findings
+from xitl_cli.logs.report.file_report import FileReport
 from xitl_cli.logs.report.html import html
 from xitl_cli.logs.report.json import document
-from xitl_cli.logs.report.model import FileReport, Report
+from xitl_cli.logs.report.model import Report
 from xitl_cli.logs.report.page import report_page
 
 S = 1_000_000_000

@@ -3,9 +3,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from made_log import MadeLog, MadeTable
 
+from tests.recorded_run import recorded_run
 from xitl_cli.logs.analyses.parameters import analyse
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.sections import Section, Severity
 
 S = 1_000_000_000
@@ -41,7 +44,13 @@ def test_changes_and_what_differs_from_the_default() -> None:
         ),
         ARMED,
     )
-    assert facts(section) == {"parameters": 3, "differ_from_default": 2, "changes": 1, "changes_by_itself": 0}
+    assert facts(section) == {
+        "parameters": 3,
+        "differ_from_default": 2,
+        "changes": 1,
+        "changes_by_run": 0,
+        "changes_by_itself": 0,
+    }
     changed, differ = section.grids
     assert changed.rows == ((7.0, "WP_SPEED", 2.0, 4.5, "not armed"),)
     assert differ.rows == (("CRUISE_SPEED", 3.3, 2.0), ("WP_SPEED", 4.5, 2.0))
@@ -86,3 +95,15 @@ def test_no_parameters_no_numbers() -> None:
     section = section_of(ARMED)
     assert section.lacks
     assert not section.facts
+
+
+@pytest.mark.slow
+def test_what_xitl_sets_for_a_run_is_no_change_by_others() -> None:
+    with DataFlashLog(recorded_run() / "autopilot.bin") as log:
+        section = analyse(log)
+    assert section is not None
+    found = facts(section)
+    assert found["changes"] == 0
+    assert isinstance(found["changes_by_run"], int)
+    assert found["changes_by_run"] > 0
+    assert any(row[-1] == "not armed, by xitl" for row in section.grids[0].rows)

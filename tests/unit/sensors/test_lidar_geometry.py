@@ -13,7 +13,8 @@ from sim_core.sensors.lidar import Lidar, Rosette
 from sim_core.sensors.spec import LidarSpec
 from sim_core.world import geometry as shapes
 from sim_core.world.geometry import WALL, WOOD
-from sim_core.world.rays import Bodies, Scene, ScenePart, make_caster
+from sim_core.world.ray_backends import make_caster
+from sim_core.world.rays import Bodies, Scene, ScenePart
 
 EXACT = Lidar(LidarSpec(range_noise_m=0.0, position_frd_m=(0.0, 0.0, 0.0)))
 

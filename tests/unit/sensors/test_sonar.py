@@ -29,7 +29,8 @@ from sim_core.sensors.spec import SonarSpec
 from sim_core.world import geometry as shapes
 from sim_core.world.geometry import BED, CONCRETE, STEEL, Box, Plane, Solid, Sphere
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.rays import Scene, ScenePart, make_caster
+from sim_core.world.ray_backends import make_caster
+from sim_core.world.rays import Scene, ScenePart
 
 Array = NDArray[np.float64]
 

@@ -30,7 +30,8 @@ from sim_core.world.geometry import (
     sphere,
 )
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.rays import Backend, Bodies, RayCaster, Scene, ScenePart, make_caster, rays_near
+from sim_core.world.ray_backends import make_caster
+from sim_core.world.rays import Backend, Bodies, RayCaster, Scene, ScenePart, rays_near
 from tests.river import fan, river_scenery
 
 pytestmark = pytest.mark.slow

@@ -26,7 +26,7 @@ from xitl_cli.profile.schema.world import WorldSpec
 from xitl_cli.run.session import check_extras
 from xitl_cli.run.world import scene
 from xitl_cli.run.world.scene import make_scene
-from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.scenery import Scenery
 
 
 def run_in(**world: Any) -> RunProfile:

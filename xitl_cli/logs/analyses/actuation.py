@@ -1,4 +1,4 @@
-"""Faults seen where two signals disagree: GNSS position and velocity, battery voltage and current."""
+"""Faults seen where signals disagree: GNSS position and velocity, battery voltage and current, commands and motion."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.analyses.actuator_faults import actuator_findings
 from xitl_cli.logs.analyses.power import batteries
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
@@ -36,9 +37,9 @@ class Departure:
 
 
 def analyse(log: Log) -> Section | None:
-    """None where neither a receiver with a velocity nor a battery with a current is logged, or nothing was found."""
+    """None where nothing was found, or neither commands with motion, a receiver nor a battery is logged."""
     clock = LogClock(log)
-    findings = [*_gnss_findings(log, clock), *_battery_findings(log, clock)]
+    findings = [*_gnss_findings(log, clock), *_battery_findings(log, clock), *actuator_findings(log, clock)]
     return Section("actuation", "Actuators and power", findings=tuple(findings)) if findings else None
 
 

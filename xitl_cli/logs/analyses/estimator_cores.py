@@ -227,10 +227,21 @@ def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iter
             f"estimator.{what}_bias",
             Severity.WARNING if abs(bias[axis]) >= limits[1] else Severity.NOTICE,
             f"The filter takes the {what} to be off by {bias[axis]:.2f} {unit} on {'xyz'[axis]}, since "
-            f"{clock.text(from_ns)}",
+            f"{clock.text(from_ns)}" + (_AT_LIMIT if _at_limit(values, bias[axis]) else ""),
             (Evidence(message, fields[axis], from_ns, int(stamps[-1]), f"{bias[axis]:.2f} {unit}"),),
             "Calibrate it at rest and warm, and see that it is left to settle before it is armed.",
         )
+
+
+_AT_LIMIT = "; this is the limit of the filter, the true error may be larger"
+_FEWEST_AT_LIMIT = 20
+
+
+def _at_limit(values: Floats, bias: float) -> bool:
+    """Whether the filter's estimate ends at its largest value, and stays at it."""
+    held = np.abs(np.abs(values) - abs(bias)) <= 1e-3 * abs(bias)
+    beyond = np.abs(values) > 1.001 * abs(bias)
+    return bool(held[-_FEWEST_AT_LIMIT:].all() and not beyond.any() and len(values) > _FEWEST_AT_LIMIT)
 
 
 def _last_biases(

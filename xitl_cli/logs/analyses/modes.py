@@ -29,6 +29,9 @@ _STEPS = {
     19: "Look at attitude, throttle and speed just before.",
 }
 
+_KINDS = {3: ".link", 4: ".battery", 5: ".link", 6: ".position", 7: ".position", 25: ".link", 50: ".position"}
+"""Which trouble a reason answers to, as the end of a finding's key. Rover gives 25 where radio or station is lost."""
+
 
 @dataclass(frozen=True, slots=True)
 class ModeSpan:
@@ -158,7 +161,7 @@ def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
         left = "" if before is None else f" out of {before.name}"
         state = "armed" if on else "not armed"
         yield Finding(
-            "modes.failsafe",
+            f"modes.failsafe{_KINDS.get(span.reason or 0, '')}",
             severity,
             f"At {clock.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
             (_evidence(span),),

@@ -10,6 +10,9 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.formats import open_log
+from xitl_cli.logs.formats.run_directory import OWN_LOGS, recording_in
+from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section
 from xitl_cli.logs.signals.spans import inside
@@ -34,6 +37,17 @@ class ParameterChange:
     armed: bool
     by_itself: bool
     source: str
+    by_run: bool = False
+    """Whether the run's recording has the message by which xitl set it to this value."""
+
+    @property
+    def by_others(self) -> bool:
+        """Neither by the autopilot nor by xitl: over telemetry, by a script or by a menu."""
+        return not self.by_itself and not self.by_run
+
+    @property
+    def author(self) -> str:
+        return "by itself" if self.by_itself else "by xitl" if self.by_run else ""
 
 
 def analyse(log: Log) -> Section | None:
@@ -56,7 +70,8 @@ def analyse(log: Log) -> Section | None:
     facts = (
         Fact("parameters", "Parameters", len(last)),
         Fact("differ_from_default", "Set to other than their default", len(differ) if defaults else None),
-        Fact("changes", "Changed by someone", sum(1 for each in found if not each.by_itself)),
+        Fact("changes", "Changed by a ground station or script", sum(1 for each in found if each.by_others)),
+        Fact("changes_by_run", "Set by xitl for the run", sum(1 for each in found if each.by_run)),
         Fact("changes_by_itself", "Changed by the autopilot itself", sum(1 for each in found if each.by_itself)),
     )
     grids = []
@@ -72,7 +87,7 @@ def analyse(log: Log) -> Section | None:
                         each.name,
                         _shown(each.before),
                         _shown(each.after),
-                        ("armed" if each.armed else "not armed") + (", by itself" if each.by_itself else ""),
+                        ", ".join(filter(None, ("armed" if each.armed else "not armed", each.author))),
                     )
                     for each in told
                 ],
@@ -95,14 +110,46 @@ def parameter_changes(log: Log, rows: list[ParameterRow]) -> list[ParameterChang
     armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     on = inside(np.array([row.at_ns for row in rows], dtype=np.int64), armed)
     known: dict[str, float] = {}
+    given = values_given_by_run(log)
     found = []
     for row, armed_then in zip(rows, on.tolist(), strict=True):
         before = known.get(row.name)
         known[row.name] = row.value
         if before is not None and not _same(before, row.value):
             by_itself = _BY_ITSELF.match(row.name) is not None
-            found.append(ParameterChange(row.at_ns, row.name, before, row.value, armed_then, by_itself, row.source))
+            by_run = not by_itself and any(_same(row.value, value) for value in given.get(row.name, ()))
+            found.append(
+                ParameterChange(row.at_ns, row.name, before, row.value, armed_then, by_itself, row.source, by_run)
+            )
     return found
+
+
+def values_given_by_run(log: Log) -> dict[str, set[float]]:
+    """Values that xitl set each parameter to, by PARAM_SET in its recording; empty for a log of no run.
+
+    The recording of an autopilot's log is in its folder, or of a fleet in the folder above.
+    """
+    if log.format == "mcap":
+        return _given(log)
+    above = (log.path.parent, log.path.parent.parent)
+    recording = next((path for folder in above if (path := recording_in(folder)) != folder), None)
+    if log.path.name not in OWN_LOGS or recording is None:
+        return {}
+    try:
+        with open_log(recording) as run:
+            return _given(run) if run.base == "simulation" else {}
+    except LogError:
+        return {}
+
+
+def _given(recording: Log) -> dict[str, set[float]]:
+    given: dict[str, set[float]] = {}
+    for name in [name for name in recording.tables if name.endswith("/tx")]:
+        table = recording.tables.get(f"{name}:PARAM_SET")
+        if table is not None and {"param_id", "param_value"} <= set(table.columns):
+            for text, value in zip(table.values("param_id"), table.values("param_value"), strict=True):
+                given.setdefault(str(text), set()).add(float(value))
+    return given
 
 
 def _findings(

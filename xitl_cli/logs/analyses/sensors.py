@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from xitl_cli.logs.analyses import sensor_faults
+from xitl_cli.logs.analyses.sensor_departures import departure_findings
 from xitl_cli.logs.analyses.sensor_quality import agreement_section, noise_section
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
@@ -30,9 +31,10 @@ def analyse(log: Log) -> Section | None:
     """None where the log holds no sensor at all and is none of a vehicle's."""
     clock = LogClock(log)
     inertial, plain = inertial_units(log), sensor_series(log)
+    departures = Section("sensors", _TITLE, findings=departure_findings(log, clock))
     if not inertial and not plain:
         if log.of_topics:
-            return None
+            return departures if departures.findings else None
         return Section(
             "sensors", _TITLE, lacks=("No sensor is logged; set the bits IMU, COMPASS and RCIN of LOG_BITMASK.",)
         )
@@ -46,6 +48,7 @@ def analyse(log: Log) -> Section | None:
         sensor_faults.trouble_section(log, found, inertial, armed, clock),
         agreement_section(inertial, plain, stray_truth_m(log) is not None, clock),
         noise_section(inertial, plain, still, parameter_values(log), sensors_simulated(log), clock),
+        departures,
     )
     first = Section(
         "sensors",

@@ -14,10 +14,9 @@ from xitl_cli.logs.clocks.utc import UtcOffset, utc_offset
 from xitl_cli.logs.export.files import file_names, make_directory, part_of, refuse_present
 from xitl_cli.logs.export.tabular import COLUMNS_FILE, write_columns, write_csv
 from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.flat_columns import FlatColumn, stretches
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.query import rows_at_once, rows_between
-from xitl_cli.logs.model.table import Table
+from xitl_cli.logs.model.table import FlatColumn, Table, stretches
 from xitl_cli.logs.model.text import plural
 
 FORMATS = ("csv", "parquet", "mcap")

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.utc import UtcOffset, in_utc
 from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.flat_columns import FlatColumn, flat_columns, flat_values
-from xitl_cli.logs.model.table import Table, text_cells
+from xitl_cli.logs.model.table import FlatColumn, Table, flat_columns, flat_values, text_cells
 
 COLUMNS_FILE = "columns.csv"
 _LINES = 4096

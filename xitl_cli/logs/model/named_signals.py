@@ -8,9 +8,11 @@ counts, flags) as they were last. In a pause of ten intervals and a second nothi
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -18,7 +20,6 @@ from xitl_cli.logs.expressions.evaluation import Evaluation, Quantity
 from xitl_cli.logs.expressions.functions import ARITIES
 from xitl_cli.logs.expressions.syntax import ExpressionError, Language, Name, Tree, names_in, parse
 from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance, column_named, seconds_since
 
 TIME = "time_s"
@@ -68,7 +69,25 @@ class LogSignal:
         return f"{self.name}: at the times of {self.base}, with {', '.join(self.interpolated)} brought onto them"
 
 
-def find_signal(log: Log, text: str, *, raw: bool = False) -> LogSignal:
+class NamedTables(Protocol):
+    """A log, as names of signals are looked up in it."""
+
+    path: Path
+
+    @property
+    def rowless(self) -> Collection[str]:
+        """Names of messages without a row."""
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        """Tables by name."""
+
+    @property
+    def zero_ns(self) -> int:
+        """Instant of the log's zero on its own clock."""
+
+
+def find_signal(log: NamedTables, text: str, *, raw: bool = False) -> LogSignal:
     """The one signal of a name or an expression; of a message with instances the lowest. Raises LogError."""
     tree = parsed_signal(text, [log])
     if isinstance(tree, Name) or tree is None:
@@ -76,7 +95,7 @@ def find_signal(log: Log, text: str, *, raw: bool = False) -> LogSignal:
     return expression_signal(log, text.strip(), tree, raw=raw)
 
 
-def signals_named(logs: Sequence[Log], wanted: str, *, raw: bool = False) -> list[list[LogSignal]]:
+def signals_named(logs: Sequence[NamedTables], wanted: str, *, raw: bool = False) -> list[list[LogSignal]]:
     """For each log what it has of a name, or of an expression. Raises LogError when none has any.
 
     A message stands for all its fields, one with instances for each of them; in an expression for the lowest.
@@ -98,7 +117,7 @@ def signals_named(logs: Sequence[Log], wanted: str, *, raw: bool = False) -> lis
     return found
 
 
-def parsed_signal(text: str, logs: Sequence[Log]) -> Tree | None:
+def parsed_signal(text: str, logs: Sequence[NamedTables]) -> Tree | None:
     """None where it is no expression, and the name of a signal all the same. Raises LogError."""
     try:
         return parse(text, SIGNALS, [name for log in logs for name in log.tables])
@@ -109,7 +128,7 @@ def parsed_signal(text: str, logs: Sequence[Log]) -> Tree | None:
         raise LogError(f"{text!r} {error}") from None
 
 
-def expression_signal(log: Log, text: str, tree: Tree, *, raw: bool = False) -> LogSignal:
+def expression_signal(log: NamedTables, text: str, tree: Tree, *, raw: bool = False) -> LogSignal:
     """Raises LogError."""
     paths = [path for path in dict.fromkeys(names_in(tree)) if path.casefold() != TIME]
     signals = {path: _single(log, path, raw) for path in paths}
@@ -197,7 +216,7 @@ def _held(stamp_ns: Stamps, values: Floats, at_ns: Stamps) -> Floats:
     return found
 
 
-def table_of(log: Log, path: str) -> Table | None:
+def table_of(log: NamedTables, path: str) -> Table | None:
     """The table that the path begins with the name of; the longest where several do."""
     folded = path.casefold()
     names = [
@@ -212,7 +231,7 @@ def table_of(log: Log, path: str) -> Table | None:
     return log.tables[name] if name and name in log.tables else None
 
 
-def _single(log: Log, path: str, raw: bool) -> LogSignal:
+def _single(log: NamedTables, path: str, raw: bool) -> LogSignal:
     found = named_signals(log, path, raw, lowest=True)
     if len(found) > 1:
         names = ", ".join(signal.name for signal in found[:4])
@@ -220,7 +239,7 @@ def _single(log: Log, path: str, raw: bool) -> LogSignal:
     return found[0]
 
 
-def named_signals(log: Log, path: str, raw: bool = False, *, lowest: bool = False) -> list[LogSignal]:
+def named_signals(log: NamedTables, path: str, raw: bool = False, *, lowest: bool = False) -> list[LogSignal]:
     """Fields of the message, of each of its instances where none is written, or only of the lowest. Raises LogError."""
     table = table_of(log, path)
     if table is None:
@@ -236,7 +255,7 @@ def named_signals(log: Log, path: str, raw: bool = False, *, lowest: bool = Fals
     ]
 
 
-def no_message(log: Log, path: str) -> LogError:
+def no_message(log: NamedTables, path: str) -> LogError:
     """Error of a name that begins with no message of the log."""
     typed = re.split(r"[.\[]", path, maxsplit=1)[0]
     if typed.casefold() in map(str.casefold, log.rowless):

@@ -22,7 +22,9 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Mark, Plot, Section, Trace
 from xitl_cli.logs.model.table import Floats, Stamps, whole_ns
 from xitl_cli.logs.model.text import resolve_name
-from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
+from xitl_cli.logs.report.contradictions import without_contradictions
+from xitl_cli.logs.report.file_report import FileReport, RefusedFile
+from xitl_cli.logs.report.model import MapTrack, MapWaypoint, Overview, Report
 from xitl_cli.logs.report.plots import thin
 from xitl_cli.logs.report.signal_data import MOST_BYTES, HeldLog, held_log
 from xitl_cli.logs.report.wording import vehicle_line
@@ -237,7 +239,7 @@ def build_report(
             files, held = _with_signals(files, laid)
         # Damage inside of a recording is found when its topics are read.
         files = [replace(file, health=log.health) for file, log in zip(files, laid, strict=True)]
-        return Report(tuple(files), tuple(refusals), overview, held)
+        return Report(without_contradictions(files), tuple(refusals), overview, held)
 
 
 def open_all(paths: Sequence[Path], opened: ExitStack, vessel: str | None = "") -> tuple[list[Log], list[RefusedFile]]:

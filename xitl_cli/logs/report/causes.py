@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from xitl_cli.logs.model.sections import Severity
-from xitl_cli.logs.report.model import FileFinding, Report
+from xitl_cli.logs.report.file_report import FileFinding, ReportedFiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,20 @@ class CauseRule:
 
 WHOLE_LOG = math.inf
 
+_ANSWERS = {
+    "modes.failsafe.link": (
+        "faults", "links", "radio", "events.said", "events.error.5", "events.error.8", "events.error.26", "power",
+        "vehicle", "scheduler", "modes",
+    ),
+    "modes.failsafe.battery": (
+        "faults", "power", "actuation.battery_sag", "events.said.battery", "events.error.6", "modes",
+    ),
+}  # fmt: skip
+"""Failsafes that name their trouble, and the causes that they can have: nothing else can have set them off."""
+
 _ERRORS = ("events.error", "events.said")
+_DEPARTED = ("sensors.field_step", "sensors.pressure_step", "sensors.gyro_bias", "actuation.gnss_drift")
+_DRIVEN = ("actuation.thrust_loss", "actuation.reversed", "actuation.stuck")
 _EKF = ("estimator", "events.error.16", "events.error.17", "events.error.24", "events.said.ekf_failsafe",
         "events.said.ekf_variance", "events.error.7")  # fmt: skip
 _ACTED = ("modes.failsafe", "arming.disarmed_by_failsafe", "missions.unfinished")
@@ -58,8 +71,8 @@ CAUSES = (
     ),
     CauseRule(
         ("faults.injected",),
-        ("links", "sensors", "gnss", "estimator", *_ERRORS, "scheduler", "tasks", "time_bases", "radio", "control",
-         "vibration", "faults.takeover", *_ACTED),
+        ("links", "sensors", "gnss", "estimator", "actuation", "power", *_ERRORS, "scheduler", "tasks",
+         "time_bases", "radio", "control", "vibration", "faults.takeover", *_ACTED),
         5.0,
     ),
     CauseRule(
@@ -96,6 +109,18 @@ CAUSES = (
          "control", *_EKF, *_ACTED),
         10.0,
     ),
+    CauseRule(
+        _DEPARTED,
+        ("sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", "sensors.disagree", "gnss",
+         "control", "radio.saturated", "radio.too_slow", *_EKF, *_ACTED),
+        30.0,
+    ),
+    CauseRule(
+        _DRIVEN,
+        ("control", "radio.saturated", "radio.too_slow", "radio.oscillation", "attitude.contact", "attitude.impact",
+         "missions.unfinished"),
+        15.0,
+    ),
     CauseRule(("estimator",), (*_EKF, "gnss.glitch", "events.error.11", "arming.refused", *_ACTED), 15.0),
     CauseRule(
         ("estimator.position_lost", "estimator.position_step", "estimator.yaw_reset", "estimator.faults",
@@ -124,8 +149,8 @@ _TOGETHER_S = 1.0
 """What is logged within a second of each other began together: then the earlier kind in `_FIRST` is the cause."""
 _FIRST = (
     "faults", "power", "vehicle", "time_bases", "links", "attitude.contact", "attitude.impact", "vibration",
-    "sensors", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "events.error", "events", "modes",
-    "arming", "missions",
+    "sensors", "actuation", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "events.error", "events",
+    "modes", "arming", "missions",
 )  # fmt: skip
 _SAME_S = 2.0
 _EVENT_S = 60.0
@@ -184,7 +209,7 @@ class _Placed:
         return begin_s + max(reach_s, _STATE_REACH_S if seen else 0.0)
 
 
-def group_findings(report: Report) -> list[FindingGroup]:
+def group_findings(report: ReportedFiles) -> list[FindingGroup]:
     """Each finding once: the worst groups first, otherwise the earliest; what is fine stands by itself, last."""
     order = {id(file): place for place, file in enumerate(report.files)}
     placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]
@@ -242,6 +267,8 @@ def _explaining(each: _Placed, cause: _Placed) -> tuple[float, float] | None:
     A cause covers at least half of what a finding is about.
     """
     key, cause_key = each.found.finding.key, cause.found.finding.key
+    if key in _ANSWERS and not is_kind(cause_key, _ANSWERS[key]):
+        return None
     reach_s = [rule.after_s for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
     if not reach_s:
         return None

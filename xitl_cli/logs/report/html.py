@@ -27,6 +27,10 @@ from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plo
 
 _MOST_ROWS = 2000
 _MOST_EVIDENCE = 12
+_SENTENCE = 60
+"""Characters in a cell, from which on it is text to read in several lines."""
+_WIDE = 100
+"""Characters of all columns, with at most _SENTENCE of each, that do not fit on a small screen."""
 
 
 def badge(severity: Severity) -> str:
@@ -155,11 +159,13 @@ def grid_markup(shown: Grid) -> str:
         f'<th scope="col"{_right(right)}>{escape(name)}</th>'
         for name, right in zip(shown.columns, numeric, strict=True)
     )
+    wide = _is_wide(shown)
+    labels = [f' data-column="{escape(name)}"' if wide else "" for name in shown.columns]
     body = "".join(
         "<tr data-find>"
         + "".join(
-            f"<td{_right(right)}>{escape(wording.value_text(value, name))}</td>"
-            for value, right, name in zip(row, numeric, shown.columns, strict=False)
+            f"<td{_right(right)}{label}>{escape(wording.value_text(value, name))}</td>"
+            for value, right, name, label in zip(row, numeric, shown.columns, labels, strict=False)
         )
         + "</tr>"
         for row in shown.rows[:_MOST_ROWS]
@@ -167,11 +173,22 @@ def grid_markup(shown: Grid) -> str:
     left_out = len(shown.rows) - _MOST_ROWS
     note = f" The first {_MOST_ROWS}; --json has all of them." if left_out > 0 else ""
     return (
-        f'<figure class="grid" data-find><figcaption><h3>{escape(wording.sentence_text(shown.title))}</h3>'
+        f'<figure class="{"grid wide" if wide else "grid"}" data-find><figcaption>'
+        f"<h3>{escape(wording.sentence_text(shown.title))}</h3>"
         f'<span class="note">{plural(len(shown.rows), "row")}.{note}</span></figcaption>'
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(shown.title)}">'
         f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></figure>"
     )
+
+
+def _is_wide(shown: Grid) -> bool:
+    """Whether a table has sentences, and more columns than fit next to them on a small screen."""
+    rows = shown.rows[:_MOST_ROWS]
+    longest = [
+        max(len(name), *(len(wording.value_text(row[index], name)) for row in rows if index < len(row)), 0)
+        for index, name in enumerate(shown.columns)
+    ]
+    return max(longest, default=0) >= _SENTENCE and sum(min(length, _SENTENCE) for length in longest) >= _WIDE
 
 
 def lacks_markup(sentences: Sequence[str]) -> str:
@@ -243,16 +260,19 @@ def _unwritable(path: Path, error: OSError) -> LogError:
 
 def write_text(path: Path, text: str) -> None:
     refuse_other(path)
+    replace_file(path, text.encode("utf-8", "replace"))
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """The file is there as a whole or not at all. Raises LogError when it cannot be written."""
     final = Path(os.path.realpath(path))  # what a link leads to is replaced, and not the link
     mask = os.umask(0)
     os.umask(mask)
     try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", errors="replace", dir=final.parent, prefix=f".{final.name}.", delete=False
-        ) as file:
+        with tempfile.NamedTemporaryFile("wb", dir=final.parent, prefix=f".{final.name}.", delete=False) as file:
             partial = Path(file.name)
             try:
-                file.write(text)
+                file.write(content)
                 file.close()
                 partial.chmod(0o666 & ~mask)
                 partial.replace(final)

@@ -11,13 +11,13 @@ import numpy as np
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
 from xitl_cli.logs.report.causes import FindingGroup, group_findings
-from xitl_cli.logs.report.model import FileFinding, FileReport, Report
+from xitl_cli.logs.report.file_report import FileFinding, FileReport, ReportedFiles
 from xitl_cli.logs.report.wording import SEVERITY_NAMES
 
 FORMAT = 1
 
 
-def document(report: Report) -> dict[str, Any]:
+def document(report: ReportedFiles) -> dict[str, Any]:
     """format: version of this layout. Instants: `at_ns` on the log's own time, `at_s` on the report's time line.
 
     findings: the worst causes first, each followed by what follows from it (`follows_from`, null for a cause). counts:

@@ -2,75 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure
-from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.model.log import Base, Format, LogHealth
-from xitl_cli.logs.model.sections import Finding, Mark, Plot, Section, Severity
+from xitl_cli.logs.model.sections import Mark, Plot, Severity
 from xitl_cli.logs.model.table import Floats
+from xitl_cli.logs.report.file_report import FileFinding, FileReport, FileSection, RefusedFile
+from xitl_cli.logs.report.json import document
 from xitl_cli.logs.report.signal_data import HeldLog
-from xitl_cli.logs.report.wording import damage_sentences
-
-
-@dataclass(frozen=True, slots=True)
-class FileReport:
-    """name: short, and its own among the files of a report. span_ns: None without a stamped row.
-
-    vehicle: it and its firmware in words, "" where the log does not tell. vessel: the one that was looked at of
-    `vessels`, where the log is of several.
-    """
-
-    name: str
-    path: Path
-    format: Format
-    base: Base
-    span_ns: tuple[int, int] | None
-    health: LogHealth
-    facts: Mapping[str, str]
-    sections: tuple[Section, ...]
-    time_line: TimeLine
-    vehicle: str = ""
-    failures: tuple[AnalysisFailure, ...] = ()
-    vessel: str = ""
-    vessels: tuple[str, ...] = ()
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Missing and doubtful data, each a sentence without its full stop."""
-        return damage_sentences(self.health)
-
-    @property
-    def duration_s(self) -> float | None:
-        return None if self.span_ns is None else (self.span_ns[1] - self.span_ns[0]) * 1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class RefusedFile:
-    """A file that could not be opened, and the sentence why."""
-
-    path: Path
-    sentence: str
-
-
-@dataclass(frozen=True, slots=True)
-class FileSection:
-    """A section and the file it is about."""
-
-    section: Section
-    file: FileReport
-
-
-@dataclass(frozen=True, slots=True)
-class FileFinding:
-    """A finding, the section and the file it is from."""
-
-    finding: Finding
-    section: Section
-    file: FileReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +89,4 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """The output of `xitl logs analyze --json`: stable keys, no NaN, without plots."""
-        from xitl_cli.logs.report.json import document
-
         return document(self)

@@ -9,7 +9,8 @@ from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Finding, Section, Severity
 from xitl_cli.logs.model.text import duration_text
 from xitl_cli.logs.report.causes import group_findings
-from xitl_cli.logs.report.model import FileFinding, FileReport, Overview, Report
+from xitl_cli.logs.report.file_report import FileFinding, FileReport
+from xitl_cli.logs.report.model import Overview, Report
 from xitl_cli.logs.report.signal_data import HeldLog
 from xitl_cli.logs.report.wording import FORMAT_NAMES
 

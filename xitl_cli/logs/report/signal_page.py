@@ -15,7 +15,8 @@ from xitl_cli.logs.model.named_signals import LogSignal, signals_named
 from xitl_cli.logs.model.sections import Plot, Section, Trace
 from xitl_cli.logs.model.table import whole_ns
 from xitl_cli.logs.report.build import ReportLog, Style, open_all, short_names, state_marks, time_lines
-from xitl_cli.logs.report.model import Overview, RefusedFile
+from xitl_cli.logs.report.file_report import RefusedFile
+from xitl_cli.logs.report.model import Overview
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, page_marks
 from xitl_cli.logs.report.plots import ThinTrace, thin
 from xitl_cli.logs.report.wording import damage_sentences

@@ -12,7 +12,8 @@ from xitl_cli.logs.model.sections import Fact, Grid, Section, Severity
 from xitl_cli.logs.model.text import duration_text, plural, printable
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.causes import FindingGroup, group_findings
-from xitl_cli.logs.report.model import FileFinding, FileReport, Report
+from xitl_cli.logs.report.file_report import FileFinding, FileReport
+from xitl_cli.logs.report.model import Report
 
 _APART = 2
 _WIDE = 24

@@ -9,11 +9,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+import xitl_cli.logs.signals.px4 as px4
 from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
 from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table
-from xitl_cli.logs.signals import px4
 from xitl_cli.logs.signals.lanes import rows_in_use
 from xitl_cli.logs.signals.series import (
     Series,

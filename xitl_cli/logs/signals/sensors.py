@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -340,34 +341,63 @@ _MESSAGES = (
 
 def sensor_series(log: Log) -> list[SensorSeries]:
     """Every instance that has at least three rows and ever shows anything but zeros."""
-    found: list[SensorSeries] = []
-    for message in _MESSAGES:
-        for table in tables_of(log, (message.kind,)):
-            for number, each in by_instance(table).items():
-                names = next((names for names in message.fields if all(name in each.columns for name in names)), None)
-                if len(each) < 3 or names is None:
-                    continue
-                values = _values(each, names, message)
-                if values is None or not np.nan_to_num(values).any():
-                    continue
-                health = first_of(each, message.health)
-                flags = None if health is None else numbers(each, health, raw=True)
-                warmth = first_of(each, message.temperature)
-                found.append(
-                    SensorSeries(
-                        name=instance_label(table, number),
-                        sort=message.sort,
-                        message=table.name,
-                        fields=names,
-                        unit=message.unit or each.columns[names[0]].unit,
-                        stamp_ns=bounded_stamps(each),
-                        times=sample_times(each),
-                        values=values.reshape(len(values), -1),
-                        healthy=None if flags is None else flags > 0.0,
-                        temperature_degc=None if warmth is None else numbers(each, warmth),
-                    )
-                )
-    return found
+    return [
+        series
+        for message in _MESSAGES
+        for table in tables_of(log, (message.kind,))
+        for series in _series_of(table, message)
+    ]
+
+
+def injected_units(log: Log) -> list[InertialUnit]:
+    """Of a recording of ours: the inertial samples that the autopilot was sent, in the frames of its link."""
+    units = []
+    for table in _injected(log, "XITL_IMU"):
+        layout = _layout(table)
+        if layout is not None and len(table) >= _FEWEST_ROWS:
+            units.append(_unit("XITL_IMU", table, *layout))
+    return [unit for unit in units if unit is not None]
+
+
+def injected_series(log: Log) -> list[SensorSeries]:
+    """Of a recording of ours: magnetometer and barometer as the autopilot was sent them."""
+    return [
+        replace(series, name=message.kind)
+        for message in _MESSAGES
+        if message.kind.startswith("XITL_")
+        for table in _injected(log, message.kind)
+        for series in _series_of(table, message)
+    ]
+
+
+def _injected(log: Log, kind: str) -> list[Table]:
+    names = [f"{name}:{kind}" for name in log.tables if name.endswith("/link/agent/tx")]
+    return [log.tables[name] for name in names if name in log.tables]
+
+
+def _series_of(table: Table, message: _Message) -> Iterator[SensorSeries]:
+    for number, each in by_instance(table).items():
+        names = next((names for names in message.fields if all(name in each.columns for name in names)), None)
+        if len(each) < 3 or names is None:
+            continue
+        values = _values(each, names, message)
+        if values is None or not np.nan_to_num(values).any():
+            continue
+        health = first_of(each, message.health)
+        flags = None if health is None else numbers(each, health, raw=True)
+        warmth = first_of(each, message.temperature)
+        yield SensorSeries(
+            name=instance_label(table, number),
+            sort=message.sort,
+            message=table.name,
+            fields=names,
+            unit=message.unit or each.columns[names[0]].unit,
+            stamp_ns=bounded_stamps(each),
+            times=sample_times(each),
+            values=values.reshape(len(values), -1),
+            healthy=None if flags is None else flags > 0.0,
+            temperature_degc=None if warmth is None else numbers(each, warmth),
+        )
 
 
 def _values(table: Table, names: tuple[str, ...], message: _Message) -> Floats | None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import xitl_cli.logs.signals.px4 as px4
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, first_of
-from xitl_cli.logs.signals import px4
 from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
 from xitl_cli.logs.tables.events import ARMED, DISARMED
 from xitl_cli.logs.tables.modes import MODES

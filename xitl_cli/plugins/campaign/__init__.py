@@ -19,34 +19,3 @@ compare.py       two campaigns, run by run
 report.py        ResultTable -> sections; pictures.py: their plots
 carry_out.py     a plan from its folder to its table
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from xitl_cli.plugin import Command
-
-if TYPE_CHECKING:
-    import typer
-    from typer.core import TyperGroup
-
-
-def _add(app: typer.Typer, name: str) -> None:
-    from xitl_cli.plugins.campaign import command, compare_command
-
-    app.command(command.DEFAULT_COMMAND)(command.run)
-    app.command("compare")(compare_command.compare)
-
-
-def _group_class() -> type[TyperGroup]:
-    from xitl_cli.plugins.campaign.command import CampaignGroup
-
-    return CampaignGroup
-
-
-COMMAND = Command(
-    "Run a plan of many runs: `xitl campaign PLAN.yaml` (options: `xitl campaign run -h`); compare two.",
-    _add,
-    group=True,
-    group_class=_group_class,
-)

@@ -115,7 +115,10 @@ def plot(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="HTML", help="The page (default: <log>.plot.html right here).")
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="A page .html (default: <log>.plot.html right here), or .png, .svg or .pdf."
+        ),
     ] = None,
     from_time: From = None,
     until_time: Until = None,
@@ -125,10 +128,12 @@ def plot(
 ) -> None:
     """Plot signals of logs, and expressions of them, on one page: a plot for each unit, all on one time line.
 
+    The suffix of --out gives the format: a page (.html), or an image (.png, .svg, .pdf; extra `figures`).
+
     Exit code 2 when a file cannot be read (the others are drawn).
     """
     from xitl_cli.logs.model.text import parse_optional_seconds
-    from xitl_cli.logs.report import html
+    from xitl_cli.logs.report import html, image
     from xitl_cli.logs.report.signal_page import signal_page
 
     files, signals = _files_and_signals(arguments)
@@ -136,9 +141,10 @@ def plot(
     if from_s is not None and until_s is not None and until_s <= from_s:
         raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
     path = out or _beside(files[0], "plot")
-    html.refuse_other(path)
+    drawn = image.is_image(path)
+    (image.refuse_other_image if drawn else html.refuse_other)(path)
     page, refusals = signal_page(files, signals, from_s, until_s, raw=raw, vessel=vessel)
-    html.write_page(page, path)
+    (image.write_image if drawn else html.write_page)(page, path)
     typer.echo(str(path))
     for notice in page.notices[len(refusals) :]:
         typer.echo(printable(notice), err=True)

@@ -3,26 +3,3 @@
 check.py    how a vehicle stands to what it should have, with names that changed between versions
 push.py     pushing over restarts, with the script for HIL messages
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from xitl_cli.plugin import Command
-
-if TYPE_CHECKING:
-    import typer
-
-
-def _add(app: typer.Typer, name: str) -> None:
-    from xitl_cli.plugins.params import command
-
-    app.command("show")(command.show)
-    app.command("diff")(command.diff)
-    app.command("set")(command.set_values)
-    app.command("push")(command.push)
-    app.command("pull")(command.pull)
-    app.command("check")(command.check)
-
-
-COMMAND = Command("Read, compare and set parameters of a vehicle.", _add, group=True)

@@ -14,7 +14,7 @@ from typing import Any
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.ros.lockstep import RosLockstepNode
-from xitl_cli.plugins.ros.middleware import ros2_way
+from xitl_cli.plugins.ros.middleware_choice import ros2_way
 from xitl_cli.plugins.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosClockAgain, RosEnd, RosStart
 from xitl_cli.plugins.ros.user_topics import check_topics
 from xitl_cli.profile.schema import RunProfile

@@ -21,7 +21,8 @@ from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe, PipeClosedError, until_closed
 from xitl_cli.plugins.ros.conversion import RosConversion, RosMessage
 from xitl_cli.plugins.ros.inputs import RosInputs
-from xitl_cli.plugins.ros.middleware import QOS, Middleware, open_middleware, qos_with
+from xitl_cli.plugins.ros.middleware import QOS, Middleware, qos_with
+from xitl_cli.plugins.ros.middleware_choice import open_middleware
 from xitl_cli.plugins.ros.outputs import RosTopic
 from xitl_cli.plugins.ros.pipe_messages import RosAnswer, RosBatch, RosChannel, RosClockAgain, RosEnd, RosStart
 from xitl_cli.profile.schema.ros import RosTopicSpec

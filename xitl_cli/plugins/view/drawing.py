@@ -47,12 +47,15 @@ SPIN_RADPS = 18.0
 MOST_SPIN_RAD = 0.9
 """Between two pictures: below half of what brings the next blade into the place of the last."""
 WIND_M_PER_MPS, CURRENT_M_PER_MPS = 0.25, 1.5
-"""Length of the arrows of a vessel of 1 m; of a longer one they are longer as its square root."""
+"""Length of the arrows of a vessel of 1 m. It grows with the square root of the vessel's length: `stream_size`."""
+LEAST_STREAM_MPS = 0.01
+"""A slower wind or current has no arrow."""
 ESTIMATE: Colour = (0, 190, 170)
 MISSION: Colour = (250, 190, 40)
 REACHED: Colour = (60, 180, 90)
 TRACK: Colour = (255, 120, 40)
 TARGET: Colour = (240, 70, 60)
+GUIDED: Colour = (215, 60, 200)
 OBSTACLE: Colour = (235, 50, 60)
 WIND: Colour = (245, 245, 250)
 CURRENT: Colour = (40, 150, 255)
@@ -80,6 +83,26 @@ DAY = Lighting(
 NIGHT = Lighting(
     (10, 16, 30), (46, 61, 82), (72, 116, 128), (190, 208, 255), 0.95, (150, 172, 205), 1.15, (84, 94, 110)
 )
+
+
+@dataclass(frozen=True, slots=True)
+class StreamArrow:
+    """An entry of the legend: an arrow points to where its stream goes, m_per_mps metres long for each m/s."""
+
+    name: str
+    colour: Colour
+    m_per_mps: float
+
+
+def stream_size(length_m: float) -> float:
+    """Factor on the arrows of a vessel of this length."""
+    return math.sqrt(max(length_m, 0.3))
+
+
+def stream_arrows(length_m: float) -> tuple[StreamArrow, ...]:
+    """The arrows that are drawn at a vessel of this length."""
+    size = stream_size(length_m)
+    return StreamArrow("wind", WIND, WIND_M_PER_MPS * size), StreamArrow("current", CURRENT, CURRENT_M_PER_MPS * size)
 
 
 class SceneDrawing:
@@ -266,6 +289,7 @@ class _VesselDrawing:
         self._obstacles: Any = None
         self._obstacles_drawn: tuple[Any, ...] = ()
         self._target: Any = None
+        self._guided: Any = None
         self._track: list[Any] = []
         self._places: list[list[float]] = []
         self._wind: Any = None
@@ -320,6 +344,7 @@ class _VesselDrawing:
             if tuple(mark.color) != colour:
                 mark.color = colour
         self._draw_target(vessel)
+        self._draw_guided(vessel.guided_enu_m)
         self._draw_clouds(vessel.clouds)
         self._draw_obstacles(vessel)
 
@@ -393,6 +418,26 @@ class _VesselDrawing:
         self._target.visible = True
         self._target.position = (float(vessel.target_enu_m[0]), float(vessel.target_enu_m[1]), self._level_m)
 
+    def _draw_guided(self, place: Array | None) -> None:
+        """A post with a ring on the water: no waypoint marks this place."""
+        if place is None:
+            if self._guided is not None:
+                self._guided.visible = False
+            return
+        if self._guided is None:
+            size = min(max(self._vessel.length_m, 0.6), 6.0)
+            post = shapes.frustum((0.12 * size, 0.12 * size, 2.2 * size), sides=8).placed((0.0, 0.0, 1.1 * size))
+            cone = shapes.frustum((0.7 * size, 0.7 * size, 0.9 * size), 0.0, 1.0, sides=16)
+            path = self._path.replace("/vessels", "/guided", 1)
+            mark = shapes.merged([post, cone.placed((0.0, 0.0, 2.4 * size))]).mesh("guided target", GUIDED)
+            self._guided = _add_mesh(self._api, path, mark)
+            turn = np.linspace(0.0, 2.0 * math.pi, 49)
+            radius_m, lift_m = 1.2 * size, np.full(len(turn), self._lift_m)
+            ring = np.stack([radius_m * np.cos(turn), radius_m * np.sin(turn), lift_m], axis=-1)
+            _add_line(self._api, f"{path}/ring", ring, GUIDED, 3.0)
+        self._guided.visible = True
+        self._guided.position = (float(place[0]), float(place[1]), self._level_m)
+
     def _draw_clouds(self, clouds: Mapping[str, Points]) -> None:
         for name in self._clouds.keys() - clouds.keys():
             self._clouds[name][1].visible = False
@@ -451,7 +496,8 @@ class _VesselDrawing:
 
     def draw_streams(self, place: Array, wind_en_mps: tuple[float, float], current_en_mps: tuple[float, float]) -> None:
         """Arrows of wind and current where this vessel is: above it, and on the water beside it."""
-        size = math.sqrt(max(self._vessel.length_m, 0.3))
+        size = stream_size(self._vessel.length_m)
+        arrow_of_wind, arrow_of_current = stream_arrows(self._vessel.length_m)
         if self._wind is None:
             path = self._path.replace("/vessels", "/streams", 1)
             unit = shapes.arrow(1.0, 1.0)
@@ -459,20 +505,20 @@ class _VesselDrawing:
             self._current = _add_mesh(self._api, f"{path}/current", unit.mesh("current", CURRENT, 0.95))
         east, north = float(place[0]), float(place[1])
         above = self._level_m + max(float(place[2]) - self._level_m, 0.0)
-        for node, stream, per_mps, offset in (
-            (self._wind, wind_en_mps, WIND_M_PER_MPS, (0.0, 0.0, 1.5 * size)),
-            (self._current, current_en_mps, CURRENT_M_PER_MPS, (0.0, 0.0, 0.75 * size)),
+        for node, stream, m_per_mps, offset_m in (
+            (self._wind, wind_en_mps, arrow_of_wind.m_per_mps, 1.5 * size),
+            (self._current, current_en_mps, arrow_of_current.m_per_mps, 0.75 * size),
         ):
             speed = math.hypot(*stream)
-            shown = speed > 0.01
+            shown = speed > LEAST_STREAM_MPS
             if bool(node.visible) != shown:
                 node.visible = shown
             if shown:
-                length = per_mps * speed * size
+                length = m_per_mps * speed
                 node.wxyz = heading_wxyz(*stream)
                 node.scale = (length, 0.22 * size, 0.22 * size)
                 along = -0.5 * length / speed
-                node.position = (east + along * stream[0], north + along * stream[1], above + offset[2])
+                node.position = (east + along * stream[0], north + along * stream[1], above + offset_m)
 
 
 def _add_mesh(api: Any, path: str, mesh: SceneMesh, position: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Any:

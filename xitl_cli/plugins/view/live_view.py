@@ -18,6 +18,7 @@ import numpy as np
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core import frames
 from sim_core.fleet import Fleet
+from sim_core.world.debris import Body, DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import Array, BodyInstant, Points, SceneWaves, VesselInstant, ViewEvent, ViewInstant
@@ -40,7 +41,7 @@ SOURCE = "view"
 FIRST_BROWSER_S = 20.0
 """For which a run in lockstep waits for the browser that it has opened."""
 ALONE_S = 5.0
-"""After the last browser has gone, until the run goes on as if nobody had been there: a page may be loaded anew."""
+"""After the last browser has gone, until the view gives up its pace and reports a pause: a page may be loaded anew."""
 END_S = 3.0
 MOST_WAITING_BYTES = 8 << 20
 MOST_EVENTS = 200
@@ -140,6 +141,10 @@ class VesselWatch(RunNode):
         if progress.target is not None and 0 <= progress.target < len(waypoints):
             north_m, east_m = waypoints[progress.target]
             target = np.array([east_m, north_m, 0.0])
+        guided = None
+        if progress.guided_ne_m is not None:
+            north_m, east_m = progress.guided_ne_m
+            target, guided = None, np.array([east_m, north_m, 0.0])
         return VesselInstant(
             position,
             attitude,
@@ -156,6 +161,7 @@ class VesselWatch(RunNode):
             np.array(places).reshape(-1, 3),
             np.array(radius),
             self._numbers(status, late),
+            guided,
         )
 
     def _clouds(self) -> dict[str, Points]:
@@ -321,8 +327,9 @@ class LiveViewNode(RunNode):
             return
         self._asked = False
         self._shown += 1
-        self._tell_bodies()
-        self._page.send(self._instant(now_s))
+        debris = self._debris()
+        self._tell_bodies(debris.bodies)
+        self._page.send(self._instant(now_s, debris))
 
     def _take_in(self, message: Mapping[str, Any]) -> None:
         if "browsers" in message:
@@ -359,19 +366,21 @@ class LiveViewNode(RunNode):
                 self._leave_alone()
 
     def _leave_alone(self) -> None:
-        """Nobody is there to let it go on."""
-        if self._led and self._paceable:
-            if self._pace.paused:
-                self._ask({"action": "resume"})
-            if self._unpaced:
-                self._ask({"action": "pace", "factor": None})
+        """Take back the pace that the view has set. A pause stays, and the user reads how to end it."""
+        if self._unpaced:
+            self._ask({"action": "pace", "factor": None})
         self._led = self._unpaced = False
+        if self._operator is not None and self._operator.paused and self._address is not None:
+            self._tell(
+                f"the last browser has closed and the run stays paused: open {self._address.url} and resume it, "
+                "or end it with Ctrl-C"
+            )
 
     @property
     def _paceable(self) -> bool:
         return isinstance(self._pace, OperatedLockstep)
 
-    def _instant(self, now_s: float) -> ViewInstant:
+    def _instant(self, now_s: float, debris: DebrisState) -> ViewInstant:
         plant, state = self._plant, self._plant.state
         now_ns = state.time_ns
         late = self._pace.task(self._profiles[0].clock.physics_rate_hz).missed
@@ -393,7 +402,7 @@ class LiveViewNode(RunNode):
             vessels,
             (float(wind[0]), float(wind[1])),
             (float(current[0]), float(current[1])),
-            self._bodies(),
+            self._bodies(debris),
             tuple(events),
             self._paceable and self._pace.paused,
             pace,
@@ -408,15 +417,17 @@ class LiveViewNode(RunNode):
         self._waves_told = field
         return scene_waves(field) or NO_WAVES
 
-    def _tell_bodies(self) -> None:
+    def _debris(self) -> DebrisState:
+        """In the water, with the launches that wait for the next exchange: a paused run shows them at once."""
+        return self._plant.debris_with(() if self._operator is None else self._operator.waiting_launches)
+
+    def _tell_bodies(self, bodies: Sequence[Body]) -> None:
         """New debris, to be drawn from now on."""
-        bodies = self._plant.state.debris.bodies
         if len(bodies) > self._bodies_told:
             self._page.send(ViewUpdate(make_debris_scene(bodies, self._bodies_told).encode()))
             self._bodies_told = len(bodies)
 
-    def _bodies(self) -> dict[int, BodyInstant]:
-        debris = self._plant.state.debris
+    def _bodies(self, debris: DebrisState) -> dict[int, BodyInstant]:
         if not debris.bodies:
             return {}
         late_s = (self._plant.state.time_ns - debris.time_ns) * 1e-9
@@ -429,6 +440,9 @@ class LiveViewNode(RunNode):
     def _on_loss(self, why: str) -> None:
         self._looking = 0
         self._ended = f"the 3D view has ended; the run goes on without it{why}"
+        if self._operator is not None and self._operator.paused_by == SOURCE:
+            self._ask({"action": "resume"})  # the page that could do so is gone
+            self._ended += "; its pause is over"
         self._leave_alone()
         self._tell(f"warning: {self._ended}")
         if self._recorder is not None:

@@ -101,7 +101,8 @@ class VesselInstant:
 
     motors: -1 to 1. mission_enu_m: as SceneVessel has it, None for that one. clouds: points (P, 3) in the map by sensor
     (`lidar`, `sonar`, `map`). obstacles: (O, 3) centre and (O,) radius of what the companion tracks. numbers: what is
-    told beside the picture, by its label with unit.
+    told beside the picture, by its label with unit. target_enu_m: the waypoint it heads for. guided_enu_m: the place it
+    goes to in GUIDED.
     """
 
     position_enu_m: Array
@@ -119,6 +120,7 @@ class VesselInstant:
     obstacles_enu_m: Array = field(default_factory=lambda: np.empty((0, 3)))
     obstacle_radius_m: Array = field(default_factory=lambda: np.empty(0))
     numbers: Mapping[str, float] = field(default_factory=dict)
+    guided_enu_m: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

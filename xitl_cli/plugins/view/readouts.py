@@ -5,12 +5,15 @@ from __future__ import annotations
 import html
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
-from xitl_cli.plugins.view.model import VesselInstant, ViewEvent, ViewInstant, ViewScene
+from xitl_cli.plugins.view.drawing import ESTIMATE, GUIDED, TARGET, stream_arrows
+from xitl_cli.plugins.view.model import Colour, VesselInstant, ViewEvent, ViewInstant, ViewScene
+from xitl_cli.plugins.view.scene import PLAIN_LENGTH_M
 
 if TYPE_CHECKING:
     import viser
@@ -48,6 +51,9 @@ class Readouts:
             self._subject = gui.add_dropdown("Vessel", tuple(self._names), initial_value=self._names[0], order=2.0)
             self._subject.on_update(lambda event: self._forget_shown())
         self._table = gui.add_html("", order=3.0)
+        self._lengths_m = {name: vessel.length_m for name, vessel in scene.vessels.items()}
+        with gui.add_folder("Legend", order=3.5):
+            self._legend = gui.add_html("", order=0.0)
         self._plot_folder = gui.add_folder("Plots", order=4.0)
         self._said = gui.add_html("", order=5.0)
         for note in scene.notes:
@@ -79,8 +85,15 @@ class Readouts:
         if chosen is not None:
             self._table.content = table_html(instant, chosen)
             self._draw_plots(instant.time_s)
+            self._draw_legend(instant)
         if self._events:
             self._said.content = events_html(list(self._events))
+
+    def _draw_legend(self, instant: ViewInstant) -> None:
+        first = next(iter(instant.vessels))  # the arrows are at this vessel
+        content = legend_html(instant, self._lengths_m.get(first, PLAIN_LENGTH_M))
+        if self._legend.content != content:
+            self._legend.content = content
 
     def _draw_plots(self, time_s: float) -> None:
         name = self._name
@@ -152,6 +165,47 @@ def _number(value: float) -> str:
     if not math.isfinite(value):
         return "–"
     return f"{value:.0f}" if value == int(value) and abs(value) < 1e9 else f"{value:.2f}"
+
+
+@dataclass(frozen=True, slots=True)
+class LegendEntry:
+    """A colour of the picture and its meaning."""
+
+    colour: Colour
+    name: str
+    scale: str = ""
+
+
+def arrow_legend(length_m: float) -> tuple[LegendEntry, ...]:
+    """Entries of the arrows at a vessel of this length, each with its scale."""
+    return tuple(
+        LegendEntry(arrow.colour, arrow.name, f"1 m of arrow = {1.0 / arrow.m_per_mps:.2g} m/s")
+        for arrow in stream_arrows(length_m)
+    )
+
+
+def legend_html(instant: ViewInstant, length_m: float) -> str:
+    """The arrows at a vessel of this length with their scale, and the marks that this instant has."""
+    vessels = instant.vessels.values()
+    entries = list(arrow_legend(length_m))
+    if any(vessel.target_enu_m is not None for vessel in vessels):
+        entries.append(LegendEntry(TARGET, "next waypoint"))
+    if any(vessel.guided_enu_m is not None for vessel in vessels):
+        entries.append(LegendEntry(GUIDED, "GUIDED target"))
+    if any(vessel.estimate_position_enu_m is not None for vessel in vessels):
+        entries.append(LegendEntry(ESTIMATE, "estimate"))
+    rows = "".join(
+        "<div style='display:flex;align-items:center;gap:8px'>"
+        "<span style='flex:none;width:18px;height:9px;border:1px solid #868e96;border-radius:2px;"
+        f"background:rgb{entry.colour}'></span><span style='flex:1'>{html.escape(entry.name)}</span>"
+        f"<span style='white-space:nowrap;opacity:.65'>{html.escape(entry.scale)}</span></div>"
+        for entry in entries
+    )
+    return (
+        f"<div class='xitl-legend' style='padding:0 12px;font-size:12px;line-height:1.35'>{rows}"
+        "<div style='opacity:.65'>Arrows point to where wind and current go. "
+        f"The vessel is {length_m:.2g} m long.</div></div>"
+    )
 
 
 def events_html(events: list[ViewEvent]) -> str:

@@ -41,6 +41,13 @@
   for (const vessel of replay.vessels) made("option", subject, "", vessel.name || "vessel");
   subject.hidden = replay.vessels.length < 2;
   const numbers = made("table", panel, "replay-numbers");
+  const legend = made("table", panel, "replay-legend");
+  for (const each of replay.legend) {
+    const row = made("tr", legend);
+    made("i", made("td", row)).style.background = each.colour;
+    made("td", row, "", each.name);
+    made("td", row, "", each.scale);
+  }
   const lists = (title, rows, row) => {
     if (!rows.length) return null;
     const list = made("details", panel);

@@ -18,6 +18,7 @@ import numpy as np
 
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.view.model import Points, ViewInstant
+from xitl_cli.plugins.view.readouts import arrow_legend
 from xitl_cli.plugins.view.recording import LogScene, SceneFinding, open_scene
 from xitl_cli.plugins.view.replay import ReplayDrawing, unseen_server
 
@@ -166,6 +167,10 @@ def _page_data(
             if inside(found.time_s)
         ][:_MOST_LISTED],
         "notes": list(recording.scene.notes),
+        "legend": [
+            {"colour": f"rgb{entry.colour}", "name": entry.name, "scale": entry.scale}
+            for entry in arrow_legend(recording.scene.vessels[recording.names[0]].length_m)
+        ],
     }
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 USUAL_PORT = 8470
 TRIED = 50
 TOKEN_BYTES = 18
+SHORT_PX = 480
 CLIENTS_KEPT = 64
 """Browsers that may be waiting to be let in. A connection costs a file descriptor."""
 
@@ -192,8 +193,15 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
     for message in (ShareUrlRequest, ShareUrlDisconnect):
         handlers.pop(message, None)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
+    server.on_client_connect(_minimise_on_short_screen)
     made.set()
     return server
+
+
+def _minimise_on_short_screen(client: Any) -> None:
+    """The floating panel is as high as a phone on its side; there it begins as a bar."""
+    if client.camera.image_height < SHORT_PX:
+        client.gui.main_panel.minimize()
 
 
 @cache
@@ -305,7 +313,34 @@ addEventListener("DOMContentLoaded", () => {{
     + "acceleration in its settings, or use another browser. The run goes on without it.";
   document.documentElement.appendChild(note);
 }});
+// viser opens its sheet of controls on a narrow screen, over more than half of the picture. It begins closed here.
+const sheets = new WeakSet();
+new MutationObserver(() => {{
+  const sheet = document.querySelector(
+    '.mantine-Paper-root[style*="position: fixed"][style*="bottom: 0px"][style*="max-height"]');
+  const handle = sheet && sheet.querySelector('[style*="cursor: pointer"][style*="user-select: none"]');
+  if (!handle || sheets.has(handle)) return;
+  sheets.add(handle);
+  handle.id = "xitl-sheet-handle";
+  handle.setAttribute("role", "button");
+  handle.setAttribute("tabindex", "0");
+  handle.setAttribute("aria-label", "Controls");
+  handle.setAttribute("aria-expanded", "true");
+  handle.addEventListener("click", (event) => {{
+    if (event.target.closest("button")) return;
+    handle.setAttribute("aria-expanded", String(handle.getAttribute("aria-expanded") !== "true"));
+  }});
+  handle.addEventListener("keydown", (event) => {{
+    if (event.target !== handle || (event.key !== "Enter" && event.key !== " ")) return;
+    event.preventDefault();
+    handle.click();
+  }});
+  handle.click();
+}}).observe(document, {{ childList: true, subtree: true }});
 </script>
+<style>
+#xitl-sheet-handle[aria-expanded="false"]::after {{ content: "Controls \\25B4"; margin-left: auto; opacity: 0.7; }}
+</style>
 """
 
 

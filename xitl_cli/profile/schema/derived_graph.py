@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 from urllib.parse import urlsplit
 
 from xitl_cli.profile.schema.graph import COMPLETE, Node, NodeGraph, architecture
 
 if TYPE_CHECKING:
-    from xitl_cli.profile.schema.agents import AutopilotSpec
-    from xitl_cli.profile.schema.profile import Profile
+    from xitl_cli.profile.schema.agents import AutopilotSpec, CompanionSpec, DriverSpec
 
 REFERENCE = "paper/eq24-general-use"
 """Of a profile that runs and names none."""
@@ -31,11 +30,28 @@ _ORDERS = {
     "ros": "nodes of ROS give the orders",
 }
 
+
+class ProfileGroups(Protocol):
+    """The groups of a profile that a graph follows from."""
+
+    @property
+    def driver(self) -> DriverSpec | None: ...
+    @property
+    def vehicle(self) -> object | None: ...
+    @property
+    def autopilot(self) -> AutopilotSpec | None: ...
+    @property
+    def companion(self) -> CompanionSpec | None: ...
+    @property
+    def graph(self) -> NodeGraph | None: ...
+    def missing_for_run(self) -> tuple[str, ...]: ...
+
+
 Part = Iterator[tuple[str, Node, tuple[str, ...]]]
 """Nodes of one part of a run, each with its links; a link to a node that is not there is left out."""
 
 
-def _driver(profile: Profile) -> Part:
+def _driver(profile: ProfileGroups) -> Part:
     if profile.driver is None or profile.driver.kind == "none":
         return
     if _autopilot_kind(profile) == "none":
@@ -45,7 +61,7 @@ def _driver(profile: Profile) -> Part:
         yield "D", _node(_ORDERS[profile.driver.kind]), ("LC",)  # mission and commands
 
 
-def _simulator(profile: Profile) -> Part:
+def _simulator(profile: ProfileGroups) -> Part:
     if profile.vehicle is None:
         return
     senses = _autopilot_kind(profile) != "none"
@@ -54,7 +70,7 @@ def _simulator(profile: Profile) -> Part:
     yield "PS1", _node(does), ("LS", "LA", "HS", "M")
 
 
-def _autopilot(profile: Profile) -> Part:
+def _autopilot(profile: ProfileGroups) -> Part:
     autopilot = profile.autopilot
     if autopilot is None or autopilot.kind == "none":
         return
@@ -67,7 +83,7 @@ def _autopilot(profile: Profile) -> Part:
     yield "LA", _node("allocates thrust to the propellers", kind, runs_on), ("M",)
 
 
-def _companion(profile: Profile) -> Part:
+def _companion(profile: ProfileGroups) -> Part:
     if profile.companion is None:
         return
     kind, runs_on = _agent_place(profile.companion.runs, "companion")
@@ -82,15 +98,15 @@ def _companion(profile: Profile) -> Part:
     yield "HA", _node("gives the autopilot its orders", kind, runs_on), ("LC", "M")
 
 
-def _monitor(profile: Profile) -> Part:
+def _monitor(profile: ProfileGroups) -> Part:
     if profile.vehicle is not None:
         yield "M", _node("records and shows the run"), ()
 
 
-_PARTS: tuple[Callable[[Profile], Part], ...] = (_driver, _simulator, _autopilot, _companion, _monitor)
+_PARTS: tuple[Callable[[ProfileGroups], Part], ...] = (_driver, _simulator, _autopilot, _companion, _monitor)
 
 
-def complete_graph_group(profile: Profile) -> NodeGraph | None:
+def complete_graph_group(profile: ProfileGroups) -> NodeGraph | None:
     """The `graph` group of `profile`, complete; None where it has none and is only a part of a profile.
 
     Of a profile that runs: the nodes and links that follow from its groups. What it writes of a node stands instead,
@@ -136,7 +152,7 @@ def _node(does: str, kind: Literal["real", "virtual"] = "virtual", runs_on: str 
     return Node(kind=kind, runs_on=runs_on, does=does)
 
 
-def _autopilot_kind(profile: Profile) -> str:
+def _autopilot_kind(profile: ProfileGroups) -> str:
     return "none" if profile.autopilot is None else profile.autopilot.kind
 
 

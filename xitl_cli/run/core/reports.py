@@ -26,7 +26,7 @@ class Progress:
     target: index of the waypoint it heads for, None when it heads for none. finished: there is nothing more to do.
     completed: what it was there for is done: every waypoint reached, a script or recording played to its end.
     waypoints: the mission under way as (north, east), None for the profile's. waits_for: why the vessel's
-    state is still frozen; empty once it may move.
+    state is still frozen; empty once it may move. guided_ne_m: the place (north, east) it goes to in GUIDED.
     """
 
     mode: str
@@ -38,6 +38,7 @@ class Progress:
     waypoints: tuple[tuple[float, float], ...] | None = None
     waits_for: str = ""
     messages: tuple[str, ...] = ()
+    guided_ne_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from agent.mavlink.commands import StatusTextReceiver
 from agent.mavlink.exchange import text_of
-from agent.mavlink.modes import mode_name
+from agent.mavlink.modes import mode_name, shown_mode
 from agent.wire import dialect
 from sim_core.frames import Array
 from sim_core.geodesy import GeodeticPoint, LocalFrame, ardupilot_geodetic
@@ -46,7 +46,8 @@ class AgentView:
     `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
     are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
     heard: the autopilot's heartbeat has been; px4: it is a PX4; starting: it says that it boots or calibrates.
-    has_origin: its estimator has an origin. unhealthy: what of it is on and not well. pair_ms: how far apart a position
+    has_origin: its estimator has an origin. unhealthy: what of it is on and not well. guided_ne_m: the latest target of
+    GUIDED that the host has sent, north and east, until the mode leaves GUIDED. pair_ms: how far apart a position
     and an attitude may be to make an estimate. sphere_metres: its local position is in ArduPilot's metres, about an
     origin on the real Earth.
     """
@@ -72,6 +73,7 @@ class AgentView:
         self.ready_to_arm = False
         self.unhealthy: tuple[str, ...] = ()
         self.target_seq: int | None = None
+        self.guided_ne_m: tuple[float, float] | None = None
         self.reached_seqs: set[int] = set()
         self.mission_complete = False
         self.acks: dict[int, int] = {}
@@ -113,17 +115,33 @@ class AgentView:
     def adopt(self, other: AgentView) -> None:
         """Another agent with the same mission steers now: its state, and what either has reached."""
         self.status, self.info = other.status, other.info
-        self.mode, self.armed, self.ready_to_arm = other.mode, other.armed, other.ready_to_arm
+        self._change_mode(other.mode)
+        self.armed, self.ready_to_arm = other.armed, other.ready_to_arm
         self.target_seq, self.mission_complete = other.target_seq, other.mission_complete
         self.reached_seqs |= other.reached_seqs
         self.acks |= other.acks
+
+    def guide(self, lat_deg: float, lon_deg: float) -> None:
+        """Keep the place that the host has sent as the target of GUIDED."""
+        north_m, east_m, _ = self._frame.ned(np.array([lat_deg]), np.array([lon_deg]), np.zeros(1))[0].tolist()
+        self.guided_ne_m = north_m, east_m
+
+    def guided_target_ne_m(self) -> tuple[float, float] | None:
+        """Where the autopilot goes in GUIDED, north and east; None in other modes and without a place."""
+        return self.guided_ne_m if self.mode == shown_mode("GUIDED", self.px4) else None
 
     def _heartbeat(self, message: Any) -> None:
         self.heard = True
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self.px4 = message.autopilot == dialect.MAV_AUTOPILOT_PX4
         self.starting = message.system_status in STARTING
-        self.mode = mode_name(message.custom_mode, self.px4)
+        self._change_mode(mode_name(message.custom_mode, self.px4))
+
+    def _change_mode(self, mode: str) -> None:
+        guided = shown_mode("GUIDED", self.px4)
+        if self.mode == guided and mode != guided:
+            self.guided_ne_m = None
+        self.mode = mode
 
     def _sys_status(self, message: Any) -> None:
         self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)

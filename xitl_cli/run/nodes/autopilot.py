@@ -238,7 +238,13 @@ class AutopilotNode(ControlNode):
 
     def _progress(self) -> Progress:
         view, texts = self.view, self.active.inbox.view.texts
-        return replace(self.driver.progress(), mode=view.mode, armed=view.armed, messages=tuple(texts))
+        return replace(
+            self.driver.progress(),
+            mode=view.mode,
+            armed=view.armed,
+            messages=tuple(texts),
+            guided_ne_m=view.guided_target_ne_m(),
+        )
 
     def links(self) -> Sequence[Link]:
         return [agent.link for agent in self._present()]

@@ -59,6 +59,8 @@ class AutopilotCommands:
         refuse: there the heartbeat tells.
         """
         self._mode = mode
+        if self.view.px4 and mode != "GUIDED":  # its heartbeat has one mode for GUIDED, LOITER and HOLD
+            self.view.guided_ne_m = None
         if self.mode_is_set():
             return True
         self._repeat(sim_ns, dialect.MAV_CMD_DO_SET_MODE, *set_mode_parameters(mode, self.view.px4))
@@ -91,6 +93,7 @@ class AutopilotCommands:
     def go_to(self, sim_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
         """A GUIDED target, to be repeated: ArduPilot does not answer it, PX4 begins anew with each and gets it once."""
         lat, lon = round(lat_deg * 1e7), round(lon_deg * 1e7)
+        self.view.guide(lat_deg, lon_deg)
         if self.view.px4:
             self._reposition(sim_ns, lat, lon, alt_m)
             return
@@ -102,6 +105,7 @@ class AutopilotCommands:
         The heading is that of the velocity: what carries the vessel off sideways is for who asks. PX4 takes none.
         """
         yaw_rad = math.atan2(vel_ne_mps[1], vel_ne_mps[0])
+        self.view.guided_ne_m = None
         self._target_message(sim_ns, VELOCITY_AND_YAW, 0, 0, 0.0, vel_ne_mps, yaw_rad)
 
     def steer(self, sim_ns: int, speed_mps: float, turn_rate_radps: float) -> None:
@@ -110,6 +114,7 @@ class AutopilotCommands:
         place_velocity = (0.0, 0.0, 0.0, speed_mps, 0.0, 0.0)
         rest = (0.0, 0.0, 0.0, 0.0, turn_rate_radps)  # acceleration, yaw, yaw rate
         frame = dialect.MAV_FRAME_BODY_NED
+        self.view.guided_ne_m = None
         self.send(
             dialect.MAVLink_set_position_target_local_ned_message(
                 boot_ms, *self._target, frame, VELOCITY_AND_YAW_RATE, *place_velocity, *rest

@@ -30,8 +30,8 @@ from xitl_cli.record.topics import MAP_SOURCES, MapSource
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep, SimulationClock
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import local_frame
+from xitl_cli.scenery import Scenery
 
 TRUTH_RATE_HZ = 50.0
 TRUTH_KEPT_S = 10.0  # an odometry that is later has no truth

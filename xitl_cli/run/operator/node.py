@@ -84,6 +84,7 @@ class OperatorNode(RunNode):
         self._asked: deque[_Asked] = deque()
         self._pace: OperatedLockstep | None = None
         self._paused = False
+        self._paused_by: str | None = None
         self._now_ns = 0
         self._waves, self._waves_ns = changes.waves, 0
         self._done: Counter[str] = Counter()
@@ -93,6 +94,17 @@ class OperatorNode(RunNode):
     def paused(self) -> bool:
         """Whether it stands still, or will at the next exchange."""
         return self._paused
+
+    @property
+    def paused_by(self) -> str | None:
+        """The source that asked for the pause; None while the run is not paused."""
+        return self._paused_by if self._paused else None
+
+    @property
+    def waiting_launches(self) -> tuple[Launch, ...]:
+        """Bodies that the next exchange puts into the water, in the order of the requests."""
+        launches = (read_action(asked.action) for asked in self._asked if asked.action["action"] == "launch")
+        return tuple(self._launch(asked) for asked in launches if isinstance(asked, LaunchBody))
 
     @property
     def now_ns(self) -> int:
@@ -131,6 +143,8 @@ class OperatorNode(RunNode):
             plain = _plain(action)
             if plain["action"] in STREAMED:
                 self._supersede(plain)
+            elif plain["action"] == "pause":
+                self._paused_by = source
             self._asked.append(_Asked(plain, source, carry_out))
         except ActionError as error:
             self._refused += 1
@@ -239,11 +253,14 @@ class OperatorNode(RunNode):
         return partial(steering.give, order)
 
     def _body(self, asked: LaunchBody) -> Launch:
-        kind, heading_rad = BodyKind[asked.kind.upper()], math.radians(asked.heading_deg)
-        body = Launch(self._now_ns, kind, asked.north_m, asked.east_m, heading_rad, asked.length_m)
+        body = self._launch(asked)
         if (why := self._river.refusal(body)) is not None:
             raise ActionError(f"launch: {why}")
         return body
+
+    def _launch(self, asked: LaunchBody) -> Launch:
+        kind, heading_rad = BodyKind[asked.kind.upper()], math.radians(asked.heading_deg)
+        return Launch(self._now_ns, kind, asked.north_m, asked.east_m, heading_rad, asked.length_m)
 
     def _check_vessel(self, name: str, vessel: str) -> None:
         if vessel not in self._vessels:

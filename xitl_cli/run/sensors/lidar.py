@@ -21,7 +21,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.world.plant import PlantView
-from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 

@@ -28,7 +28,7 @@ from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.sensors.ping360 import Ping360Port
 from xitl_cli.run.world.plant import PlantView
-from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 TICK_S = 25e-9

@@ -17,7 +17,7 @@ from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel.condition import Condition
 from sim_core.world.contact import Contacts
-from sim_core.world.debris import Launch
+from sim_core.world.debris import DebrisState, Launch
 from sim_core.world.plan import Walls
 from sim_core.world.rays import Bodies
 from sim_core.world.waterway import Waterway
@@ -67,6 +67,14 @@ class Plant:
     def launch(self, body: Launch) -> None:
         """One body more adrift. Raises ValueError for an impossible length."""
         self.state = self._launch(self.simulation, self.state, body)
+
+    def debris_with(self, launches: Sequence[Launch]) -> DebrisState:
+        """The debris as it will be after these launches; the state of the plant stays as it is."""
+        state = self.state
+        for body in launches:
+            state = self._launch(self.simulation, state, body)
+        debris: DebrisState = state.debris
+        return debris
 
     def set_condition(self, number: int, condition: Condition | None) -> None:
         """From the next step on the actuators and the battery of one vessel are so; None: nothing is wrong."""

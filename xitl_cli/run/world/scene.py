@@ -22,7 +22,7 @@ from sim_core.world.structures import LogBoom
 from sim_core.world.traffic import ScriptedVessel
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame, vessel_name
-from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.scenery import Scenery
 
 _ORANGE = messages.Color(r=0.95, g=0.45, b=0.1, a=1.0)
 _CONCRETE = messages.Color(r=0.6, g=0.6, b=0.6, a=1.0)

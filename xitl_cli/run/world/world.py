@@ -28,7 +28,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.world import LaunchSpec, SiteSpec
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 

@@ -169,3 +169,30 @@ def test_what_cannot_be_drawn_is_said(
     assert code == 2
     assert sentence in text
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("suffix", "beginning"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF-")])
+def test_a_plot_is_written_in_the_format_of_its_suffix(suffix: str, beginning: bytes, tmp_path: Path) -> None:
+    image = tmp_path / f"plot{suffix}"
+    for _ in range(2):  # the second replaces the first
+        code, text = run("plot", CALM, "ATT.Roll", "GPS.Spd", "RCOU.C1", "--out", image)
+        assert (code, text.strip()) == (0, str(image))
+        assert image.read_bytes().startswith(beginning)
+    if suffix == ".svg":
+        assert "GPS.Spd" in image.read_text(encoding="utf-8")
+
+
+def test_a_suffix_of_no_plot_is_refused(tmp_path: Path) -> None:
+    code, text = run("plot", CALM, "ATT.Roll", "--out", tmp_path / "plot.gif")
+    assert code == 2
+    assert ".gif is no kind of plot; name a file that ends in .html, .png, .svg or .pdf" in " ".join(text.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_image_replaces_no_log(tmp_path: Path) -> None:
+    log = tmp_path / "log.png"
+    log.write_bytes(CALM.read_bytes()[:1000])
+    code, text = run("plot", CALM, "ATT.Roll", "--out", log)
+    assert code == 2
+    assert "is there already and is no .png image" in " ".join(text.split())
+    assert log.read_bytes() == CALM.read_bytes()[:1000]

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from side_process_double import SideProcessDouble
 
+from tests.doubles.side_process import SideProcessDouble
 from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe
 from xitl_cli.plugins.ros import live_ros

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.ros import middleware
+from xitl_cli.plugins.ros import middleware_choice
 from xitl_cli.plugins.ros.middleware import (
     LATCHED,
     RELIABLE,
@@ -13,8 +13,8 @@ from xitl_cli.plugins.ros.middleware import (
     mismatch_text,
     others_text,
     qos_with,
-    ros2_way,
 )
+from xitl_cli.plugins.ros.middleware_choice import ros2_way
 from xitl_cli.plugins.ros.outputs import OUTPUTS
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 
@@ -54,7 +54,7 @@ def test_a_topic_has_the_qos_that_the_profile_gives_it() -> None:
 
 def test_the_way_in_is_rclpy_where_it_is_and_else_cyclonedds(monkeypatch: pytest.MonkeyPatch) -> None:
     there: set[str] = set()
-    monkeypatch.setattr(middleware, "find_spec", lambda name: name if name in there else None)
+    monkeypatch.setattr(middleware_choice, "find_spec", lambda name: name if name in there else None)
     monkeypatch.setattr("xitl_cli.extras.find_spec", lambda name: name if name in there else None)
     with pytest.raises(UserError, match=r"pip install 'xitl\[ros2\]'"):
         ros2_way(RosSpec())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from xitl_cli.plugins.view import shapes
-from xitl_cli.plugins.view.drawing import MISSION, REACHED, SceneDrawing
+from xitl_cli.plugins.view.drawing import GUIDED, MISSION, REACHED, SceneDrawing, stream_arrows
 from xitl_cli.plugins.view.model import (
     BodyInstant,
     SceneThruster,
@@ -19,6 +19,7 @@ from xitl_cli.plugins.view.model import (
     ViewInstant,
     ViewScene,
 )
+from xitl_cli.plugins.view.readouts import legend_html
 from xitl_cli.plugins.view.scene import NO_WAVES
 
 viser = pytest.importorskip("viser")
@@ -138,6 +139,46 @@ def test_clouds_obstacles_target_and_debris(drawing: SceneDrawing) -> None:
     draw(drawing, 0.2, replace(seen, clouds={"lidar": points[:4].copy()}))
     assert node(drawing, "/clouds/vessel/lidar").visible
     assert len(node(drawing, "/clouds/vessel/lidar").points) == 4
+
+
+def test_a_guided_target_is_a_mark_until_there_is_none(drawing: SceneDrawing) -> None:
+    draw(drawing, 0.0, AT_START)
+    assert drawing._server.scene.get_handle_by_name("/guided/vessel") is None
+    draw(drawing, 0.1, replace(AT_START, guided_enu_m=np.array([20.0, 5.0, 0.0])))
+    mark = node(drawing, "/guided/vessel")
+    assert mark.position == pytest.approx([20.0, 5.0, 0.0])
+    assert mark.visible
+    assert tuple(mark.color) == GUIDED
+    draw(drawing, 0.2, replace(AT_START, guided_enu_m=np.array([-3.0, 8.0, 0.0])))
+    assert mark.position == pytest.approx([-3.0, 8.0, 0.0])
+    draw(drawing, 0.3, AT_START)
+    assert not mark.visible
+
+
+@pytest.mark.parametrize("length_m", [0.2, 2.0, 9.0])
+def test_arrows_are_as_long_as_the_legend_says(server: viser.ViserServer, length_m: float) -> None:
+    server.scene.reset()
+    drawing = SceneDrawing(server, ViewScene("test", vessels={"": replace(BOAT, length_m=length_m)}))
+    draw(drawing, 0.0, AT_START, wind_en_mps=(3.0, 4.0), current_en_mps=(0.0, 0.5))
+    speeds_mps = {"wind": 5.0, "current": 0.5}
+    for arrow in stream_arrows(length_m):
+        drawn = node(drawing, f"/streams/vessel/{arrow.name}")
+        assert drawn.scale[0] == pytest.approx(arrow.m_per_mps * speeds_mps[arrow.name])
+        assert tuple(drawn.color) == arrow.colour
+    told = legend_html(ViewInstant(0.0, {"": AT_START}), length_m)
+    for arrow in stream_arrows(length_m):
+        assert f"rgb{arrow.colour}" in told
+        assert f">{arrow.name}<" in told
+        assert f"1 m of arrow = {1.0 / arrow.m_per_mps:.2g} m/s" in told
+
+
+def test_the_legend_has_the_marks_that_are_drawn() -> None:
+    plain = legend_html(ViewInstant(0.0, {"": AT_START}), 2.0)
+    assert not any(name in plain for name in ("next waypoint", "GUIDED target", "estimate"))
+    guided = legend_html(ViewInstant(0.0, {"": replace(AT_START, guided_enu_m=np.zeros(3))}), 2.0)
+    assert "GUIDED target" in guided
+    seen = replace(AT_START, target_enu_m=np.zeros(3), estimate_position_enu_m=np.zeros(3))
+    assert all(name in legend_html(ViewInstant(0.0, {"": seen}), 2.0) for name in ("next waypoint", "estimate"))
 
 
 def test_a_vessel_that_no_scene_has_is_a_plain_boat(drawing: SceneDrawing) -> None:

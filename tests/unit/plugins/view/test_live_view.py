@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from side_process_double import SideProcessDouble
 
-from xitl_cli.plugins.view import live_view
+import xitl_cli.plugins.view.live_view as view_node
+from sim_core.world.debris import BodyKind, Launch
+from tests.doubles.side_process import SideProcessDouble
 from xitl_cli.plugins.view.live_view import LiveViewNode, VesselWatch, cloud_points
 from xitl_cli.plugins.view.messages import ViewRefusal, ViewStart
 from xitl_cli.plugins.view.model import ViewInstant
+from xitl_cli.plugins.view.scene import read_bodies, read_scene_updates
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
@@ -24,8 +27,8 @@ from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.status_display import RunStatus
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 STATUS = RunStatus(0.0, 60.0, "AUTO", True, 1, 6, 2.5, 90.0, -0.4, 0.2, 0.5, 4.0, (0.5, 0.4), lost=3, missed=2)
@@ -125,7 +128,7 @@ def test_a_view_that_is_gone_is_told_once(parts: Parts, page: Page) -> None:
 
 def test_what_nobody_reads_is_bounded(parts: Parts, page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     node, *_ = parts
-    monkeypatch.setattr(live_view, "MOST_WAITING_BYTES", 0)
+    monkeypatch.setattr(view_node, "MOST_WAITING_BYTES", 0)
     page.say(browsers=1, joined=1)
     for _ in range(2000):
         page.say(ask=True)
@@ -153,7 +156,13 @@ class StubOperator:
     def __init__(self) -> None:
         self.faults: dict[str, tuple[str, ...]] = {}
         self.asked: list[dict[str, Any]] = []
+        self.paused_by: str | None = None
+        self.waiting_launches: tuple[Launch, ...] = ()
         self.poll: Callable[[], object] | None = None
+
+    @property
+    def paused(self) -> bool:
+        return self.paused_by is not None
 
     def listen(self, poll: Callable[[], object]) -> None:
         self.poll = poll
@@ -168,7 +177,7 @@ def test_it_keeps_real_time_while_somebody_looks_and_lets_go_later(parts: Parts,
     operator = StubOperator()
     node.attach_operator(operator)  # type: ignore[arg-type]
     assert operator.poll == node.poll
-    node._pace = live_view.OperatedLockstep(lambda: False)
+    node._pace = view_node.OperatedLockstep(lambda: False)
 
     def after(seconds: float) -> list[dict[str, Any]]:
         page.now_s += seconds
@@ -183,16 +192,97 @@ def test_it_keeps_real_time_while_somebody_looks_and_lets_go_later(parts: Parts,
     page.say(browsers=1, joined=2)
     assert after(1.0) == []  # the page was loaded anew
     page.say(browsers=0, joined=2)
-    node._pace.pause(0)
     after(0.2)
-    assert after(live_view.ALONE_S) == [{"action": "resume"}, {"action": "pace", "factor": None}]
+    assert after(view_node.ALONE_S) == [{"action": "pace", "factor": None}]
+
+
+def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(parts: Parts, page: Page) -> None:
+    node, *_ = parts
+    operator = StubOperator()
+    node.attach_operator(operator)  # type: ignore[arg-type]
+    node._pace = view_node.OperatedLockstep(lambda: False)
+    operator.paused_by = "view"
+
+    def after(seconds: float) -> None:
+        page.now_s += seconds
+        node.poll()
+
+    page.say(browsers=1, joined=1)
+    after(0.2)
+    page.say(browsers=0, joined=1)
+    after(0.2)
+    address = page.said[-1].removeprefix("view: ")
+    after(view_node.ALONE_S)
+    assert {"action": "resume"} not in operator.asked
+    assert operator.asked[-1] == {"action": "pace", "factor": None}
+    assert page.said[-1] == (
+        f"the last browser has closed and the run stays paused: open {address} and resume it, or end it with Ctrl-C"
+    )
+    told = len(page.said)
+    after(view_node.ALONE_S)
+    assert len(page.said) == told
+
+
+@pytest.mark.parametrize(("paused_by", "resumed"), [("view", True), ("foxglove", False)])
+def test_a_view_that_is_gone_ends_its_own_pause_alone(parts: Parts, page: Page, paused_by: str, resumed: bool) -> None:
+    node, *_ = parts
+    operator = StubOperator()
+    node.attach_operator(operator)  # type: ignore[arg-type]
+    node._pace = view_node.OperatedLockstep(lambda: False)
+    operator.paused_by = paused_by
+    page.close()
+    for _ in range(3):
+        page.now_s += 1.0
+        node.poll()
+    assert ({"action": "resume"} in operator.asked) == resumed
+    assert node.report()["warnings"][0].endswith("; its pause is over") == resumed
+
+
+def test_debris_that_waits_for_the_next_exchange_is_drawn_where_it_will_be(parts: Parts, page: Page) -> None:
+    node, _, plant, _ = parts
+    operator = StubOperator()
+    node.attach_operator(operator)  # type: ignore[arg-type]
+    page.received()
+    page.say(browsers=1, joined=1)
+
+    def shown() -> list[Any]:
+        page.say(ask=True)
+        page.now_s += 1.0
+        node.poll()
+        return page.received()
+
+    (instant,) = shown()
+    assert not instant.bodies
+    launch = Launch(0, BodyKind.TRUNK, 12.0, 34.0, 0.5, 4.0)
+    operator.waiting_launches = (launch,)
+    update, instant = shown()
+    assert list(read_bodies(read_scene_updates(update.update))) == [0]
+    assert instant.bodies[0].position_enu_m[:2] == pytest.approx([34.0, 12.0])
+    assert not plant.state.debris.bodies
+    operator.waiting_launches = ()
+    plant.launch(launch)
+    (launched,) = shown()
+    assert launched.bodies[0].position_enu_m == pytest.approx(instant.bodies[0].position_enu_m)
+    assert launched.bodies[0].attitude_wxyz == pytest.approx(instant.bodies[0].attitude_wxyz)
+
+
+def test_a_guided_target_takes_the_place_of_the_waypoint(parts: Parts) -> None:
+    _, watch, *_ = parts
+    control = watch._control
+    control.progress = replace(control.progress, target=1)
+    assert watch.instant(0, 0).target_enu_m is not None
+    control.progress = replace(control.progress, guided_ne_m=(5.0, 20.0))
+    guided = watch.instant(0, 0)
+    assert guided.guided_enu_m is not None
+    assert guided.guided_enu_m == pytest.approx([20.0, 5.0, 0.0])
+    assert guided.target_enu_m is None
 
 
 def test_a_pace_that_was_given_is_kept(parts: Parts, page: Page) -> None:
     node, *_ = parts
     operator = StubOperator()
     node.attach_operator(operator)  # type: ignore[arg-type]
-    node._pace = live_view.OperatedLockstep(lambda: False, 4.0)
+    node._pace = view_node.OperatedLockstep(lambda: False, 4.0)
     page.say(browsers=1, joined=1)
     page.now_s += 1.0
     node.poll()

@@ -14,8 +14,8 @@ from xitl_cli.plugins.view.scene import make_view_scene, read_bodies, read_scene
 from xitl_cli.plugins.view.water import SCREEN_WATER, WaterGrid
 from xitl_cli.profile import load_profile
 from xitl_cli.run.world.scene import make_debris_scene, make_scene
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 

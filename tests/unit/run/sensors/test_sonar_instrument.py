@@ -20,8 +20,8 @@ from xitl_cli.profile.load import ProfileError
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.sensors.sonar import SonarInstrument, make_sonar, ping_settings
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_simulation
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 STEP_NS = 2_500_000

@@ -14,8 +14,8 @@ from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.profile import load_profile
 from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 FLEET = """

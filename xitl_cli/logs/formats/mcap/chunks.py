@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.mcap import records
-from xitl_cli.logs.formats.mcap.index import LATEST_NS, Chunk, RecordingIndex
+from xitl_cli.logs.formats.mcap.index import LATEST_NS, Chunk, MessageRows, RecordingIndex
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, ChunkHead, MalformedError, SchemaRecord
 from xitl_cli.logs.model.file_bytes import FileReader
 
@@ -81,20 +81,6 @@ _ROWS_AT_ONCE = 100_000
 _HEAD = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
-
-
-@dataclass(frozen=True, slots=True)
-class MessageRows:
-    """Messages of a chunk: channel, position of the payload, its size, log time; each (n,), in the chunk's order."""
-
-    channel: NDArray[np.uint16]
-    offset: NDArray[np.int64]
-    size: NDArray[np.int64]
-    stamp_ns: NDArray[np.int64]
-
-    def of_channel(self, channel: int) -> MessageRows:
-        mine = self.channel == channel
-        return MessageRows(self.channel[mine], self.offset[mine], self.size[mine], self.stamp_ns[mine])
 
 
 @dataclass(slots=True)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.records import (
@@ -20,10 +22,6 @@ from xitl_cli.logs.formats.mcap.records import (
 from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Losses
 
-if TYPE_CHECKING:
-    from xitl_cli.logs.formats.mcap.chunks import MessageRows
-
-
 MOST_CHUNKS = 1_000_000
 MOST_SCHEMA_BYTES = 64 << 20
 LARGEST_CHUNK = 1 << 30
@@ -31,6 +29,20 @@ LATEST_NS = 2**63 - 1
 """Of what 64 bits with a sign hold; later stamps, which are damage, count as this."""
 
 _EXPANSION = 256
+
+
+@dataclass(frozen=True, slots=True)
+class MessageRows:
+    """Messages of a chunk: channel, position of the payload, its size, log time; each (n,), in the chunk's order."""
+
+    channel: NDArray[np.uint16]
+    offset: NDArray[np.int64]
+    size: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+
+    def of_channel(self, channel: int) -> MessageRows:
+        mine = self.channel == channel
+        return MessageRows(self.channel[mine], self.offset[mine], self.size[mine], self.stamp_ns[mine])
 
 
 @dataclass(slots=True)

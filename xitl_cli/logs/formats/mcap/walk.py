@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.mcap import records
-from xitl_cli.logs.formats.mcap.chunks import Chunks, MessageRows, message_index, scan
-from xitl_cli.logs.formats.mcap.index import LARGEST_CHUNK, MOST_CHUNKS, Chunk, RecordingIndex
+from xitl_cli.logs.formats.mcap.chunks import Chunks, message_index, scan
+from xitl_cli.logs.formats.mcap.index import LARGEST_CHUNK, MOST_CHUNKS, Chunk, MessageRows, RecordingIndex
 from xitl_cli.logs.formats.mcap.records import (
     AttachmentRecord,
     ChannelRecord,

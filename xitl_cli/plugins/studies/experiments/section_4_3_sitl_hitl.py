@@ -280,7 +280,7 @@ def boom_map(name: str, recording: Path) -> BoomMap | None:
     """The map of the run and the one from its recording; None where the run made none."""
     from xitl_cli.mapping.clouds import map_points
     from xitl_cli.mapping.rebuild import measure, profile_of
-    from xitl_cli.run.world.scenery import Scenery
+    from xitl_cli.scenery import Scenery
 
     with open_log(recording) as log:
         found = measure(log)

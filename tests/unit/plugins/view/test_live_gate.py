@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import pytest
 
 from tests.patience import PATIENCE_S
+from xitl_cli.plugins.view import live_gate
 from xitl_cli.plugins.view.live_gate import Gate, refusal
 from xitl_cli.plugins.view.server import ViewAddress, listen
-from xitl_cli.run import live_gate
 
 GREETING = b"HTTP/1.1 101 Switching Protocols\r\n\r\n"
 

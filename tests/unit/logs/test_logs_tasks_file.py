@@ -17,7 +17,7 @@ from xitl_cli.logs.model.system_files import TaskTime, parse_tasks, tasks_counte
 from xitl_cli.params.vehicle import VehicleFiles
 from xitl_cli.plugins.logs.command import read_tasks
 
-CAPTURED = Path(__file__).parents[3] / "data/captures/linux-tasks.txt"
+CAPTURED = Path(__file__).parents[2] / "data/captures/linux-tasks.txt"
 IDLE = "AP_GyroFFT::sample_gyros*        MIN=   0 MAX=   0 AVG=   0 OVR=  0 SLP=  0, TOT= 0.0%\n"
 LATE = "GCS::update_send                 MIN=  12 MAX=9999 AVG=  40 OVR=  7 SLP=  0, TOT=61.5%\n"
 

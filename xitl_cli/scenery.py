@@ -14,7 +14,8 @@ import numpy as np
 from numpy.random import default_rng
 
 from sim_core.world.geometry import BED, Box, Mesh, Plane, WorldError, box, import_mesh, moved
-from sim_core.world.rays import Backend, RayCaster, Scene, ScenePart, make_caster
+from sim_core.world.ray_backends import make_caster
+from sim_core.world.rays import Backend, RayCaster, Scene, ScenePart
 from sim_core.world.river import Bed, FlatBed, RiverBed, bank_parts, shoal_part
 from sim_core.world.spec import MeshFileSpec
 from sim_core.world.structures import LogBoom, building_part, dam_box, dam_parts

@@ -1,0 +1,138 @@
+"""Faults of propellers and a rudder against a vessel of two differential equations, whose faults are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.recorded_run import recorded_run
+from xitl_cli.logs.analyses.actuation import analyse
+from xitl_cli.logs.analyses.actuator_faults import RATE_HZ, VesselMotion, actuator_faults
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+from xitl_cli.logs.model.sections import Finding
+
+S = 1_000_000_000
+END_S, FROM_S, UNTIL_S = 160.0, 60.0, 95.0
+SUBSTEPS = 10
+Act = Callable[[float, np.ndarray], np.ndarray]
+
+
+def sailed(act: Act, seed: int, *, rudder: bool = False) -> VesselMotion:
+    """A vessel that holds 1.5 m/s on changing headings in gusts. act: what the actuators do of (t, commands)."""
+    rng = np.random.default_rng(seed)
+    dt_s = 1.0 / (RATE_HZ * SUBSTEPS)
+    psi = turning = surge = gust = trim = 0.0
+    rows = []
+    for step in range(round(END_S / dt_s)):
+        at_s = step * dt_s
+        aim = 0.9 * np.sign(np.sin(2 * np.pi * at_s / 31.0))
+        trim = float(np.clip(trim + 0.2 * (1.5 - surge) * dt_s, 0.0, 0.5))
+        ahead = float(np.clip(0.5 * (1.5 - surge) + trim, -1.0, 1.0))
+        aside = float(np.clip(0.8 * (aim - psi) - 1.0 * turning, -0.6, 0.6))
+        commands = np.array([aside, ahead]) if rudder else np.clip(np.array([ahead + aside, ahead - aside]), -1, 1)
+        done = act(at_s, commands)
+        gust += dt_s * (-0.3 * gust) + 0.02 * np.sqrt(dt_s) * rng.normal()
+        if rudder:
+            push, moment = 2.0 * done[1] * abs(done[1]), 0.6 * done[0] * surge * abs(surge)
+        else:
+            thrust = done * np.abs(done)
+            push, moment = float(thrust.sum()), 0.8 * float(thrust[0] - thrust[1])
+        turning += dt_s * (moment - 1.2 * turning + gust)
+        surge += dt_s * (push - 0.3 * surge - 0.2 * surge * abs(surge) + gust)
+        psi += dt_s * turning
+        if step % SUBSTEPS == 0:
+            rows.append((at_s, turning, surge, 0.02 * rng.normal(), psi, *commands))
+    table = np.array(rows)
+    noisy = table[:, 1:3] + np.array([0.003, 0.02]) * rng.normal(size=(len(table), 2))
+    steers = np.array([rudder, False])
+    stamp_ns = np.round(table[:, 0] * S).astype(np.int64)
+    return VesselMotion(stamp_ns, noisy[:, 0], noisy[:, 1], table[:, 3], table[:, 4], table[:, 5:], steers)
+
+
+def within(at_s: float) -> bool:
+    return FROM_S <= at_s < UNTIL_S
+
+
+def as_commanded(at_s: float, commands: np.ndarray) -> np.ndarray:
+    return commands
+
+
+def set_to(output: int, value: float) -> Act:
+    def act(at_s: float, commands: np.ndarray) -> np.ndarray:
+        done = commands.copy()
+        done[output] = value if within(at_s) else done[output]
+        return done
+
+    return act
+
+
+def scaled(output: int, share: float) -> Act:
+    """The thrust of an output times a share; below zero it turns the other way."""
+
+    def act(at_s: float, commands: np.ndarray) -> np.ndarray:
+        done = commands.copy()
+        if within(at_s):
+            done[output] *= np.sign(share) * np.sqrt(abs(share))
+        return done
+
+    return act
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("kind", "output", "size", "act", "rudder"),
+    [
+        ("stuck", 0, 0.8, set_to(0, 0.8), False),
+        ("stuck", 0, 0.4, set_to(0, 0.4), True),
+    ],
+)
+def test_a_fault_is_named_with_actuator_onset_end_and_size(
+    kind: str, output: int, size: float, act: Act, rudder: bool, seed: int
+) -> None:
+    (fault,) = actuator_faults(sailed(act, seed, rudder=rudder))
+    assert (fault.kind, fault.output) == (kind, output)
+    assert fault.from_ns / S == pytest.approx(FROM_S, abs=2.5)
+    assert fault.until_ns is not None
+    assert fault.until_ns / S == pytest.approx(UNTIL_S, abs=2.5)
+    assert fault.size == pytest.approx(size, abs=0.15)
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("rudder", [False, True])
+def test_a_vessel_without_a_fault_has_none(rudder: bool, seed: int) -> None:
+    assert actuator_faults(sailed(as_commanded, 10 + seed, rudder=rudder)) == []
+
+
+def test_a_small_loss_is_below_the_floor() -> None:
+    assert actuator_faults(sailed(scaled(0, 0.95), 3)) == []
+
+
+def run_findings(folder: Path, extends: str, fault: str, *overrides: str) -> list[Finding]:
+    """What the autopilot's log of a run tells of its actuators; the fault lasts from 60 to 100 s."""
+    profile = folder / "faulty.yaml"
+    fault = f"{{from_s: 60.0, until_s: 100.0, propeller: {{{fault}}}}}" if fault else ""
+    profile.write_text(
+        f"extends: {extends}\ndescription: A faulty boat\nfaults: {{{f'f: {fault}' if fault else ''}}}\n"
+    )
+    with DataFlashLog(recorded_run(str(profile), 130.0, *overrides) / "autopilot.bin") as log:
+        section = analyse(log)
+    return [] if section is None else list(section.findings)
+
+
+@pytest.mark.slow
+def test_lost_thrust_of_a_run_is_named_with_propeller_onset_end_and_share(tmp_path: Path) -> None:
+    (found,) = run_findings(tmp_path, "[sitl, vehicles/heron]", "which: starboard, thrust_loss: 0.5", "clock.seed=402")
+    assert found.key == "actuation.thrust_loss"
+    assert "output 3 (throttle starboard) lost" in found.sentence
+    evidence = found.evidence[0]
+    assert (evidence.at_ns or 0) / S == pytest.approx(60.0, abs=3.0)
+    assert (evidence.until_ns or 0) / S == pytest.approx(100.0, abs=3.0)
+    assert float(evidence.value or 0) == pytest.approx(0.5, abs=0.2)
+
+
+@pytest.mark.slow
+def test_a_run_without_a_fault_has_none(tmp_path: Path) -> None:
+    assert run_findings(tmp_path, "[sitl, vehicles/heron]", "", "clock.seed=403") == []

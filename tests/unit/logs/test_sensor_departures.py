@@ -1,0 +1,111 @@
+"""Errors of a compass, a barometer and a gyroscope against made series whose onset, end and size are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_log import MadeTable
+
+from xitl_cli.logs.analyses.sensor_departures import field_steps, gyro_steps, pressure_steps
+from xitl_cli.logs.signals.sensors import InertialUnit, SampleTimes, SensorKind, SensorSeries
+from xitl_cli.logs.signals.series import Series
+
+S = 1_000_000_000
+END_S = 120.0
+FIELD_MGAUSS = np.array([200.0, 0.0, -120.0])  # north, east, down
+
+
+def yaw_rad(time_s: np.ndarray) -> np.ndarray:
+    """Legs with turns in between: up to 35 deg/s."""
+    return 1.2 * np.sin(0.5 * time_s) + 0.1 * np.sin(2.0 * time_s)
+
+
+def unit(bias_radps: float = 0.0, from_s: float = 60.0) -> InertialUnit:
+    rng = np.random.default_rng(5)
+    time_s = np.arange(0.0, END_S, 0.02)
+    rate = np.zeros((len(time_s), 3))
+    rate[:, 2] = 0.6 * np.cos(0.5 * time_s) + 0.2 * np.cos(2.0 * time_s) + bias_radps * (time_s >= from_s)
+    rate += 0.003 * rng.normal(size=rate.shape)
+    stamp_ns = np.round(time_s * S).astype(np.int64)
+    table = MadeTable("IMU", stamp_ns.tolist(), {})
+    fields = ("GyrX", "GyrY", "GyrZ")
+    return InertialUnit(
+        "IMU[0]", table, stamp_ns, SampleTimes(stamp_ns), rate, None, fields, (), None, None, None, None
+    )
+
+
+def series(sort: SensorKind, unit_name: str, time_s: np.ndarray, values: np.ndarray) -> SensorSeries:
+    stamp_ns = np.round(time_s * S).astype(np.int64)
+    return SensorSeries(
+        sort,
+        sort,
+        sort,
+        ("A",),
+        unit_name,
+        stamp_ns,
+        SampleTimes(stamp_ns),
+        values,
+        None,
+        None,
+    )
+
+
+def compass(bias_mgauss: tuple[float, float, float], from_s: float, until_s: float) -> SensorSeries:
+    rng = np.random.default_rng(6)
+    time_s = np.arange(0.0, END_S, 0.1)
+    psi = yaw_rad(time_s)
+    north, _, down = FIELD_MGAUSS
+    body = np.stack([north * np.cos(psi), -north * np.sin(psi), np.full(len(psi), down)], axis=1)
+    body += 3.0 * rng.normal(size=body.shape)
+    body[(time_s >= from_s) & (time_s < until_s)] += bias_mgauss
+    return series("magnetometer", "mGauss", time_s, body)
+
+
+@pytest.mark.parametrize("bias", [(30.0, 66.5, 0.0), (-60.0, 41.5, 10.0)])
+def test_interference_has_onset_end_and_size_while_the_vessel_turns(bias: tuple[float, float, float]) -> None:
+    (step,) = field_steps(unit(), compass(bias, 60.0, 80.0))
+    assert step.from_ns / S == pytest.approx(60.0, abs=0.2)
+    assert step.until_ns is not None
+    assert step.until_ns / S == pytest.approx(80.0, abs=0.2)
+    assert step.size == pytest.approx(np.array(bias), abs=9.0)
+
+
+def test_a_lasting_error_of_a_compass_has_an_onset_and_no_end() -> None:
+    (step,) = field_steps(unit(), compass((50.0, -30.0, 20.0), 60.0, END_S + 1.0))
+    assert step.from_ns / S == pytest.approx(60.0, abs=0.2)
+    assert step.until_ns is None
+
+
+def test_turning_and_noise_are_no_step_of_the_field() -> None:
+    assert field_steps(unit(), compass((0.0, 0.0, 0.0), 60.0, 80.0)) == []
+
+
+def test_a_pressure_that_is_off_for_a_time_has_onset_end_and_size() -> None:
+    rng = np.random.default_rng(7)
+    time_s = np.arange(0.0, END_S, 0.1)
+    pressure_pa = 100_600.0 + 5.0 * np.sin(time_s) + 3.0 * rng.normal(size=len(time_s))
+    clean = series("barometer", "Pa", time_s, pressure_pa[:, None])
+    assert pressure_steps(clean, 36.0) == []
+    off = pressure_pa - 300.0 * ((time_s >= 60.0) & (time_s < 80.0))
+    (step,) = pressure_steps(series("barometer", "Pa", time_s, off[:, None]), 36.0)
+    assert (step.from_ns / S, (step.until_ns or 0) / S) == pytest.approx((60.0, 80.0), abs=0.2)
+    assert step.size[0] == pytest.approx(-300.0, rel=0.05)
+
+
+def level() -> Series:
+    stamp_ns = np.arange(0, round(END_S * S), S // 10, dtype=np.int64)
+    return Series(stamp_ns, np.zeros(len(stamp_ns)), "deg", "ATT.Roll")
+
+
+@pytest.mark.parametrize("bias_degps", [3.44, -2.5])
+def test_a_bias_of_the_gyroscope_is_measured_by_the_heading_of_the_compass(bias_degps: float) -> None:
+    right = compass((0.0, 0.0, 0.0), 0.0, 0.0)
+    (step,) = gyro_steps(unit(np.radians(bias_degps)), level(), level(), right)
+    assert step.from_ns / S == pytest.approx(60.0, abs=1.0)
+    assert step.until_ns is None
+    assert np.degrees(step.size) == pytest.approx(np.array([0.0, 0.0, bias_degps]), abs=0.2)
+
+
+def test_interference_of_the_compass_is_no_bias_of_the_gyroscope() -> None:
+    off = compass((30.0, 66.5, 0.0), 60.0, 80.0)
+    assert gyro_steps(unit(), level(), level(), off, field_steps(unit(), off)) == []

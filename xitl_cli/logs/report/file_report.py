@@ -1,0 +1,91 @@
+"""The analyses of one log: its sections, findings and failures. Nothing in it reads a file any more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from xitl_cli.logs.analyses.catalogue import AnalysisFailure
+from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.log import Base, Format, LogHealth
+from xitl_cli.logs.model.sections import Finding, Section, Severity
+from xitl_cli.logs.report.wording import damage_sentences
+
+
+@dataclass(frozen=True, slots=True)
+class FileReport:
+    """name: short, and its own among the files of a report. span_ns: None without a stamped row.
+
+    vehicle: it and its firmware in words, "" where the log does not tell. vessel: the one that was looked at of
+    `vessels`, where the log is of several.
+    """
+
+    name: str
+    path: Path
+    format: Format
+    base: Base
+    span_ns: tuple[int, int] | None
+    health: LogHealth
+    facts: Mapping[str, str]
+    sections: tuple[Section, ...]
+    time_line: TimeLine
+    vehicle: str = ""
+    failures: tuple[AnalysisFailure, ...] = ()
+    vessel: str = ""
+    vessels: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Missing and doubtful data, each a sentence without its full stop."""
+        return damage_sentences(self.health)
+
+    @property
+    def duration_s(self) -> float | None:
+        return None if self.span_ns is None else (self.span_ns[1] - self.span_ns[0]) * 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedFile:
+    """A file that could not be opened, and the sentence why."""
+
+    path: Path
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class FileSection:
+    """A section and the file it is about."""
+
+    section: Section
+    file: FileReport
+
+
+@dataclass(frozen=True, slots=True)
+class FileFinding:
+    """A finding, the section and the file it is from."""
+
+    finding: Finding
+    section: Section
+    file: FileReport
+
+
+class ReportedFiles(Protocol):
+    """The logs of a report, as grouping and the JSON document read them."""
+
+    @property
+    def files(self) -> tuple[FileReport, ...]:
+        """Logs that could be opened."""
+
+    @property
+    def refusals(self) -> tuple[RefusedFile, ...]:
+        """Logs that could not be opened."""
+
+    @property
+    def findings(self) -> list[FileFinding]:
+        """All findings, the most severe first."""
+
+    @property
+    def worst(self) -> Severity:
+        """Highest severity of all findings."""

@@ -1,0 +1,42 @@
+"""Entry points of the plug-in `board`, for `pyproject.toml`. Functions import lazily, so that loading is cheap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from xitl_cli.plugin import Command
+
+if TYPE_CHECKING:
+    import typer
+
+    from xitl_cli.deploy.ssh import Board
+
+
+def _add(app: typer.Typer, name: str) -> None:
+    from xitl_cli.plugins.board import command
+
+    app.command("create")(command.create)
+    app.command("start")(command.start)
+    app.command("stop")(command.stop)
+    app.command("list")(command.list_boards)
+    for of_the_board in (command.ssh, command.enter):  # options after the name belong to the board's command
+        app.command(of_the_board.__name__, context_settings={"allow_interspersed_args": False})(of_the_board)
+    app.command("console")(command.console)
+    app.command("put")(command.put)
+    app.command("compare")(command.compare)
+    app.command("pause")(command.pause)
+    app.command("unplug")(command.unplug)
+    app.command("remove")(command.remove)
+
+
+COMMAND = Command("An ARMv7 board with a Debian of its own, emulated on this machine.", _add, group=True)
+
+
+def running_board(name: str, port: int | None, identity: Path | None, ssh_config: Path | None) -> Board:
+    """The running emulated board `name`, to reach over ssh. Raises UserError where it does not run."""
+    from xitl_cli.deploy.ssh import Board
+    from xitl_cli.plugins.board.emulator import the_running_board
+
+    board = the_running_board(name)
+    return Board(board.name, port, identity, ssh_config or board.ssh_config)
