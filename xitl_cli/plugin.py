@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from xitl_cli.record.topics import Topic
     from xitl_cli.run.core.node import ControlNode, RunNode
     from xitl_cli.run.world.plant import PlantView
-    from xitl_cli.run.world.scenery import Scenery
+    from xitl_cli.scenery import Scenery
     from xitl_cli.seeds import Seeds
 
 __all__ = ["Command", "NodeContext", "NodeKind"]

@@ -64,23 +64,38 @@ _PACKAGE = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True, slots=True)
+class AddedAnalysis:
+    """An analysis that another package adds. name: of its section. package: with its version."""
+
+    name: str
+    package: str
+    analyse: Analysis
+
+
+@dataclass(frozen=True, slots=True)
 class AnalysisFailure:
-    """An analysis that broke: a fault of this program, not of the log. place: file and line of the program."""
+    """An analysis that broke: a fault of this program, not of the log. place: file and line of the program.
+
+    package: of an added analysis, empty for the others.
+    """
 
     analysis: str
     error: str
     place: str
+    package: str = ""
 
     @property
     def sentence(self) -> str:
-        return f"the analysis of {self.analysis} failed at {self.place} ({self.error}); please report it with this log"
+        whose, report = (f" by {self.package}", " to its authors") if self.package else ("", "")
+        failed = f"the analysis of {self.analysis}{whose} failed at {self.place} ({self.error})"
+        return f"{failed}; please report it{report} with this log"
 
 
-def analysis_failure(analysis: str, error: Exception) -> AnalysisFailure:
-    """With the last place of this program that the error went through."""
+def analysis_failure(analysis: str, error: Exception, package: str = "") -> AnalysisFailure:
+    """With the last place of this program that the error went through, or of the package of an added analysis."""
     frames = traceback.extract_tb(error.__traceback__)
-    ours = [frame for frame in frames if Path(frame.filename).is_relative_to(_PACKAGE)]
+    ours = [] if package else [frame for frame in frames if Path(frame.filename).is_relative_to(_PACKAGE)]
     last = (ours or frames)[-1]
     path = Path(last.filename)
     place = path.relative_to(_PACKAGE.parent) if path.is_relative_to(_PACKAGE) else path
-    return AnalysisFailure(analysis, f"{type(error).__name__}: {error}", f"{place}:{last.lineno}")
+    return AnalysisFailure(analysis, f"{type(error).__name__}: {error}", f"{place}:{last.lineno}", package)

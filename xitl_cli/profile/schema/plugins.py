@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from typing import Any
 
-from xitl_cli.plugin import NodeKind
 from xitl_cli.registry import NODES, PluginError, load, package_of
 
 
@@ -20,18 +19,13 @@ class GroupsByName:
     group: Callable[[str], type]
 
 
-def node_kind(name: str) -> NodeKind:
-    """The kind of node that a plug-in registers. Raises PluginError when it is missing or cannot be used."""
+def node_keys(name: str) -> type[Any]:
+    """The keys of a plug-in's node. Raises PluginError when the plug-in is missing or cannot be used."""
     kind = load(NODES, name)
-    if not isinstance(kind, NodeKind):
+    if not (hasattr(kind, "keys") and hasattr(kind, "make") and hasattr(kind, "topics")):
         problem = f"registers {type(kind).__name__} in {NODES}, which is not xitl_cli.plugin.NodeKind"
-    elif not is_dataclass(kind.keys):
+    elif not (isinstance(kind.keys, type) and is_dataclass(kind.keys)):
         problem = f"has a NodeKind whose keys are not a dataclass: {kind.keys!r}"
     else:
-        return kind
+        return kind.keys
     raise PluginError(f"{name}: the plug-in of {package_of(NODES, name)} {problem}; correct it")
-
-
-def node_keys(name: str) -> type[Any]:
-    """The keys of a plug-in's node. Raises PluginError as `node_kind` does."""
-    return node_kind(name).keys

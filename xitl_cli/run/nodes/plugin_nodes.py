@@ -14,16 +14,15 @@ from numpy.random import default_rng
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.link import Link
 from xitl_cli.errors import UserError
-from xitl_cli.plugin import NodeContext
+from xitl_cli.plugin import NodeContext, NodeKind
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.plugins import node_kind
 from xitl_cli.record.recorder import Recorder, check_added_topic
 from xitl_cli.record.topics import Topic
-from xitl_cli.registry import NODES, package_of
+from xitl_cli.registry import NODES, load, package_of
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.core.plugin_error import PluginNodeError
 from xitl_cli.run.world.plant import PlantView
-from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 P = ParamSpec("P")
@@ -139,7 +138,7 @@ def plugin_nodes(
     nodes: list[PluginNode] = []
     topics: list[Topic] = []
     for name, keys in profile.plugins.items():
-        kind = node_kind(name)
+        kind: NodeKind = load(NODES, name)
         for topic in kind.topics:
             try:
                 check_added_topic(topic, topics)
