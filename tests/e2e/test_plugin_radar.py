@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.documentation import ROOT
+from tests.documentation import ROOT, blocks, suppose
 from xitl_cli.logs import open_log
 from xitl_cli.logs.model.log import Log
 
@@ -54,12 +54,18 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def recording(python: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The recording of the example's profile."""
+def typed(python: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """The folder in which the commands of the page were typed, with a short run, and the output by command."""
     folder = tmp_path_factory.mktemp("run")
-    done = xitl(python, folder, "sim", str(RADAR / "radar.yaml"), "--duration", "20", "--out", "run")
-    assert done.returncode == 0, done.stderr
-    return folder / "run"
+    suppose(folder)
+    printed = {}
+    for command in (command for block in blocks("docs/plugins.md") for command in block.commands if command.needs):
+        if command.program == "xitl":
+            words = command.words[1:]
+            done = xitl(python, folder, *words, *(("--duration", "20") if words[0] == "sim" else ()))
+            assert done.returncode == 0, f"{command}: {done.stderr}"
+            printed[words[0]] = done.stdout
+    return folder / "radar-run", printed
 
 
 def xitl(python: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -95,18 +101,16 @@ def test_the_plug_in_is_listed_in_each_of_its_groups(python: Path, tmp_path: Pat
     }
 
 
-def test_a_run_has_targets_a_drawing_and_a_finding(python: Path, recording: Path) -> None:
-    listed = xitl(python, recording.parent, "radar", "run")
-    assert listed.returncode == 0
+def test_a_run_has_targets_a_drawing_and_a_finding(typed: tuple[Path, dict[str, str]]) -> None:
+    recording, printed = typed
+    assert printed.keys() == {"sim", "radar", "logs"}
     with open_log(recording / "run.mcap", "boat") as log:
-        assert len(targets(log)) == len(listed.stdout.splitlines()) > 10
+        assert len(targets(log)) == len(printed["radar"].splitlines()) > 10
         scenes = len(log.tables["/scene"])
     assert scenes >= 10
     summary = json.loads((recording / "summary.json").read_text(encoding="utf-8"))
     assert summary["vessels"]["boat"]["plugins"] == {"radar": {"scans": 10}}
-    analyzed = xitl(python, recording.parent, "logs", "analyze", "run", "--section", "radar")
-    assert analyzed.returncode == 0
-    assert "The nearest target was" in analyzed.stdout
+    assert "The nearest target was" in printed["logs"]
 
 
 def test_a_wrong_key_has_its_file_and_line(python: Path, tmp_path: Path) -> None:
