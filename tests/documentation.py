@@ -32,6 +32,7 @@ NEEDS = (
     "superuser",
     "a running simulation",
     "browser",
+    "plug-in",
 )
 PROGRAMS = (
     *("xitl", "make", "pip", "git", "cd", "echo", "chmod", "ip", "python", "python3"),

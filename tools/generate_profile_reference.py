@@ -29,7 +29,7 @@ from xitl_cli.profile.schema.fleet import SAILED, SeveralSpec
 VESSEL = "vessels.NAME"
 PAGE = Path(__file__).parents[1] / "docs/profiles.md"
 MARK = "<!-- Below is generated from the schema: make pages -->"
-_NAMES = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+_NAMES = {float: "number", int: "whole number", str: "text", bool: "true or false", Any: "group"}
 
 
 def page(text: str) -> str:

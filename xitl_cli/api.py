@@ -124,15 +124,17 @@ def open_log(path: PathText, vessel: str | None = None) -> Log:
 def analyze(*logs: PathText, sections: str | Iterable[str] = (), vessel: str = "") -> Report:
     """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
 
-    sections: names of analyses (`"scheduler"`), by default all. vessel: one vessel of a fleet's recording, by default
-    the first.
+    sections: names of analyses (`"scheduler"`), by default all, with those of plug-ins. vessel: one vessel of a
+    fleet's recording, by default the first.
 
     A log that cannot be read is in the report's `refusals`. Raises LogError for an unknown section.
     """
+    from xitl_cli.log_analyses import added_analyses
     from xitl_cli.logs.report.build import build_report, sections_named
 
     wanted = (sections,) if isinstance(sections, str) else tuple(sections)
-    return build_report([Path(log) for log in logs], sections_named(wanted), vessel=vessel)
+    added = added_analyses(wanted)
+    return build_report([Path(log) for log in logs], sections_named(wanted, added), vessel=vessel, added=added)
 
 
 def compare(

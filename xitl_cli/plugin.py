@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import typer
+    from numpy.random import Generator
     from typer.core import TyperGroup
 
-__all__ = ["Command"]
+    from xitl_cli.profile.schema import RunProfile
+    from xitl_cli.record.topics import Topic
+    from xitl_cli.run.core.node import ControlNode, RunNode
+    from xitl_cli.run.world.plant import PlantView
+    from xitl_cli.scenery import Scenery
+    from xitl_cli.seeds import Seeds
+
+__all__ = ["Command", "NodeContext", "NodeKind"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +41,49 @@ class Command:
 
     help_without_command: bool = True
     """Whether a group shows its help when no command follows."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeContext:
+    """The vessel and the world of a node of a plug-in. Frames are NED and FRD, as everywhere inside xitl."""
+
+    name: str
+    """Name of the plug-in: the key below `plugins` of the profile."""
+
+    profile: RunProfile
+    """Profile of the vessel; `profile.vessel` is its name, empty where there is one vessel."""
+
+    plant: PlantView
+    """The world as this vessel meets it. `state` and `motion()` are of the latest physics step."""
+
+    scenery: Scenery
+    """Objects that do not move: bed, banks, log boom, dam, buildings."""
+
+    control: ControlNode
+    """The node whose motor commands move the vessel: `command`, `progress`."""
+
+    seeds: Seeds
+    """Seeds of the vessel, for a node that needs several independent streams."""
+
+    rng: Generator
+    """Random generator of this node. It depends on `clock.seed`, the vessel and the name of the plug-in alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeKind:
+    """A kind of node of a run, under the name of its entry point (group `xitl.nodes`).
+
+    A vessel has the node when its profile has the group `plugins.NAME`.
+    """
+
+    keys: type
+    """Keys of the profile below `plugins.NAME`: a frozen dataclass that derives from `sim_core.keys.Specification`."""
+
+    make: Callable[[Any, NodeContext], RunNode]
+    """`make(keys, context)` returns the node of one vessel. Raises UserError when the run cannot have it."""
+
+    topics: Sequence[Topic] = ()
+    """Topics that the node records. With several vessels, the vessel's name is in front of each name."""
 
 
 def keep_group(app: typer.Typer) -> None:

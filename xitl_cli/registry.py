@@ -24,6 +24,8 @@ INTERFACE = 1
 
 OWN_PACKAGE = "xitl"
 COMMANDS = "xitl.commands"
+NODES = "xitl.nodes"
+LOG_ANALYSES = "xitl.log_analyses"
 LIVE_OUTPUTS = "xitl.live_outputs"
 LOG_EXPORTS = "xitl.log_exports"
 LOG_REPLAYS = "xitl.log_replays"
@@ -33,6 +35,8 @@ PROFILES = "xitl.profiles"
 
 GROUPS = {
     COMMANDS: "a command, or a group of commands: `xitl_cli.plugin.Command`",
+    NODES: "nodes of a run with profile keys and topics, such as a sensor: `xitl_cli.plugin.NodeKind`",
+    LOG_ANALYSES: "analyses of `xitl logs analyze`: a function from a `Log` to a `Section`, or to None",
     LIVE_OUTPUTS: "nodes that show a run while it goes on: `xitl_cli.run.core.live_output.LiveOutput`",
     LOG_EXPORTS: "formats of `xitl logs export`: `xitl_cli.plugin.LogExport`",
     LOG_REPLAYS: "3D replays in the page of `xitl logs analyze`: `xitl_cli.plugin.LogReplay`",
@@ -60,6 +64,12 @@ class Plugin:
     """Reason why it cannot be used, empty when it can."""
 
 
+def package_of(group: str, name: str) -> str:
+    """The package that registers `name`, with its version; empty when there is none."""
+    entry = _first_of_each_name(group).get(name)
+    return "" if entry is None else f"{_package(entry)} {_version(entry)}"
+
+
 def names(group: str) -> list[str]:
     """Return the names in a group, sorted, those of xitl's plug-ins first. Loads nothing."""
     return list(_first_of_each_name(group))
@@ -70,7 +80,8 @@ def load(group: str, name: str) -> Any:
     entry = _first_of_each_name(group).get(name)
     if entry is None:
         raise PluginError(
-            f"{name}: no installed package registers it in {group}; `xitl plugins` lists what is installed"
+            f"{name}: no installed package registers it in {group}; install its package, or correct the name "
+            "(`xitl plugins` lists the installed ones)"
         )
     return _loaded(entry)
 

@@ -56,7 +56,8 @@ def test_a_boat_in_norway(xitl: Xitl, tmp_path: Path) -> None:
 def test_what_stays_of_another_boat_is_in_the_summary(xitl: Xitl, tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("extends: sitl\nsite: {latitude_deg: 60, longitude_deg: 10, altitude_m: 0}\n")
     done = xitl("sim", "--profile", "mine.yaml", "--duration", "1", "--out", "run")
-    (warning,) = summary(tmp_path / "run")["warnings"]
-    assert "world.log_boom, world.dam and mission.waypoints_ned_m are still of that one" in warning
+    site, compass = summary(tmp_path / "run")["warnings"]
+    assert "world.log_boom, world.dam and mission.waypoints_ned_m are still of that one" in site
+    assert "5.0 mG of hard iron in a horizontal field of 151 mG" in compass
     assert "world.log_boom" in done.stdout + done.stderr
     assert "warning: mine.yaml:2: the site is" in xitl("profiles", "check", "mine.yaml").stdout

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from tests.installed_packages import Install
 from xitl_cli import registry
 from xitl_cli.errors import UserError
 from xitl_cli.main import CORE_COMMANDS, _app
 from xitl_cli.plugin import Command
 from xitl_cli.profile.files.catalogue import find_profile, profile_name
 
-Install = Callable[..., None]
 HELLO = '''
 from xitl_cli.plugin import Command
 
@@ -29,36 +28,6 @@ def _add(app, name):
 
 COMMAND = Command("Say hello.", _add)
 '''
-
-
-@pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Install a package with one module and these entry points, `group` to `name = target`."""
-    site = tmp_path / "site"
-    site.mkdir()
-    monkeypatch.syspath_prepend(str(site))
-    modules: list[str] = []
-
-    def forget() -> None:
-        registry._entries.cache_clear()
-        registry._first_of_each_name.cache_clear()
-
-    def made(package: str, code: str, **entries: str) -> None:
-        module = package.replace("-", "_")
-        modules.append(module)
-        (site / f"{module}.py").write_text(code, encoding="utf-8")
-        info = site / f"{module}-1.2.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n", encoding="utf-8")
-        groups = "\n".join(f"[xitl.{group}]\n{entry}" for group, entry in entries.items())
-        (info / "entry_points.txt").write_text(groups + "\n", encoding="utf-8")
-        forget()
-
-    forget()
-    yield made
-    forget()
-    for module in modules:
-        sys.modules.pop(module, None)
 
 
 def error_of(name: str) -> str:

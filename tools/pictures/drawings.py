@@ -311,6 +311,27 @@ def ros() -> Drawing:
     return art
 
 
+def plugins() -> Drawing:
+    art = Drawing(860, 330, "A package, its entry points, and the parts of xitl that load them")
+    art.frame(16, 16, 230, 298, "package xitl-radar", "green")
+    art.frame(336, 16, 200, 298, "entry points", "amber")
+    art.frame(620, 16, 224, 298, "xitl", "blue")
+    for row, (part, note, group, user, effect) in enumerate(
+        (
+            ("NodeKind", "keys, node, topics", "xitl.nodes", "xitl sim", "plugins.radar, /radar/targets"),
+            ("analyse(log)", "facts and findings", "xitl.log_analyses", "xitl logs analyze", "a section"),
+            ("Command", "a typer function", "xitl.commands", "xitl radar", "a command"),
+        )
+    ):
+        y = 56 + 86 * row
+        source = art.box(34, y, 194, 62, part, note, tone="green")
+        entry = art.box(350, y, 172, 62, group, "radar = …", tone="amber")
+        target = art.box(634, y, 196, 62, user, effect, tone="blue")
+        art.arrow(source.right, entry.left, label="registers" if not row else "", tone="green")
+        art.arrow(entry.right, target.left, label="loads" if not row else "", tone="blue")
+    return art
+
+
 def recording() -> Drawing:
     d = Drawing(900, 400, "Data flow of a run: what is recorded, where, and who reads it")
     sources = [

@@ -44,6 +44,7 @@ PICTURES: dict[str, Maker] = {
     "ground-stations.svg": drawn(drawings.ground_stations),
     "ros.svg": drawn(drawings.ros),
     "recording.svg": drawn(drawings.recording),
+    "plugins.svg": drawn(drawings.plugins),
     "profiles.svg": drawn(drawings.profiles),
     "frames.svg": drawn(drawings.frames),
     "forces.svg": drawn(drawings.vessel_forces),

@@ -70,8 +70,9 @@ def _assignments(name: str) -> Iterator[str]:
 def complete_section(incomplete: str) -> list[str]:
     """Return names of analyses."""
     from xitl_cli.logs.report.build import SECTIONS
+    from xitl_cli.registry import LOG_ANALYSES, names
 
-    return [name for name in SECTIONS if name.startswith(incomplete)]
+    return [name for name in (*SECTIONS, *names(LOG_ANALYSES)) if name.startswith(incomplete)]
 
 
 ProfileName = Annotated[

@@ -131,14 +131,28 @@ def unchecked_profile(entry: Entry, name: str) -> Profile:
 
 
 def recorded_profiles(data: bytes | None) -> tuple[RunProfile, ...]:
-    """Return the profile of each vessel from a recording's profile.yaml; empty when this version cannot read it."""
+    """Return the profile of each vessel from a recording's profile.yaml; empty when this version cannot read it.
+
+    The keys of plug-ins are left out, so that a recording can be read where they are not installed.
+    """
     if data is None:
         return ()
     try:
         entry = parse_yaml(data.decode(errors="replace"), PROFILE)
-        return () if entry is None else unchecked_profile(entry, PROFILE).run_profiles()
+        return () if entry is None else unchecked_profile(_without_plugins(entry), PROFILE).run_profiles()
     except UserError:
         return ()
+
+
+def _without_plugins(entry: Entry) -> Entry:
+    if not isinstance(entry.value, dict):
+        return entry
+    left = {key: below for key, below in entry.value.items() if key != "plugins"}
+    vessels = left.get("vessels")
+    if vessels is not None and isinstance(vessels.value, dict):
+        own = {name: _without_plugins(vessel) for name, vessel in vessels.value.items()}
+        left["vessels"] = Entry(own, vessels.origin)
+    return Entry(left, entry.origin)
 
 
 def _checked_fleet(entry: Entry, name: str) -> tuple[Profile, Entry]:

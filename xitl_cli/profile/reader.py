@@ -22,8 +22,10 @@ from sim_core.keys import (
     unit_of,
     value_problem,
 )
+from xitl_cli.errors import UserError
 from xitl_cli.profile.files.entry import Entry, KeyPath, Problem, ProfileError, dotted, shown
 from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.plugins import GroupsByName
 
 T = TypeVar("T")
 
@@ -111,6 +113,8 @@ class Reader:
         if get_origin(kind) is dict:
             if not isinstance(entry.value, dict):
                 return self._wrong(entry, path, "is not a group; indent keys under it")
+            if (by_name := next((one for one in markers if isinstance(one, GroupsByName)), None)) is not None:
+                return self._groups_by_name(entry, by_name, path)
             inner = get_args(kind)[1]
             return {key: self._value(below, inner, (*path, key)) for key, below in entry.value.items()}
         if get_origin(kind) is tuple:
@@ -124,6 +128,22 @@ class Reader:
         if problem := value_problem(entry.plain(), kind, markers, unit_of(name)):
             return self._wrong(entry, path, problem)
         return float(entry.value) if kind is float else entry.value  # type: ignore[arg-type]
+
+    def _groups_by_name(self, entry: Entry, by_name: GroupsByName, path: KeyPath) -> dict[str, Any]:
+        """The groups below `entry`; null takes away one that is inherited."""
+        assert isinstance(entry.value, dict)
+        groups = {}
+        for name, below in entry.value.items():
+            if below.value is None:
+                continue
+            try:
+                group = by_name.group(name)
+            except UserError as error:
+                problem = str(error).removeprefix(f"{name}: ")
+                self._note(self._problems, below, f"{dotted((*path, name))}:", problem)
+                continue
+            groups[name] = self._group(below, group, (*path, name))
+        return groups
 
     def _wrong(self, entry: Entry, path: KeyPath, problem: str, value: bool = True) -> None:
         key = f"{dotted(path)} = {shown(entry.plain())}" if value else dotted(path)

@@ -6,7 +6,8 @@ Odometry is in ENU with a FLU body (REP 103). Clouds are x forward, y left, z up
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from operator import attrgetter
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from sim_core import frames
 from sim_core.kinematics import Kinematics
+from xitl_cli.errors import UserError
 from xitl_cli.record.mcap_file import McapFile, PayloadWriter
 from xitl_cli.record.topics import (
     ESTIMATE_FRAME,
@@ -66,8 +68,15 @@ _COMPANION_FIELDS = attrgetter(
 )
 
 
+def _values_of(record: type) -> Callable[[Any], tuple[Any, ...]]:
+    """The values of a record's fields, in order."""
+    names = [field.name for field in fields(record)]
+    read = attrgetter(*names)
+    return read if len(names) > 1 else lambda one: (read(one),)
+
+
 _RECORDS: dict[type, tuple[str, Callable[[Any], tuple[Any, ...]]]] = {
-    topic.fields: (topic.name, attrgetter(*(field.name for field in fields(topic.fields))))
+    topic.fields: (topic.name, _values_of(topic.fields))
     for topic in TOPICS.values()
     if topic.fields is not None and is_dataclass(topic.fields)
 }
@@ -87,6 +96,7 @@ class TopicWriter:
         self._vessel = vessel
         self._channels: dict[str, Channel] = {}
         self._watched: dict[str, tuple[Callable[..., object], ...]] = {}
+        self._added: dict[str, Topic] = {}
         for topic in TOPICS.values() if from_start else ():
             if topic.from_start:
                 for link in self._links if topic.per_link else ("",):
@@ -94,8 +104,15 @@ class TopicWriter:
 
     def write(self, topic: str, stamp_ns: int, *values: Any) -> None:
         """Write a ROS 2 message, one value for each field, or a foxglove message."""
-        encode, write = self._channels.get(topic) or self._open(TOPICS[topic])
+        encode, write = self._channels.get(topic) or self._open(self._added.get(topic) or TOPICS[topic])
         write(encode(stamp_ns, *values), stamp_ns)
+
+    def add(self, topic: Topic) -> None:
+        """One more topic. Raises UserError for a topic that cannot be added."""
+        check_added_topic(topic, self._added.values())
+        self._added[topic.name] = topic
+        if topic.from_start:
+            self._open(topic)
 
     def watch(self, topic: str, seen: Callable[..., object]) -> None:
         """Call `seen` with the stamp and the values of each message on a topic from now on."""
@@ -143,6 +160,39 @@ class TopicWriter:
         return self._channels.setdefault(topic.name.format(link=link), channel)
 
 
+_TOPIC_NAME = re.compile(r"(/[A-Za-z][A-Za-z0-9_]*)+")
+_LINK_TOPIC = re.compile(r"/link/[^/]+/[tr]x")
+
+
+def check_added_topic(topic: Topic, added: Iterable[Topic] = ()) -> None:
+    """Raises UserError for a topic that clashes with the recorder's own topics or with `added`, or has no encoder."""
+    if not _TOPIC_NAME.fullmatch(topic.name):
+        raise UserError(f"{topic.name}: is not the name of a topic; write for example /radar/targets")
+    if topic.name in TOPICS or _LINK_TOPIC.fullmatch(topic.name):
+        raise UserError(f"{topic.name}: xitl records a topic with this name; choose another name")
+    for other in added:
+        if topic.name == other.name:
+            raise UserError(f"{topic.name}: another plug-in records a topic with this name; rename one of them")
+        if topic.fields is not None and topic.fields is other.fields:
+            raise UserError(f"{topic.name}: has the record of {other.name}; give each topic its own dataclass")
+    if topic.fields is None:
+        if not topic.schema.startswith("foxglove.") or not hasattr(messages, topic.schema.removeprefix("foxglove.")):
+            raise UserError(f"{topic.name}: {topic.schema} is no message of foxglove; give the fields of the message")
+    elif not is_dataclass(topic.fields):
+        raise UserError(f"{topic.name}: its fields are not a dataclass; make {topic.fields.__name__} one")
+    else:
+        try:
+            encoded = [field.name for field in topic.message_type().fields]
+        except (TypeError, NameError, AssertionError):
+            encoded = []
+        for field in fields(topic.fields):
+            if field.name not in encoded:
+                raise UserError(
+                    f"{topic.name}: {topic.fields.__name__}.{field.name} has no type of ROS 2; annotate it with a type "
+                    "of xitl_cli.record.cdr, such as Float64"
+                )
+
+
 def _watched(channel: Channel, seen: Callable[..., object]) -> Channel:
     encode, write = channel
 
@@ -170,6 +220,7 @@ class Recorder:
     ) -> None:
         self._file = path if isinstance(path, McapFile) else McapFile(path, compression)
         self._topics = TopicWriter(self._file, links if from_start else (), vessel, from_start)
+        self._records = _RECORDS
         self._sent, self._received = self._topics.link_channels("tx"), self._topics.link_channels("rx")
 
     @cached_property
@@ -186,9 +237,29 @@ class Recorder:
         self._topics.watch(topic, seen)
 
     def write(self, stamp_ns: int, record: Any) -> None:
-        """Write a record of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkState, FaultEvent, ..."""
-        topic, values = _RECORDS[type(record)]
+        """Write a record of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkState, FaultEvent, ...
+
+        Records of an added topic are written in the same way.
+        """
+        try:
+            topic, values = self._records[type(record)]
+        except KeyError:
+            name = type(record).__name__
+            raise TypeError(f"no topic has the record {name}; add its topic to `topics` of the NodeKind") from None
         self._topics.write(topic, stamp_ns, *values(record))
+
+    def add_topic(self, topic: Topic) -> None:
+        """Record one more topic, of a plug-in. Its records are written by `write` or, of foxglove's, by `message`.
+
+        Raises UserError for the name of a topic that xitl or another plug-in records, and for fields without encoder.
+        """
+        self._topics.add(topic)
+        if topic.fields is not None:
+            self._records = {**self._records, topic.fields: (topic.name, _values_of(topic.fields))}
+
+    def message(self, topic: str, stamp_ns: int, message: Any) -> None:
+        """A message of `foxglove.messages` on an added topic, by the topic's name without that of the vessel."""
+        self._topics.write(topic, stamp_ns, message)
 
     def truth(self, stamp_ns: int, motion: Kinematics, rotor: Array) -> None:
         """Write the true state of the first vessel: state, odometry, pose and transform."""
@@ -269,7 +340,7 @@ class Recorder:
         self._topics.write("/log", stamp_ns, entry)
 
     def scene(self, update: messages.SceneUpdate, stamp_ns: int = 0) -> None:
-        """Write the surroundings to draw, once, from an instant on."""
+        """Write surroundings to draw from an instant on; an entity replaces an earlier one with its frame and id."""
         self._topics.write("/scene", stamp_ns, update)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:

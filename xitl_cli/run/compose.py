@@ -36,6 +36,7 @@ from xitl_cli.run.nodes.follow import FollowDriver
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
+from xitl_cli.run.nodes.plugin_nodes import plugin_nodes
 from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, SensorRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
 from xitl_cli.run.nodes.ros_companion import RosCompanionNode
@@ -215,6 +216,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         TruthRecorder(profile, control, plant),
         ModelRange(simulation),
         mission,
+        *map(made, plugin_nodes(profile, plant, setup.scenery, control, setup.seeds)),
         TrackNode(control) if profile.vessel else None,
         *(output.vessel_node(LiveVessel(profile, plant, control, mission, status)) for output in setup.live),
     ]

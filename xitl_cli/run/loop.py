@@ -14,6 +14,7 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import PaceReport
 from xitl_cli.run.core.node import FleetStep, RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
 from xitl_cli.run.core.pace import Pace
+from xitl_cli.run.core.plugin_error import PluginNodeError
 from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
 from xitl_cli.run.world.plant import Plant
@@ -126,7 +127,7 @@ class Loop:
 
     def _lose(self, name: str, error: UserError) -> None:
         """Mark the vessel as lost. Raises the error when it ends the run."""
-        if not name or self._on_loss == "end" or isinstance(error, RecordingError):
+        if not name or self._on_loss == "end" or isinstance(error, (RecordingError, PluginNodeError)):
             raise named(name, error) from error
         if name in self.losses:  # an error of its recording
             return

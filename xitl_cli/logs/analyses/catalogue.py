@@ -64,6 +64,15 @@ _PACKAGE = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True, slots=True)
+class AddedAnalysis:
+    """An analysis that another package adds. name: of its section. package: with its version."""
+
+    name: str
+    package: str
+    analyse: Analysis
+
+
+@dataclass(frozen=True, slots=True)
 class AnalysisFailure:
     """An analysis that failed: an error of this program, not of the log."""
 
@@ -71,17 +80,21 @@ class AnalysisFailure:
     error: str
     place: str
     """File and line of the program."""
+    package: str = ""
+    """Package of an added analysis, empty for a built-in one."""
 
     @property
     def sentence(self) -> str:
-        return f"the analysis of {self.analysis} failed at {self.place} ({self.error}); please report it with this log"
+        whose, report = (f" by {self.package}", " to its authors") if self.package else ("", "")
+        failed = f"the analysis of {self.analysis}{whose} failed at {self.place} ({self.error})"
+        return f"{failed}; please report it{report} with this log"
 
 
-def analysis_failure(analysis: str, error: Exception) -> AnalysisFailure:
-    """Record of a failure, with the last line of this program that the error passed through."""
+def analysis_failure(analysis: str, error: Exception, package: str = "") -> AnalysisFailure:
+    """Record of a failure, with the last line of this program, or of the package, that the error passed through."""
     frames = traceback.extract_tb(error.__traceback__)
-    ours = [frame for frame in frames if Path(frame.filename).is_relative_to(_PACKAGE)]
+    ours = [] if package else [frame for frame in frames if Path(frame.filename).is_relative_to(_PACKAGE)]
     last = (ours or frames)[-1]
     path = Path(last.filename)
     place = path.relative_to(_PACKAGE.parent) if path.is_relative_to(_PACKAGE) else path
-    return AnalysisFailure(analysis, f"{type(error).__name__}: {error}", f"{place}:{last.lineno}")
+    return AnalysisFailure(analysis, f"{type(error).__name__}: {error}", f"{place}:{last.lineno}", package)

@@ -14,7 +14,7 @@ import numpy as np
 import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.analyses import catalogue
-from xitl_cli.logs.analyses.catalogue import AnalysisFailure, analysis_failure
+from xitl_cli.logs.analyses.catalogue import AddedAnalysis, AnalysisFailure, analysis_failure
 from xitl_cli.logs.analyses.missions import mission_rows
 from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
 from xitl_cli.logs.model.errors import LogError
@@ -216,19 +216,20 @@ def build_report(
     vessel: str = "",
     *,
     signals_held: bool = False,
+    added: Sequence[AddedAnalysis] = (),
 ) -> Report:
     """Build a report of every file that can be opened; the others become refusals.
 
-    only: names of SECTIONS; empty means all. told: callback that gets the current step. vessel: as in `open_all`, for
-    recordings of several vessels. signals_held: whether the report keeps signals for the picker of a page. Raises
-    LogError for a section that does not exist.
+    only: names of SECTIONS and of `added`; empty means all. told: callback that gets the current step. vessel: as in
+    `open_all`, for recordings of several vessels. signals_held: whether the report keeps signals for the picker of a
+    page. added: analyses of other packages, after the built-in ones. Raises LogError for a section that does not exist.
     """
-    wanted = sections_named(only)
+    wanted = sections_named(only, added)
     with ExitStack() as opened:
         logs, refusals = open_all(paths, opened, vessel)
         names = [name + of_vessel(log) for name, log in zip(short_names([log.path for log in logs]), logs, strict=True)]
         laid = [AlignedLog(log, time_line) for log, time_line in zip(logs, time_lines(logs), strict=True)]
-        files = [_file(log, name, wanted, told) for log, name in zip(laid, names, strict=True)]
+        files = [_file(log, name, wanted, told, added) for log, name in zip(laid, names, strict=True)]
         overview = Overview()
         if OVERVIEW in wanted and files:
             told(OVERVIEW)
@@ -318,13 +319,16 @@ def short_names(paths: Sequence[Path]) -> list[str]:
     return named
 
 
-def sections_named(only: Collection[str]) -> list[str]:
-    """Names of SECTIONS; empty means all. Raises LogError for a name that does not exist."""
-    named = {resolve_name(name, SECTIONS, "there is no section", f"choose from {', '.join(SECTIONS)}") for name in only}
-    return [name for name in SECTIONS if not named or name in named]
+def sections_named(only: Collection[str], added: Sequence[AddedAnalysis] = ()) -> list[str]:
+    """Names of SECTIONS and `added`; empty means all. Raises LogError for a name that does not exist."""
+    known = (*SECTIONS, *(analysis.name for analysis in added))
+    named = {resolve_name(name, known, "there is no section", f"choose from {', '.join(known)}") for name in only}
+    return [name for name in known if not named or name in named]
 
 
-def _file(log: AlignedLog, name: str, wanted: Collection[str], told: Progress) -> FileReport:
+def _file(
+    log: AlignedLog, name: str, wanted: Collection[str], told: Progress, added: Sequence[AddedAnalysis]
+) -> FileReport:
     sections: list[Section] = []
     failures: list[AnalysisFailure] = []
     vehicle = ""
@@ -343,6 +347,16 @@ def _file(log: AlignedLog, name: str, wanted: Collection[str], told: Progress) -
             vehicle = vehicle_line([found])
         if analysis in wanted:
             sections.append(_thinned(found))
+    for other in added:
+        if other.name not in wanted:
+            continue
+        told(f"{name}: {other.name}")
+        try:
+            found = other.analyse(log)
+            if found is not None:
+                sections.append(_thinned(found))
+        except Exception as error:  # noqa: BLE001  as above
+            failures.append(analysis_failure(other.name, error, other.package))
     return FileReport(
         name,
         log.path,

@@ -58,17 +58,19 @@ def analyze(
     analysed).
     """
     from xitl_cli.commands.terminal import progress
+    from xitl_cli.log_analyses import added_analyses
     from xitl_cli.logs.report import html
     from xitl_cli.logs.report.build import OVERVIEW, sections_named
     from xitl_cli.logs.report.build import build_report as build
     from xitl_cli.logs.report.json import document
 
-    wanted = sections_named(sections or ())
+    added = added_analyses(sections or ())
+    wanted = sections_named(sections or (), added)
     page = report or (_beside(files[0], "report") if open_it else None)
     if page is not None:
         html.refuse_other(page)
     with progress("opening") as told:
-        found = build(files, wanted, told, vessel or "", signals_held=page is not None)
+        found = build(files, wanted, told, vessel or "", signals_held=page is not None, added=added)
         if page is not None and found.files:
             replay = None
             if with_replay and OVERVIEW in wanted:

@@ -179,12 +179,15 @@ class LogScene:
 
     def findings(self) -> list[SceneFinding]:
         """Of all analyses of all logs, the worst first; takes seconds."""
+        from xitl_cli.log_analyses import added_analyses
         from xitl_cli.logs.report.build import build_report
 
+        added = added_analyses()
         paths = list(dict.fromkeys(one.log.path for one in self._placed))
         found: list[tuple[str, SceneFinding]] = []
         for vessel in dict.fromkeys(one.log.vessel for one in self._placed):
-            report = build_report([path for path in paths if vessel in self._vessels_of(path)], vessel=vessel)
+            own = [path for path in paths if vessel in self._vessels_of(path)]
+            report = build_report(own, vessel=vessel, added=added)
             found += self._of_report(report)
         return _worst_first(found)
 

@@ -14,6 +14,7 @@ Profile                        profile.py
 ├── view                       view.py
 ├── ros                        ros.py
 ├── faults                     faults.py
+├── plugins                    plugins.py; the keys of each are in the package of the plug-in
 ├── graph                      graph.py, derived_graph.py (what follows from the others)
 ├── ais                        sim_core/world/spec.py
 └── vessels                    fleet.py, formation.py; each is read as a Profile: xitl_cli/profile/fleet.py

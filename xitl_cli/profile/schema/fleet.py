@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from sim_core.keys import Bounds, Positive, Specification, SpecificationError
 from xitl_cli.profile.schema.agents import MOST_VESSELS
 
-SAILED = ("vehicle", "ais", "sensors", "mission", "driver", "autopilot", "companion", "faults")
+SAILED = ("vehicle", "ais", "sensors", "mission", "driver", "autopilot", "companion", "faults", "plugins")
 """The groups that a vessel may have of its own; what it does not write of them is the profile's."""
 
 

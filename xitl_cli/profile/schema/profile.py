@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from sim_core.environment.spec import EnvironmentSpec
 from sim_core.keys import Bounds, Positive, RateHz, Seed, Specification
@@ -15,6 +15,7 @@ from xitl_cli.profile.schema.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.graph import NodeGraph
 from xitl_cli.profile.schema.live import LiveSpec
+from xitl_cli.profile.schema.plugins import GroupsByName, node_keys
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.view import ViewSpec
@@ -79,6 +80,12 @@ class Profile(Specification):
     live: LiveSpec | None = None
     ros: RosSpec | None = None
     faults: Annotated[dict[str, FaultSpec] | None, "by name"] = None
+    plugins: Annotated[
+        dict[str, Any] | None,
+        GroupsByName(node_keys),
+        "nodes of other packages, by the name of the plug-in: [plugins.md](plugins.md); the package has their keys; "
+        "null removes one that is inherited",
+    ] = None
     graph: NodeGraph | None = None
     ais: AisSpec | None = None
     vessels: Annotated[
@@ -167,6 +174,7 @@ class Profile(Specification):
             ("live", lambda: LiveSpec(foxglove=False)),
             ("ros", lambda: RosSpec(enabled=False)),
             ("faults", dict),
+            ("plugins", dict),
         ):
             given[group] = given[group] or default()
         called, number = vessel or given["vehicle"].name, FLEET_MMSI + given["autopilot"].system_id
@@ -207,6 +215,7 @@ class RunProfile:
     live: LiveSpec
     ros: RosSpec
     faults: dict[str, FaultSpec]
+    plugins: dict[str, Any]
     graph: NodeGraph
     ais: AisSpec
     vessel: str = ""

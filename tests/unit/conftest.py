@@ -1,0 +1,3 @@
+"""Fixtures of all unit tests."""
+
+from tests.installed_packages import install as install

@@ -1,0 +1,31 @@
+"""`plugins`: the keys of nodes that other packages bring, by the name of the plug-in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, is_dataclass
+from typing import Any
+
+from xitl_cli.registry import NODES, PluginError, load, package_of
+
+
+@dataclass(frozen=True, slots=True)
+class GroupsByName:
+    """Marks a key that holds groups whose class depends on the name of the group.
+
+    group: the class of a name. It raises UserError, whose sentence begins with the name, for a name without a class.
+    """
+
+    group: Callable[[str], type]
+
+
+def node_keys(name: str) -> type[Any]:
+    """The keys of a plug-in's node. Raises PluginError when the plug-in is missing or cannot be used."""
+    kind = load(NODES, name)
+    if not (hasattr(kind, "keys") and hasattr(kind, "make") and hasattr(kind, "topics")):
+        problem = f"registers {type(kind).__name__} in {NODES}, which is not xitl_cli.plugin.NodeKind"
+    elif not (isinstance(kind.keys, type) and is_dataclass(kind.keys)):
+        problem = f"has a NodeKind whose keys are not a dataclass: {kind.keys!r}"
+    else:
+        return kind.keys
+    raise PluginError(f"{name}: the plug-in of {package_of(NODES, name)} {problem}; correct it")
