@@ -126,6 +126,7 @@ class SceneDrawing:
         self._time_s = math.nan
         self._vessels: dict[str, _VesselDrawing] = {}
         self._bodies: dict[int, Any] = {}
+        self._passing: dict[str, tuple[tuple[SceneMesh, ...], list[Any]]] = {}
         api = server.scene
         api.configure_environment_map(None)
         api.configure_default_lights(False)
@@ -163,6 +164,7 @@ class SceneDrawing:
             for name, vessel in instant.vessels.items():
                 self._vessels[name].draw(vessel, elapsed_s, self._tracks)
             self._draw_bodies(instant.bodies)
+            self._draw_passing(instant.drawings)
             if instant.vessels:
                 first = next(iter(instant.vessels))
                 place = instant.vessels[first].position_enu_m
@@ -180,6 +182,20 @@ class SceneDrawing:
         """What lidar and sonar see."""
         for vessel in self._vessels.values():
             vessel.show_clouds = shown
+
+    def _draw_passing(self, drawings: Mapping[str, tuple[SceneMesh, ...]]) -> None:
+        for name, (meshes, nodes) in list(self._passing.items()):
+            if drawings.get(name) is not meshes:
+                for node in nodes:
+                    node.remove()
+                del self._passing[name]
+        for name, meshes in drawings.items():
+            if name not in self._passing:
+                nodes = [
+                    _add_mesh(self._server.scene, f"/drawings/{name}/{number}", mesh)
+                    for number, mesh in enumerate(meshes)
+                ]
+                self._passing[name] = meshes, nodes
 
     def _draw_bodies(self, bodies: Mapping[int, BodyInstant]) -> None:
         for number, body in bodies.items():

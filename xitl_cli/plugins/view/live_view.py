@@ -89,6 +89,7 @@ class VesselWatch(RunNode):
         self._obstacles: dict[int, tuple[int, Any, Any]] = {}
         self._clocks: dict[str, tuple[float, float, float]] = {}
         self._events: deque[tuple[int, Any]] = deque(maxlen=MOST_EVENTS)
+        self._passing: dict[str, bytes] = {}
 
     def begin(self, context: RunContext) -> None:
         recorder = context.recorder
@@ -97,7 +98,20 @@ class VesselWatch(RunNode):
         recorder.watch("/sonar/points", self._on_sonar)
         recorder.watch("/companion/obstacles", self._on_obstacle)
         recorder.watch("/clocks", self._on_clock)
+        recorder.watch("/scene", self._on_scene)
         recorder.watch("/log", lambda stamp_ns, entry: self._events.append((stamp_ns, entry)))
+
+    def _on_scene(self, stamp_ns: int, update: Any) -> None:
+        encoded = update.encode()
+        entities = foxglove_type("SceneUpdate").FromString(encoded).entities
+        names = [entity.id for entity in entities if entity.lifetime.seconds or entity.lifetime.nanos]
+        if names:
+            self._passing["/".join(names)] = encoded
+
+    def passing_drawings(self) -> list[bytes]:
+        """Scene updates with entities that last a moment, since the last call: the latest of each name."""
+        drawings, self._passing = list(self._passing.values()), {}
+        return drawings
 
     def _on_estimate(
         self, stamp_ns: int, frame: str, child: str, place: Sequence[float], turn: Sequence[float], *rest: object
@@ -329,6 +343,9 @@ class LiveViewNode(RunNode):
         self._shown += 1
         debris = self._debris()
         self._tell_bodies(debris.bodies)
+        for watch in self._watches:
+            for update in watch.passing_drawings():
+                self._page.send(ViewUpdate(update))
         self._page.send(self._instant(now_s, debris))
 
     def _take_in(self, message: Mapping[str, Any]) -> None:

@@ -29,7 +29,7 @@ class ViewStart:
 
 @dataclass(frozen=True, slots=True)
 class ViewUpdate:
-    """Something new to draw, as a SceneUpdate: debris."""
+    """Something new to draw, as a SceneUpdate: debris, or a drawing that lasts a moment."""
 
     update: bytes
 

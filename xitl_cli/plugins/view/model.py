@@ -147,6 +147,7 @@ class ViewInstant:
 
     bodies: by number. events: since the instant before. paused: the run stands still. pace: times real time.
     waves: others than those of the scene, or of an instant before; None, or the same object, while they stay the same.
+    drawings: by name, drawings of plug-ins in the map that last a moment; the same object while one stays the same.
     """
 
     time_s: float
@@ -158,3 +159,4 @@ class ViewInstant:
     paused: bool = False
     pace: float = float("nan")
     waves: SceneWaves | None = None
+    drawings: Mapping[str, tuple[SceneMesh, ...]] = field(default_factory=dict)

@@ -22,7 +22,14 @@ from xitl_cli.plugins.view.drawing import SceneDrawing
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import BodyInstant, SceneMesh, ViewInstant
 from xitl_cli.plugins.view.readouts import Readouts
-from xitl_cli.plugins.view.scene import make_view_scene, read_bodies, read_scene_updates
+from xitl_cli.plugins.view.scene import (
+    DrawnEntity,
+    make_view_scene,
+    passing_at,
+    read_bodies,
+    read_passing,
+    read_scene_updates,
+)
 from xitl_cli.plugins.view.server import make_server
 
 LOOK_S = 0.25
@@ -51,6 +58,7 @@ class ViewProcess:
             self._controls = Controls(server, self.act, start.profiles, start.lockstep, faults, level_m, start.pace)
         self._add_options(start.dark)
         self._meshes: dict[int, SceneMesh] = {}
+        self._passing: dict[str, DrawnEntity] = {}
         self._browsers = 0
         self._came: set[int] = set()  # by number: those that come at once do so in several threads
         self._told = (0, 0)
@@ -87,7 +95,9 @@ class ViewProcess:
                     self._asked = False
                     self._draw(message)
                 elif isinstance(message, ViewUpdate):
-                    self._meshes |= read_bodies(read_scene_updates(message.update))
+                    entities = read_scene_updates(message.update)
+                    self._meshes |= read_bodies(entities)
+                    self._passing |= {entity.name: entity for entity in read_passing(entities)}
                 elif isinstance(message, ViewRefusal):
                     self._notify("Not done", message.text, "red", 12.0)
                     if self._controls is not None:
@@ -118,7 +128,7 @@ class ViewProcess:
             number: BodyInstant(body.position_enu_m, body.attitude_wxyz, self._meshes.get(number))
             for number, body in instant.bodies.items()
         }
-        instant = replace(instant, bodies=bodies)
+        instant = replace(instant, bodies=bodies, drawings=passing_at(self._passing, instant.time_s))
         self._drawing.draw(instant)
         self._cameras.update(instant)
         self._readouts.update(instant, time.monotonic())

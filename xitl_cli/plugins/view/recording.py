@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import json
 import math
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -47,9 +49,11 @@ from xitl_cli.plugins.view.scene import (
     PLAIN_LENGTH_M,
     DrawnEntity,
     make_view_scene,
+    passing_at,
     plain_vessel,
     read_bodies,
     read_missions,
+    read_passing,
     read_scene_updates,
 )
 from xitl_cli.plugins.view.tracks import (
@@ -132,8 +136,12 @@ class LogScene:
         placed: Sequence[PlacedLog],
         others: Mapping[str, PoseTrack],
         bodies: Mapping[int, DriftingBody],
+        passing: Sequence[DrawnEntity] = (),
     ) -> None:
         self.scene = scene
+        self._passing = sorted(passing, key=attrgetter("from_s"))
+        self._passing_s = [entity.from_s for entity in self._passing]
+        self._longest_s = max((entity.lifetime_s for entity in passing), default=0.0)
         self._placed = placed
         self._others = others
         self._bodies = bodies
@@ -175,7 +183,13 @@ class LogScene:
             },
             tuple(event for event in self._said if since_s is not None and since_s < event.time_s <= time_s),
             waves=None if self._waves is None else self._waves.at(time_s),
+            drawings=self._drawings(time_s),
         )
+
+    def _drawings(self, time_s: float) -> dict[str, tuple[SceneMesh, ...]]:
+        """The latest of each name."""
+        first, behind = bisect_right(self._passing_s, time_s - self._longest_s), bisect_right(self._passing_s, time_s)
+        return passing_at({entity.name: entity for entity in self._passing[first:behind]}, time_s)
 
     def findings(self) -> list[SceneFinding]:
         """Of all analyses of all logs, the worst first; takes seconds."""
@@ -275,7 +289,12 @@ def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
         for each in recordings.values():
             if each.raw not in logs:
                 each.raw.close()
-    return LogScene(scene, placed, others, bodies)
+    passing = [
+        replace(entity, from_s=placed[0].second(stamp_ns))
+        for stamp_ns, entities in recordings[lead.path].drawn
+        for entity in read_passing(entities)
+    ]
+    return LogScene(scene, placed, others, bodies, passing)
 
 
 def _open_vessels(path: Path, vessel: str | None, opened: ExitStack) -> Iterator[Log]:

@@ -5,7 +5,7 @@ The run makes them in xitl_cli/run/world/scene.py; beside a run the same bytes c
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,7 +40,8 @@ PLAIN_COLOURS = ((235, 237, 242), (240, 150, 50), (90, 190, 240), (150, 210, 90)
 class DrawnEntity:
     """An entity of a SceneUpdate, with a mesh for each of its colours.
 
-    lines_m: of each line its points (P, 3). cylinders: position, axis and diameter of each.
+    lines_m: of each line its points (P, 3). cylinders: position, axis and diameter of each. from_s, lifetime_s: its
+    time stamp, and its duration from there; 0 of a lasting entity.
     """
 
     frame: str
@@ -49,6 +50,8 @@ class DrawnEntity:
     lines_m: tuple[Array, ...]
     cylinders: tuple[tuple[Array, Array, float], ...]
     boxes: tuple[tuple[Array, Array], ...]
+    from_s: float = 0.0
+    lifetime_s: float = 0.0
 
 
 def read_scene_updates(*updates: bytes) -> list[DrawnEntity]:
@@ -89,7 +92,14 @@ def _entity(entity: Any) -> DrawnEntity:
         shapes.merged(parts).mesh(f"{entity.id} {number}", colour, opacity)
         for number, ((colour, opacity), parts) in enumerate(by_colour.items())
     ]
-    return DrawnEntity(entity.frame_id, entity.id, tuple(meshes), tuple(lines), tuple(cylinders), tuple(boxes))
+    times = (_seconds(entity.timestamp), _seconds(entity.lifetime))
+    return DrawnEntity(entity.frame_id, entity.id, tuple(meshes), tuple(lines), tuple(cylinders), tuple(boxes), *times)
+
+
+def _seconds(message: Any) -> float:
+    """Of a time stamp or a duration."""
+    seconds: float = message.seconds + message.nanos * 1e-9
+    return seconds
 
 
 def _vector(message: Any) -> tuple[float, float, float]:
@@ -126,6 +136,20 @@ def read_missions(entities: Iterable[DrawnEntity]) -> dict[str, Array]:
     }
 
 
+def read_passing(entities: Iterable[DrawnEntity]) -> list[DrawnEntity]:
+    """Entities in the map that last a moment, such as the drawings of plug-ins."""
+    return [entity for entity in entities if entity.lifetime_s > 0.0 and entity.frame == MAP_FRAME]
+
+
+def passing_at(entities: Mapping[str, DrawnEntity], time_s: float) -> dict[str, tuple[SceneMesh, ...]]:
+    """The meshes of those that are shown at an instant, by name."""
+    return {
+        name: entity.meshes
+        for name, entity in entities.items()
+        if entity.from_s <= time_s < entity.from_s + entity.lifetime_s
+    }
+
+
 def _of_vessel(entity: DrawnEntity) -> tuple[str, str]:
     """Whose it is, and what."""
     vessel, _, kind = entity.name.rpartition("/")
@@ -143,6 +167,8 @@ def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Seque
     water = SceneWater()
     missions: dict[str, DrawnEntity] = {}
     for entity in entities:
+        if entity.lifetime_s > 0.0:
+            continue
         vessel, kind = _of_vessel(entity)
         if entity.frame.endswith(VESSEL_FRAME):
             known = vessels.get(vessel, SceneVessel(()))

@@ -197,3 +197,15 @@ def test_water_takes_up_waves_that_somebody_raises_and_lies_flat_again(drawing: 
     assert not np.array_equal(np.asarray(node(drawing, "/water").vertices)[:, 2], heights)
     draw(drawing, 2.0, AT_START, waves=NO_WAVES)
     assert not np.asarray(node(drawing, "/water").vertices)[:, 2].any()
+
+
+def test_a_drawing_of_a_moment_is_replaced_and_removed(drawing: SceneDrawing) -> None:
+    ball, other = ((shapes.boat(size).mesh("ball", (255, 0, 0)),) for size in (1.0, 2.0))
+    draw(drawing, 0.0, AT_START, drawings={"radar": ball})
+    first = node(drawing, "/drawings/radar/0")
+    draw(drawing, 0.1, AT_START, drawings={"radar": ball})
+    assert node(drawing, "/drawings/radar/0") is first
+    draw(drawing, 0.2, AT_START, drawings={"radar": other})
+    assert node(drawing, "/drawings/radar/0").vertices == pytest.approx(other[0].vertices_m)
+    draw(drawing, 0.3, AT_START)
+    assert drawing._server.scene.get_handle_by_name("/drawings/radar/0") is None
