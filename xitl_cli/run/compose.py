@@ -1,4 +1,4 @@
-"""From profiles to the nodes of a run: each kind is made here, and the order of the lists is that of the calls."""
+"""Create the nodes of a run from its profiles. The order of the lists is the order of the calls."""
 
 from __future__ import annotations
 
@@ -62,47 +62,52 @@ Node = TypeVar("Node", bound=RunNode)
 
 @dataclass(frozen=True, slots=True)
 class RunSetup:
-    """What the nodes of a vessel are made from. plant: as it meets it. out: the directory of what is its own.
-
-    interrupted: whether somebody wants to end the run. stations: where ground stations meet all autopilots. voices:
-    what the vessels of the run say of themselves. departs_after: those that have to be ready before this one sets out.
-    receivers: who of them hears AIS.
-    workers: have the autopilots that would be in this process, where that pays. operated: somebody may act as the run
-    goes on. orders: what an operator asks of the vessels' autopilots by. steering: the same of all that can be steered.
-    """
+    """Everything that the nodes of one vessel are created from."""
 
     profile: RunProfile
     seeds: Seeds
     scenery: Scenery
     plant: PlantView
+    """The vessel's view of the plant."""
     out: Path
+    """Directory for the vessel's own files."""
     interrupted: Callable[[], bool]
+    """Returns True when the user asked to stop."""
     stations: StationAddresses
+    """Addresses of the ground stations of all autopilots."""
     voices: VesselVoices = field(default_factory=VesselVoices)
+    """Reports of the vessels about themselves: position, readiness, end."""
     departs_after: tuple[str, ...] = ()
+    """Names of the vessels that must be ready before this one departs."""
     receivers: dict[str, AisReceiver] = field(default_factory=dict)
+    """AIS receivers by vessel."""
     workers: AgentWorkers | None = None
+    """Processes for embedded autopilots, None if they run in this process."""
     operated: bool = False
+    """Whether an operator may act during the run."""
     orders: dict[str, VesselOrders] = field(default_factory=dict)
+    """Operator's orders to the autopilots, by vessel."""
     steering: dict[str, Steering] = field(default_factory=dict)
+    """Operator's orders to everything that can be steered, by vessel."""
     live: Sequence[LiveOutput] = ()
+    """Live outputs that the profile asks for."""
 
     def others(self) -> str:
-        """Which vessels this one has to wait for now; empty when it may set out."""
+        """Return the vessels that this one still waits for; empty when it may depart."""
         return self.voices.waited_for(self.departs_after)
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
-    """Of the links to agents, whose raw frames are recorded."""
+    """Names of the agent links whose raw frames are recorded."""
     agents = autopilot_links(profile)
     companion = profile.companion
     return agents if companion is None or not companion.is_ours else (*agents, COMPANION_LINK)
 
 
 def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
-    """The nodes of a vessel; `opened` closes them.
+    """Create the nodes of a vessel; `opened` closes them.
 
-    Raises UserError for firmware, files, meshes and ports that cannot be had.
+    Raises UserError for firmware, files, meshes and ports that are not available.
     """
     profile, plant, realtime = setup.profile, setup.plant, setup.profile.clock.mode == "realtime"
     simulation = plant.simulation
@@ -234,10 +239,10 @@ def compose_world(
     tell: Callable[[str], None],
     operation: Operation = UNATTENDED,
 ) -> WorldNodes:
-    """The nodes of what all vessels are in, and of who watches and acts; `opened` closes them.
+    """Create the nodes of the shared world, of live outputs and of the operator; `opened` closes them.
 
-    warnings: known at the start. drawn: the scene, encoded. tell: says something to the user at the start. Raises
-    UserError for a port that cannot be had.
+    warnings: warnings that are known at the start. drawn: returns the encoded scene. tell: prints a line for the user.
+    Raises UserError for a port that is not available.
     """
     first, leading = setups[0], vessels[0]
     profile = first.profile
@@ -275,7 +280,7 @@ def compose_world(
 
 
 def _among_vessels(setups: Sequence[RunSetup], plant: Plant, fleet: Fleet) -> list[RunNode]:
-    """What vessels know of each other, the scripted ones among them, and how near they came."""
+    """Create the nodes for AIS, encounters and scripted vessels."""
     first, profile = setups[0], setups[0].profile
     physics_hz, recording = profile.clock.physics_rate_hz, profile.recording
     for vessel in fleet.traffic:
@@ -294,7 +299,7 @@ def _scripted_report(plant: Plant, vessel: ScriptedVessel) -> SelfReport:
 
 
 def _is_awaited(profile: RunProfile) -> bool:
-    """Whether a run lasts until this vessel has finished: among others one that only follows, or drifts, has no end."""
+    """Whether the run waits for this vessel to finish. A vessel of a fleet that follows or drifts never finishes."""
     driver, waypoints = profile.driver.kind, profile.mission.course_ned_m
     return not profile.vessel or (driver != "follow" and (driver != "none" or len(waypoints) > 0))
 
@@ -304,7 +309,7 @@ def _present(nodes: Sequence[RunNode | None]) -> tuple[RunNode, ...]:
 
 
 def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
-    """The autopilot in the agent itself, or behind it as a bridge."""
+    """Create the node of the autopilot: embedded in the agent, or behind it as a bridge."""
     profile, stations = setup.profile, setup.stations.of(setup.profile.vessel)
     frame = local_frame(profile.site)
 
@@ -342,7 +347,7 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
 
 
 def _perception(setup: RunSetup, companion: CompanionNode | None) -> PerceptionNode | None:
-    """Lidar and sonar, heard by the companion if there is one."""
+    """Create lidar and sonar. The companion, if there is one, receives their data."""
     profile, sensors, plant = setup.profile, setup.profile.sensors, setup.plant
     instruments: dict[str, PerceptionInstrument] = {}
     if sensors is not None and sensors.lidar is not None:

@@ -1,4 +1,4 @@
-"""A run from profile to summary: make the nodes, reach them, loop, close everything whatever happens."""
+"""A run from profile to summary: create the nodes, connect to them, run the loop, and always close everything."""
 
 from __future__ import annotations
 
@@ -102,15 +102,13 @@ def run(
     operation: Operation = UNATTENDED,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Result:
-    """One run, kept in `out`.
+    """Run a profile and keep the run in `out`.
 
-    timed: its duration was asked for, so that reaching it is what was wanted. warnings: of the profile, told beside
-    those of the world. operation: who may act in it. tell: says to the user what has to be known while it goes on: the
-    address of its view.
+    timed: the user asked for this duration, so reaching it is success. warnings: warnings of the profile, for the
+    summary. operation: who may act during the run. tell: prints a line for the user, such as the address of a view.
 
-    Raises UserError, leaving nothing behind, when the profile cannot run, a node cannot be reached or `out` cannot be
-    used. What goes wrong later ends the run: recording and summary are kept, `error` in the summary and the exit code
-    say so.
+    Raises UserError, and leaves no files, when the profile cannot run, a node cannot be reached or `out` cannot be
+    used. A later error ends the run: recording and summary are kept, and the summary and the exit code state it.
     """
     profiles = profile.run_profiles()
     lead = profiles[0]
@@ -157,7 +155,7 @@ def _pace(profile: RunProfile, plant: Plant, operation: Operation, interrupted: 
 
 
 def check_extras(profile: RunProfile) -> None:
-    """Raise UserError when packages are missing that its perception needs: before anything is made, and not after."""
+    """Raise UserError when a package is missing that the perception of the profile needs. Nothing is created before."""
     sensors, companion = profile.sensors, profile.companion
     wanted = {"embreex": [f"sensors.{key}" for key in ("lidar", "sonar") if getattr(sensors, key, None) is not None]}
     if companion is not None and companion.is_ours and companion.runs != "board":
@@ -172,7 +170,7 @@ def check_extras(profile: RunProfile) -> None:
 
 
 def check_driven(profiles: Sequence[RunProfile], operation: Operation) -> None:
-    """Raise UserError where nodes of ROS were to drive and nobody can."""
+    """Raise UserError when the driver is ROS and neither ROS nor recorded actions can drive."""
     if operation.operated:
         return
     for profile in profiles:
@@ -185,7 +183,7 @@ def check_driven(profiles: Sequence[RunProfile], operation: Operation) -> None:
 
 @contextmanager
 def _of(vessel: str) -> Iterator[None]:
-    """What goes wrong in here is the matter of this vessel."""
+    """Name this vessel in each UserError that is raised inside."""
     try:
         yield
     except UserError as error:
@@ -194,7 +192,7 @@ def _of(vessel: str) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class RunNodes:
-    """All nodes of a run. warnings: what is known of them at the start."""
+    """All nodes of a run. warnings: warnings that are known at the start."""
 
     world: WorldNodes
     vessels: tuple[VesselNodes, ...]
@@ -206,7 +204,7 @@ class RunNodes:
         return tuple(mirror for node in self.world.behind if (mirror := node.mirror()) is not None)
 
     def named(self) -> Iterator[tuple[str, RunNode]]:
-        """Each with its vessel's name, in the order of the calls; those of the world have none."""
+        """Yield each node with its vessel's name, in the order of the calls. Nodes of the world have no name."""
         yield from (("", node) for node in self.world.ahead)
         yield from ((vessel.name, node) for vessel in self.vessels for node in vessel.nodes)
         yield from (("", node) for node in self.world.behind)
@@ -224,7 +222,7 @@ def _composed(
     tell: Callable[[str], None],
     operation: Operation,
 ) -> RunNodes:
-    """The nodes of a run; `opened` closes them. Raises UserError, which names the vessel where there are several."""
+    """Create the nodes of a run; `opened` closes them. Raises UserError, which names the vessel of a fleet."""
     setups, vessels, voices = [], [], VesselVoices()
     receivers: dict[str, AisReceiver] = {}
     orders: dict[str, VesselOrders] = {}
@@ -253,9 +251,9 @@ def _composed(
 def open_recorders(
     path: Path, profiles: Sequence[RunProfile], mirrors: Sequence[ChannelMirror] = ()
 ) -> tuple[Recorder, dict[str, Recorder]]:
-    """That of the run and one for each vessel by name, into one file; of a vessel alone it is the same.
+    """Open the recorder of the run and one for each vessel, by name, into one file. With one vessel both are the same.
 
-    mirrors: what is recorded goes there too.
+    mirrors: receivers of each recorded message.
     """
     lead = profiles[0]
     file = McapFile(path, lead.recording.compression, mirrors=mirrors)
@@ -276,7 +274,7 @@ def _go(
     recorders: tuple[Recorder, Mapping[str, Recorder]],
     interrupted: Callable[[], bool],
 ) -> RunOutcome:
-    """Begin, loop, end, whatever happens."""
+    """Begin, run the loop, and end the nodes in every case."""
     started = datetime.now(UTC).isoformat(timespec="seconds")
     recorder, of_vessels = recorders
     clock = SimulationClock(pace)
@@ -334,7 +332,7 @@ def _what_failed(problem: Exception) -> str:
 def _summary(
     profiles: Sequence[RunProfile], outcome: RunOutcome, nodes: RunNodes, pace: Pace, warnings: Sequence[str]
 ) -> dict[str, Any]:
-    """Agents' clocks are measured against the host's, which comes last."""
+    """Merge the reports of all nodes. The clock of the host is the last one: agents' clocks are measured against it."""
     rate_hz = profiles[0].clock.physics_rate_hz
     slope = pace.slope(rate_hz)
     physics = ClockReport("PS1", 0.0, 0.0, 0.0, slope_s=slope.mean_s, slope_std_s=slope.deviation_s)
@@ -355,7 +353,7 @@ def _write_head(
     scene: Callable[[], messages.SceneUpdate],
     started: str,
 ) -> None:
-    """What a reader needs to understand the rest: the profile, the dialect of the raw frames, the scene."""
+    """Write the data that a reader needs first: profile, dialect of the raw frames, scene."""
     lead = profiles[0]
     about = {"version": __version__, "profile": profile.name, "seed": str(lead.clock.seed), "started_utc": started}
     if lead.vessel:
@@ -377,7 +375,7 @@ def _exit_code(outcome: RunOutcome, verdict: Mapping[str, Any]) -> int:
 
 
 class Interruption:
-    """Whether somebody wants to end the run: True once `noticed` has seen Ctrl-C, SIGTERM or a terminal hung up."""
+    """True after Ctrl-C, SIGTERM or a hang-up of the terminal inside `noticed`."""
 
     def __init__(self) -> None:
         self._seen = False
@@ -387,9 +385,9 @@ class Interruption:
 
     @contextmanager
     def noticed(self) -> Iterator[None]:
-        """Each ends the run at the next exchange instead of anywhere; a second Ctrl-C acts as usual.
+        """Let these signals end the run at its next exchange. A second Ctrl-C interrupts at once.
 
-        Python delivers signals to the main thread alone: a run in another thread is not interrupted by them.
+        Python delivers signals only to the main thread, so they do not interrupt a run in another thread.
         """
         if threading.current_thread() is not threading.main_thread():
             yield

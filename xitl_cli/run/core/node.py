@@ -1,16 +1,16 @@
-"""Nodes: what takes part in a run, behind one interface, and what the loop tells them.
+"""Nodes: the parts of a run, behind one interface, and the data that the loop gives them.
 
-session.py makes them from the profile (compose.py) and calls, for each in the order of the list:
+compose.py creates them from the profile. session.py and loop.py call, for each node in the order of the list:
 
     attach_operator(operator)  somebody may act in the run
-    prepare                    reach what is elsewhere, before anything is recorded
+    prepare                    connect to other processes and boards, before the recording begins
     begin(context)             the run starts
     sense(step)                after every physics step
     exchange(step)             at the exchange rate
-    record(step)               after every physics step; of an exchange last, in a fleet before answers are taken in
+    record(step)               after every physics step; last in an exchange, in a fleet before answers are read
     receive(seconds)           while there is time until the next step
     end                        the run is over: final counts
-    close                      give back processes, sockets and files; may come at any time
+    close                      release processes, sockets and files; may be called at any time
     save(folder), report()     files beside the recording, and its part of summary.json
 """
 
@@ -40,13 +40,13 @@ class SimulationClock:
         self._pace = pace
 
     def now_ns(self) -> int:
-        """Right now: in real time the world stands at step_ns while time goes on."""
+        """Current simulation time. In real time, it continues after the latest step."""
         return self._pace.now_sim_ns(self.step_ns)
 
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """What a node is given when the run starts. recorder: takes the topics of the vessel called `vessel`."""
+    """Data for a node when the run starts. recorder: recorder of the topics of `vessel`."""
 
     recorder: Recorder
     pace: Pace
@@ -57,7 +57,7 @@ class RunContext:
 class RunStep(NamedTuple):
     """The world after a physics step. Arrays have a leading vessel axis (N, ...).
 
-    number: counted from 1. now_ns: simulation time at its end. held: the vessel was kept in its state, see Progress.
+    number: counts from 1. now_ns: simulation time at the end of the step. held: the vessel was frozen, see Progress.
     """
 
     number: int
@@ -68,12 +68,12 @@ class RunStep(NamedTuple):
 
     @property
     def contacts(self) -> Contacts:
-        """What the vessel touches."""
+        """Contacts of the vessel."""
         return self.state.contacts
 
 
 class WorldView(Protocol):
-    """What a fleet's step is made from; of the latest step of the world."""
+    """A vessel's view of the latest step of a fleet's world."""
 
     held: bool
 
@@ -85,13 +85,13 @@ class WorldView(Protocol):
 
 
 class FleetStep(RunStep):
-    """That of one of several vessels: in place of its state stands its view of the plant, which makes it when asked."""
+    """Step of one vessel of a fleet. It holds the vessel's view of the plant and computes the state on request."""
 
     __slots__ = ()
 
     @classmethod
     def of(cls, number: int, now_ns: int, view: WorldView) -> FleetStep:
-        """As the plant stands now."""
+        """Create the step of the current state of the plant."""
         return cls(number, now_ns, cast("SimulationState", view), view.motion(), view.held)
 
     @property
@@ -104,7 +104,7 @@ class FleetStep(RunStep):
 
 
 class RunNode:
-    """Does nothing in every method: a node writes those that it needs. See the module for when each is called."""
+    """Base of all nodes. Each method does nothing; a node overrides those it needs. The module lists the calls."""
 
     def attach_operator(self, operator: Any) -> None:
         """Pass on to `operator` (run.operator.node.OperatorNode) what people ask for. Called before `prepare`."""
@@ -114,43 +114,43 @@ class RunNode:
         return None
 
     def prepare(self) -> None:
-        """Reach what is elsewhere. Raises UserError when that fails."""
+        """Connect to other processes and boards. Raises UserError when that fails."""
 
     def begin(self, context: RunContext) -> None:
         """The run starts: simulation time is 0. Raises UserError when it cannot."""
 
     def sense(self, step: RunStep) -> None:
-        """Measure what is due, look at what has happened."""
+        """Take the measurements that are due."""
 
     def exchange(self, step: RunStep) -> None:
-        """Send and take in commands. Raises UserError when the run cannot go on."""
+        """Send samples and receive commands. Raises UserError when the run cannot continue."""
 
     def record(self, step: RunStep) -> None:
         """Record what is due."""
 
     def links(self) -> Sequence[Link]:
-        """Links on which something may come at any time."""
+        """Links on which data may arrive at any time."""
         return ()
 
     def receive(self, timeout_s: float) -> None:
-        """Take in what has come on them; waits for it at most `timeout_s`."""
+        """Read the data that arrived on the links; wait for it at most `timeout_s`."""
 
     def end(self) -> None:
-        """Ask for final counts."""
+        """Request the final counts."""
 
     def close(self) -> None:
-        """Give everything back. Safe to call at any time, and again."""
+        """Release all resources. It is safe to call this at any time, and again."""
 
     def save(self, folder: Path) -> None:
-        """Keep files in the run's directory, after `close`. Raises UserError when they cannot be written."""
+        """Write files into the directory of the run, after `close`. Raises UserError when that fails."""
 
     def report(self) -> dict[str, Any]:
-        """Its part of summary.json by key, see summary.py: lists are joined with those of other nodes."""
+        """Return the node's part of summary.json by key. summary.py joins lists with those of other nodes."""
         return {}
 
 
 class ExchangePart(RunNode):
-    """The part of an exchange that a node has at another place of the order than its other calls."""
+    """The exchange of a node, at another position of the order than its other calls."""
 
     def __init__(self, exchange: Callable[[RunStep], None]) -> None:
         self._exchange = exchange
@@ -160,10 +160,10 @@ class ExchangePart(RunNode):
 
 
 class ControlNode(RunNode):
-    """The node whose motor commands move the vessel.
+    """Node that moves the vessel by its motor commands.
 
-    command: in force. progress: as of the latest exchange. position_error_m: latest horizontal error of its estimate,
-    None where it has none.
+    command: active command. progress: progress at the latest exchange. position_error_m: latest horizontal error of
+    its estimate, None without an estimate.
     """
 
     command: MotorCommand
@@ -173,10 +173,10 @@ class ControlNode(RunNode):
 
 @dataclass(frozen=True, slots=True)
 class VesselNodes:
-    """One vessel's nodes, in the order in which they are called; `control` is one of them.
+    """Nodes of one vessel in the order of the calls; `control` is one of them.
 
-    name: empty where there is one vessel alone. status: of the vessel now, for a view. awaited: a run lasts until it
-    has finished.
+    name: name of the vessel, empty if there is only one. status: returns the vessel's status for a view. awaited: the
+    run waits until this vessel has finished.
     """
 
     name: str
@@ -187,23 +187,23 @@ class VesselNodes:
 
     @property
     def ahead(self) -> tuple[RunNode, ...]:
-        """Those up to the one that moves the vessel: in an exchange they are called of all vessels before it waits."""
+        """Nodes before `control`. In an exchange, they are called for all vessels before any `control` waits."""
         return self.nodes[: self.nodes.index(self.control)]
 
     @property
     def behind(self) -> tuple[RunNode, ...]:
-        """It, and those behind it."""
+        """`control` and the nodes after it."""
         return self.nodes[self.nodes.index(self.control) :]
 
 
 @dataclass(frozen=True, slots=True)
 class WorldNodes:
-    """Nodes of what all vessels are in: those that are called before the vessels' and those after."""
+    """Nodes of the shared world: called before the nodes of the vessels, and after them."""
 
     ahead: tuple[RunNode, ...] = ()
     behind: tuple[RunNode, ...] = ()
 
 
 def overriding(nodes: Iterable[RunNode], method: str) -> list[Callable[..., Any]]:
-    """`method` of the nodes that do something there: the others cost nothing at the physics rate."""
+    """Return `method` of the nodes that override it, so that the others cost nothing at the physics rate."""
     return [getattr(node, method) for node in nodes if getattr(type(node), method) is not getattr(RunNode, method)]
