@@ -47,6 +47,7 @@ from xitl_cli.plugins.view.model import (
 from xitl_cli.plugins.view.scene import (
     NO_WAVES,
     PLAIN_LENGTH_M,
+    ROUNDING_S,
     DrawnEntity,
     make_view_scene,
     passing_at,
@@ -188,7 +189,8 @@ class LogScene:
 
     def _drawings(self, time_s: float) -> dict[str, tuple[SceneMesh, ...]]:
         """The latest of each name."""
-        first, behind = bisect_right(self._passing_s, time_s - self._longest_s), bisect_right(self._passing_s, time_s)
+        first = bisect_right(self._passing_s, time_s - self._longest_s)
+        behind = bisect_right(self._passing_s, time_s + ROUNDING_S)
         return passing_at({entity.name: entity for entity in self._passing[first:behind]}, time_s)
 
     def findings(self) -> list[SceneFinding]:

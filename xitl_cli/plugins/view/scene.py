@@ -33,6 +33,8 @@ from xitl_cli.seeds import Seeds
 
 BODY = "body_"
 PLAIN_LENGTH_M = 2.0
+ROUNDING_S = 1e-6
+"""More than the rounding of a time on a time line: an entity is shown at its own time stamp."""
 PLAIN_COLOURS = ((235, 237, 242), (240, 150, 50), (90, 190, 240), (150, 210, 90), (230, 110, 170))
 
 
@@ -143,6 +145,7 @@ def read_passing(entities: Iterable[DrawnEntity]) -> list[DrawnEntity]:
 
 def passing_at(entities: Mapping[str, DrawnEntity], time_s: float) -> dict[str, tuple[SceneMesh, ...]]:
     """The meshes of those that are shown at an instant, by name."""
+    time_s += ROUNDING_S
     return {
         name: entity.meshes
         for name, entity in entities.items()

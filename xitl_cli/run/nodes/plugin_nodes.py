@@ -124,8 +124,10 @@ class PluginNode(RunNode):
     def _sentence(self, when: str, problem: Exception) -> str:
         last = traceback.extract_tb(problem.__traceback__)[-1]
         reason = " ".join(f"{type(problem).__name__}: {problem}".split()).removesuffix(":")
-        place = f"{Path(last.filename).name}:{last.lineno}"
-        return f"{self._who} failed {when} ({reason}, {place}); correct the plug-in or take it out of the profile"
+        path = Path(last.filename)
+        file = f"{path.parent.name}/{path.name}" if path.name == "__init__.py" else path.name
+        why = f"{reason}, {file}:{last.lineno}"
+        return f"{self._who} failed {when} ({why}); correct the plug-in or take it out of the profile"
 
 
 def plugin_nodes(
