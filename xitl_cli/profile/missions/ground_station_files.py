@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT
 from agent.fcu.mission import JUMP
 from xitl_cli.profile.missions.course import (
+    NO_PLACE,
     RALLY_POINT,
     Course,
     FileItem,
@@ -178,6 +179,19 @@ def read_waypoints(text: str) -> Course:
         if line.strip() and not line.lstrip().startswith("#")
     ]
     return sorted_course(items[1:], "waypoint after home, its first")
+
+
+def waypoints_text(items: Sequence[Any]) -> str:
+    """Return MISSION_ITEM_INT messages as a `QGC WPL 110` text, home first. `read_waypoints` reads it."""
+    lines = ["QGC WPL 110"]
+    for item in items:
+        parameters = (item.param1, item.param2, item.param3, item.param4)
+        has_place = item.frame != NO_PLACE
+        place = (item.x * 1e-7, item.y * 1e-7) if has_place else (float(item.x), float(item.y))
+        numbers = [f"{number:.8f}" for number in (*parameters, *place, item.z)]
+        current = int(item.seq == 0)
+        lines.append("\t".join(map(str, (item.seq, current, item.frame, item.command, *numbers, item.autocontinue))))
+    return "\n".join(lines) + "\n"
 
 
 def _waypoint(columns: list[str], line: int) -> FileItem:

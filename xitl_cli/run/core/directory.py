@@ -18,10 +18,11 @@ SUMMARY = "summary.json"
 PROFILE = "profile.yaml"
 DATAFLASH = "autopilot.bin"
 ULOG = "autopilot.ulg"
+MISSION = "mission.waypoints"  # mission that a ground station uploaded
 MAP, TRAJECTORY, TRUTH = "map.ply", "trajectory.tum", "truth.tum"  # files of a companion, and the true trajectory
 AUTOPILOT = "autopilot"  # a folder: the working directory of an autopilot that the run started
 RESERVED_BYTES = 256 * 1024
-_OF_A_VESSEL = (DATAFLASH, ULOG, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
+_OF_A_VESSEL = (DATAFLASH, ULOG, MISSION, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
 _FILES = (RECORDING, SUMMARY, PROFILE, *_OF_A_VESSEL)
 """A fleet has one folder for each vessel, with the files of that vessel."""
 
@@ -149,10 +150,15 @@ def default_path(profile: str, started: datetime | None = None) -> Path:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file whole or not at all."""
+    """Write a JSON file whole or not at all. Raises UserError when there is no space for it."""
+    write_whole(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file whole or not at all. Raises UserError when there is no space for it."""
     temporary = path.with_suffix(".tmp")
     try:
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+        temporary.write_text(text)
         temporary.replace(path)
     except OSError as error:
         raise UserError(f"{path}: cannot be written ({error.strerror}); free space, or choose another --out") from error

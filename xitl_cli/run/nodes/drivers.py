@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,11 @@ from agent.mavlink.modes import MISSION_MODE, shown_mode
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
+from xitl_cli.profile.missions.ground_station_files import waypoints_text
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
+from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.agent_view import AgentView
@@ -447,6 +450,11 @@ class GroundStationDriver(VehicleDriver):
             waypoints=self._places if self._places is not None else (),
             waits_for="" if self._was_armed else self._waits_for(),
         )
+
+    def save(self, folder: Path) -> None:
+        """Save the mission that the ground station started, in the format of its waypoint files."""
+        if self._download.done and self._seqs:
+            directory.write_whole(folder / directory.MISSION, waypoints_text(self._download.items))
 
     def _is_over(self) -> bool:
         return bool(self._seqs) and self._seqs[-1] in self._view.reached_seqs

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
+from xitl_cli.profile.missions.ground_station_files import read_waypoints
 from xitl_cli.profile.schema.agents import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule
 from xitl_cli.run.links.agent_view import AgentView
@@ -297,6 +299,22 @@ def test_the_mission_that_a_ground_station_started_is_what_counts(boat: Boat) ->
     assert progress.finished
     assert progress.completed
     assert progress.target is None
+
+
+def test_the_mission_of_a_ground_station_is_kept_as_a_file_that_a_profile_reads(boat: Boat, tmp_path: Path) -> None:
+    driver = _gcs(boat)
+    driver.save(tmp_path)
+    assert not list(tmp_path.iterdir())  # no mission was started
+    boat.beat(AUTO, armed=True)
+    items = _items()
+    _download(boat, driver, 0, items)
+    driver.save(tmp_path)
+    course = read_waypoints((tmp_path / "mission.waypoints").read_text(encoding="utf-8"))
+    assert [item.command for item in course.items] == [16, 178, 16]
+    for kept, sent in zip(course.items, items[1:], strict=True):
+        place = None if not sent.x else (sent.x * 1e-7, sent.y * 1e-7)
+        assert kept.place_deg == (place if place is None else pytest.approx(place, abs=1e-7))
+        assert kept.altitude_m == pytest.approx(sent.z, abs=1e-6)
 
 
 def test_a_mission_with_a_waypoint_skipped_is_over_and_not_completed(boat: Boat) -> None:
