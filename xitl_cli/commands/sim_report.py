@@ -14,7 +14,7 @@ from xitl_cli.logs.signals.real_time import not_real_time
 from xitl_cli.run.core import directory
 from xitl_cli.run.session import Result
 
-_MORE = (directory.DATAFLASH, directory.ULOG, directory.MAP, directory.TRAJECTORY, directory.TRUTH)
+_MORE = (directory.DATAFLASH, directory.ULOG, directory.MISSION, directory.MAP, directory.TRAJECTORY, directory.TRUTH)
 
 
 def show_result(console: Console, result: Result, verbose: bool = False) -> None:
