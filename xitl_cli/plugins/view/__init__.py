@@ -1,11 +1,14 @@
-"""The 3D view: a scene and instants of it, drawn by viser; beside a run as it goes on, and of recordings afterwards.
+"""The 3D view. viser draws a scene and its instants, live during a run or later from recordings.
 
-model.py       ViewScene (once), ViewInstant (many): all that is drawn. Knows no viser, no run and no log
-scene.py       the scene that a run records, and its profile, to a ViewScene
-shapes.py      triangles: cylinders, boxes, arrows, propellers, a plain boat
-water.py       the surface as a grid that the waves of the run move
-drawing.py     SceneDrawing: a ViewScene and its instants as nodes of a viser server
-recording.py   LogScene: logs of runs and vehicles on one time line and in one map -> ViewScene, ViewInstant at any time
-tracks.py      what a log tells of one vessel over time
-replay.py      a LogScene on a server; timeline.py: its page; replay_page: one file that plays it; pictures.py: PNG, GIF
+model.py        `ViewScene` (one per view) and `ViewInstant` (many). Independent of viser, runs and logs.
+scene.py        Converts the scene that a run records, and its profile, to a `ViewScene`.
+shapes.py       Triangles of cylinders, boxes, arrows, propellers and a plain boat.
+water.py        The water surface as a grid that the waves of the run move.
+drawing.py      `SceneDrawing`: shows a `ViewScene` and its instants as nodes of a viser server.
+recording.py    `LogScene`: puts logs of runs and vehicles on one time line and in one map.
+tracks.py       The data of one vessel over time, read from its log.
+replay.py       Shows a `LogScene` on a viser server.
+timeline.py     The page of a served `LogScene`.
+replay_page.py  One HTML file that plays a `LogScene`.
+pictures.py     PNG and GIF pictures.
 """

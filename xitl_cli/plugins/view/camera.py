@@ -1,6 +1,6 @@
-"""Where each browser looks from: behind a vessel, round it, from above, or wherever its user goes.
+"""Camera of each browser: behind a vessel, in orbit around it, from above, or free.
 
-What the user does with the mouse is kept: it changes distance and direction, and the camera stays at the vessel.
+The mouse changes distance and direction. The camera keeps this change and still follows the vessel.
 """
 
 from __future__ import annotations
@@ -23,48 +23,50 @@ if TYPE_CHECKING:
 FOLLOW, ORBIT, ABOVE, FREE = "follow", "orbit", "from above", "free"
 MODES = (FOLLOW, ORBIT, ABOVE, FREE)
 DISTANCE_LENGTHS = 3.6
-"""Of the camera from the vessel, in its lengths; LEAST_M of a small one."""
+"""Distance of the camera from the vessel, in vessel lengths. The minimum is `LEAST_M`."""
 LEAST_M = 5.5
 TURN_RADPS = 0.12
-"""Round the vessel in orbit."""
+"""Angular rate of the camera in orbit."""
 HEADING_S = 2.5
-"""How slowly the camera turns after the vessel's heading."""
+"""Time constant with which the camera follows the vessel's heading."""
 PLACE_S = 0.25
-"""How slowly it goes after its place: waves and gusts do not shake the picture."""
+"""Time constant with which the camera follows the vessel's position, so that waves and gusts do not shake it."""
 HANDS_OFF_S = 0.4
-"""After the mouse moved it, until the camera is led again."""
+"""Time after a mouse move until the camera follows the vessel again."""
 SENT_KEPT = 1000
-"""Places that a browser is known to have been sent: one that is slow reports them long after."""
+"""Number of sent camera positions to remember. A slow browser reports them late."""
 SAME = 1e-4
-"""How far a reported place is from the one that was sent, in distances from the vessel, if it is the same."""
+"""Tolerance for a reported and a sent position to be equal, as a fraction of the camera distance."""
 NEAR_M, FAR_M, FIELD_OF_VIEW_RAD = 0.15, 2600.0, 0.9
 
 
 @dataclass(slots=True)
 class CameraPose:
-    """Distance, direction from the subject to the camera against a reference, and height over the horizon."""
+    """Position of a camera relative to its subject."""
 
     distance_m: float
     azimuth_rad: float
+    """Direction from the subject to the camera, relative to a reference direction."""
     elevation_rad: float
+    """Angle above the horizon."""
 
     @classmethod
     def of(cls, offset_m: Array, reference_rad: float) -> CameraPose:
-        """Of a camera so far from its subject."""
+        """Return the pose of a camera at this offset (3,) from its subject."""
         east, north, up = offset_m.tolist()
         level = math.hypot(east, north)
         turn = math.remainder(math.atan2(north, east) - reference_rad, math.tau)
         return cls(max(math.hypot(level, up), 0.2), turn, math.atan2(up, level))
 
     def offset_m(self, reference_rad: float) -> Array:
-        """The same as a vector."""
+        """Return the offset (3,) of the camera from its subject."""
         level, turn = self.distance_m * math.cos(self.elevation_rad), reference_rad + self.azimuth_rad
         up = self.distance_m * math.sin(self.elevation_rad)
         return np.array([level * math.cos(turn), level * math.sin(turn), up])
 
 
 def usual_pose(mode: str, length_m: float) -> CameraPose:
-    """With which a mode begins for a vessel of this length."""
+    """Return the initial pose of a mode for a vessel of this length."""
     distance_m = max(DISTANCE_LENGTHS * length_m, LEAST_M)
     if mode == ABOVE:
         return CameraPose(5.0 * distance_m, -0.5 * math.pi, 1.55)
@@ -73,9 +75,7 @@ def usual_pose(mode: str, length_m: float) -> CameraPose:
 
 @dataclass(slots=True)
 class _Looker:
-    """One browser's camera. sent: places that it was sent, position and what it looks at of each; heard: it has
-    reported one of them, so that what it reports from now on is no older. stamp: of its last report that was looked at.
-    """
+    """The camera of one browser."""
 
     mode: str
     subject: str
@@ -84,19 +84,25 @@ class _Looker:
     heading_rad: float = 0.0
     turned_rad: float = 0.0
     sent: deque[tuple[float, ...]] = field(default_factory=lambda: deque(maxlen=SENT_KEPT))
+    """Camera positions and look-at points that the server sent to the browser."""
     heard: bool = False
+    """True after the browser reported a sent position. Later reports are not older than that position."""
     stamp: float = 0.0
+    """Time stamp of the last evaluated report."""
     touched_s: float = field(default=-math.inf)
 
     def start_again(self, mode: str, subject: str, length_m: float) -> None:
-        """With another mode or vessel."""
+        """Restart with another mode or vessel."""
         self.mode, self.subject, self.pose = mode, subject, usual_pose(mode, length_m)
         self.place_m, self.turned_rad = None, 0.0
         self.sent.clear()
         self.heard = False
 
     def moved_by_hand(self, place: tuple[float, ...]) -> bool:
-        """Whether a place that the browser reports is its user's: neither sent nor from before anything was."""
+        """Return whether the user moved the camera to a reported position.
+
+        A position that the server sent, or that the browser reported before it received one, returns False.
+        """
         if not np.isfinite(place).all():
             return False
         near_m = SAME * self.pose.distance_m
@@ -107,7 +113,7 @@ class _Looker:
 
 
 class Cameras:
-    """Leads the camera of every browser that looks at a server; `update` with each instant that is drawn."""
+    """Moves the camera of every connected browser. Call `update` with each drawn instant."""
 
     def __init__(
         self, server: viser.ViserServer, scene: ViewScene, now_s: Callable[[], float] = time.monotonic
@@ -157,7 +163,7 @@ class Cameras:
         self._lookers.pop(client.client_id, None)
 
     def update(self, instant: ViewInstant) -> None:
-        """Lead every camera to where the vessels are now."""
+        """Move every camera to the vessels' current positions."""
         now_s = self._now_s()
         elapsed_s = min(now_s - self._last_s, 1.0) if self._last_s is not None else 0.0
         self._last_s = now_s
@@ -183,7 +189,7 @@ class Cameras:
             looker.heading_rad += (1.0 - math.exp(-elapsed_s / HEADING_S)) * turn
         reference = {FOLLOW: looker.heading_rad, ORBIT: looker.turned_rad, ABOVE: 0.0}[looker.mode]
         stamp, seen = camera.update_timestamp, _place(camera)
-        if stamp != looker.stamp and stamp == camera.update_timestamp:  # no other report came between
+        if stamp != looker.stamp and stamp == camera.update_timestamp:  # no other report arrived in between
             looker.stamp = stamp
             if looker.moved_by_hand(seen):
                 looker.pose = CameraPose.of(np.array(seen[:3]) - np.array(seen[3:]), reference)
@@ -196,7 +202,7 @@ class Cameras:
         position = looker.place_m + looker.pose.offset_m(reference)
         with client.atomic():
             for name, place in (("position", position), ("look_at", looker.place_m)):
-                with suppress(ValueError):  # viser's own, after a report of what is not finite
+                with suppress(ValueError):  # viser raises it after a report of non-finite values
                     setattr(camera, name, place)
         looker.sent.append(_place(camera))
         looker.stamp = camera.update_timestamp
@@ -207,11 +213,11 @@ def _is_finite(vessel: VesselInstant) -> bool:
 
 
 def _place(camera: Any) -> tuple[float, ...]:
-    """Position, and what it looks at."""
+    """Return the position and the look-at point, six numbers."""
     return (*camera.position.tolist(), *camera.look_at.tolist())
 
 
 def _heading_rad(attitude_wxyz: Array) -> float:
-    """Of the bow, from east to north."""
+    """Return the heading of the bow, from east towards north."""
     w, x, y, z = np.asarray(attitude_wxyz).tolist()
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

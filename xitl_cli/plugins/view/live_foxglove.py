@@ -1,9 +1,8 @@
-"""Foxglove beside a run: the recorder's own channels over its WebSocket, and actions by what its panels can do.
+"""Live connection to Foxglove: the recorder's channels over a WebSocket, and operator actions from its panels.
 
-Services `/operator/<action>` take an action's keys as JSON, parameters are the pace and the environment, and clients
-may publish an action on `/operator/ask`, a pose on `/goal` and a point on `/clicked_point`. foxglove-sdk serves from
-threads of its own and drops the oldest messages of a client that does not keep up; what asks for actions waits there
-until the run looks.
+Services `/operator/<action>` take an action's keys as JSON. Parameters are the pace and the environment. Clients may
+publish an action on `/operator/ask`, a pose on `/goal` and a point on `/clicked_point`. foxglove-sdk serves from
+separate threads and drops the oldest messages of a slow client. Requests for actions wait until the run polls them.
 """
 
 from __future__ import annotations
@@ -40,18 +39,18 @@ HOST = "127.0.0.1"
 USUAL_PORT = 8765
 READ_ONLY = "clients only read in this run; start it with --live-commands to let them act"
 BACKLOG = 256
-"""Messages that wait for a client before the oldest is dropped: of clouds of 200 kB some 50 MB."""
+"""Maximum number of queued messages per client before the oldest is dropped: 50 MB for clouds of 200 kB."""
 TIME_RATE_HZ = 20.0
 ANSWER_S = 5.0
 KEPT = ("/scene",)
-"""Topics that are said once, and again to whoever comes later."""
+"""Topics that are sent once, and again to each later subscriber."""
 SERVICE, ASK = "/operator/", "/operator/ask"
 GOALS, POINT = ("/goal", "/goal_pose", "/move_base_simple/goal"), "/clicked_point"
 AS_FAST_AS_IT_CAN = 0.0
 
 
 class _Request:
-    """Something that is to be asked by the run itself. after: is given the refusal."""
+    """An action that waits for the run's own thread. after: called with the refusal."""
 
     def __init__(self, action: Mapping[str, Any], after: Callable[[str | None], object] = lambda refusal: None) -> None:
         self.action = action
@@ -65,17 +64,19 @@ class _Request:
         self._after(refusal)
 
     def wait(self) -> str | None:
-        """The refusal, None for none."""
+        """Return the refusal, None if the run accepts the action."""
         if not self._done.wait(ANSWER_S):
             return f"the run did not look within {ANSWER_S:g} s"
         return self.refusal
 
 
 class LiveFoxgloveNode(RunNode):
-    """Serves at `port` of this machine, None for the usual one or a free one; `tell` says where.
+    """Foxglove server of a run. It mirrors the recording, see McapFile.
 
-    commands: whether clients may act; otherwise the server offers them no service, parameter or publication. It is a
-    mirror of the recording, see McapFile. Raises UserError from `prepare` for a given port that is taken.
+    port: port on this machine; None for the usual one or a free one. tell: prints the address. commands: clients may
+    act. Otherwise, the server offers no services, parameters or publications.
+
+    `prepare` raises UserError if a given port is taken.
     """
 
     def __init__(self, title: str, port: int | None, tell: Callable[[str], object], commands: bool = False) -> None:
@@ -98,7 +99,7 @@ class LiveFoxgloveNode(RunNode):
         self._asked = self._refused = self._refused_connections = 0
 
     def attach_operator(self, operator: OperatorNode) -> None:
-        """Have it carry out what is asked for."""
+        """Set the operator that carries out the actions."""
         self._operator = operator
         operator.listen(self.poll)
 
@@ -137,7 +138,7 @@ class LiveFoxgloveNode(RunNode):
     def open_channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
     ) -> Callable[[bytes, int], object]:
-        """A channel as the recording has it; what is returned sends a payload of an instant."""
+        """Open a channel as in the recording. Return a function that sends a payload with its stamp in ns."""
         import foxglove
 
         schema = foxglove.Schema(name=schema_name, encoding=schema_encoding, data=definition)
@@ -166,7 +167,7 @@ class LiveFoxgloveNode(RunNode):
             self._tell_parameters()
 
     def poll(self) -> None:
-        """Ask for what was asked here; say again what is said once."""
+        """Pass waiting actions to the operator. Send the messages of `KEPT` topics again to new subscribers."""
         while self._come:
             log, said = self._kept[self._come.popleft()]
             for payload, stamp_ns in said:
@@ -181,11 +182,11 @@ class LiveFoxgloveNode(RunNode):
                 request.answer(refused)
                 continue
             request.answer(refusal)
-        self._tell_time_and_parameters()  # else what changed just before it stood still would wait
+        self._tell_time_and_parameters()  # otherwise, changes just before a pause would wait
 
     def close(self) -> None:
         server, self._server = self._server, None
-        while self._requests:  # who waits in a thread of the server would hold up its end
+        while self._requests:  # a waiting thread would delay the end of the server
             self._requests.popleft().answer("the run is over")
         gate, self._gate = self._gate, None
         if gate is not None:
@@ -195,8 +196,9 @@ class LiveFoxgloveNode(RunNode):
             server.stop()
 
     def report(self) -> dict[str, Any]:
-        """live: its address without the token, clients that came, connections that were refused, messages that slow
-        clients lost (null: foxglove-sdk does not count them), actions asked for and refused.
+        """Return `live`: address without the token, number of clients, refused connections, actions and refusals.
+
+        `dropped` is null, because foxglove-sdk does not count the messages that slow clients lost.
         """
         return {
             "live": {
@@ -209,16 +211,16 @@ class LiveFoxgloveNode(RunNode):
             }
         }
 
-    # In threads of the server
+    # Called in threads of the server
 
     def ask(self, action: Mapping[str, Any]) -> str | None:
-        """Have the run ask for it, and wait for its refusal; None for none."""
+        """Pass an action to the run and wait. Return the refusal, None if the run accepts it."""
         request = _Request(action)
         self._request(request)
         return request.wait()
 
     def hope(self, action: Mapping[str, Any]) -> None:
-        """The same without waiting: a refusal goes to all clients as a status."""
+        """Pass an action to the run without waiting. A refusal goes to all clients as a status."""
         self._request(_Request(action, self._complain))
 
     def _request(self, request: _Request) -> None:
@@ -237,11 +239,11 @@ class LiveFoxgloveNode(RunNode):
             server.publish_status(refusal, StatusLevel.Warning)
 
     def complain(self, text: str) -> None:
-        """To all clients."""
+        """Send a warning to all clients."""
         self._complain(text)
 
     def come(self, client: int, topic: str | None = None) -> None:
-        """A client does something, or subscribes to a topic."""
+        """Register a client that is active or subscribes to a topic."""
         self._clients.add(client)
         if topic in self._kept:
             self._come.append(topic)
@@ -262,7 +264,7 @@ class LiveFoxgloveNode(RunNode):
             yield Service(f"{SERVICE}{action}", schema=schema, handler=self._serve)
 
     def _serve(self, request: ServiceRequest) -> bytes:
-        """The refusal is an answer like another: a panel shows it."""
+        """Return the answer of a service. A refusal is a normal answer, so that a panel shows it."""
         name = request.service_name.removeprefix(SERVICE)
         try:
             keys = json.loads(request.payload or b"{}")
@@ -278,7 +280,7 @@ class LiveFoxgloveNode(RunNode):
     # Parameters
 
     def parameters(self) -> dict[str, Any]:
-        """What can be set, by the names of the profile's keys."""
+        """Return the parameters that clients can set, by the names of the profile's keys."""
         operator = self._operator
         if operator is None or not self._commands:
             return {}
@@ -288,7 +290,7 @@ class LiveFoxgloveNode(RunNode):
         return found
 
     def set_parameter(self, name: str, value: Any) -> str | None:
-        """The refusal, None for none."""
+        """Set a parameter. Return the refusal, None if the run accepts it."""
         if name not in self.parameters():
             return f"{name} is none of the parameters; use {', '.join(self.parameters())}"
         if name == "paused":
@@ -301,7 +303,7 @@ class LiveFoxgloveNode(RunNode):
         return self.ask({"action": group, **value})
 
     def _tell_parameters(self) -> None:
-        """What has changed since, by whomever."""
+        """Publish the parameters that changed since the last call."""
         values = self.parameters()
         if values != self._values and self._server is not None:
             changed = {name: value for name, value in values.items() if self._values.get(name, _UNKNOWN) != value}
@@ -318,14 +320,14 @@ _JSON_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 
 def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
-    """As foxglove-sdk has them."""
+    """Return the values as parameters of foxglove-sdk."""
     from foxglove.websocket import Parameter
 
     return [Parameter(name, value=value) for name, value in values.items()]
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Scalars of a group and of those within."""
+    """Yield names and values of all scalars in a group and its subgroups."""
     if isinstance(value, Specification):
         group: Any = type(value)
         for key in key_annotations(group):
@@ -335,7 +337,7 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def json_schema(group: Any) -> dict[str, Any]:
-    """Of an action's keys: names, types, bounds and meanings as the specification has them."""
+    """Return the JSON schema of an action's keys, with types, bounds and meanings of the specification."""
     properties = {name: _property(annotation) for name, annotation in key_annotations(group).items()}
     needed = list(required_keys(group))
     return {"type": "object", "properties": properties, **({"required": needed} if needed else {})}
@@ -366,7 +368,7 @@ def _property(annotation: Any) -> dict[str, Any]:
 
 
 class _Listener:
-    """What clients do, as foxglove-sdk tells it, in its threads."""
+    """Callbacks of foxglove-sdk about clients. They run in its threads."""
 
     def __init__(self, node: LiveFoxgloveNode) -> None:
         self._node = node
@@ -407,7 +409,7 @@ class _Listener:
     def on_set_parameters(
         self, client: Client, parameters: list[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
-        """Those that were refused come back as they are."""
+        """Set the parameters and return their current values. A refused parameter keeps its value."""
         self._node.come(client.id)
         before = self._node.parameters()
         for parameter in parameters:
@@ -436,10 +438,10 @@ class _Listener:
 
 
 def action_from_message(topic: str, message: Any) -> Mapping[str, Any] | None:
-    """What a client published, as an action; None for a topic that nobody listens to.
+    """Return a client's message as an action, None for an unused topic.
 
-    A pose and a point are in the map, east and north, as Foxglove's 3D panel publishes them. Raises KeyError or
-    TypeError for a message that is none of the topic's.
+    A pose or a point is in the map, x east and y north, as Foxglove's 3D panel publishes it. Raises KeyError or
+    TypeError for a message that does not fit the topic.
     """
     if topic == ASK:
         if not isinstance(message, dict):

@@ -1,8 +1,8 @@
-"""The gate in front of foxglove-sdk's server, which itself accepts every page that a browser shows.
+"""The gate in front of foxglove-sdk's server, because that server accepts connections from any web page.
 
-The gate has the port that is told. It reads the head of each request, checks Host, Origin and token, and passes the
-connection on to the server. The server listens at an address of 127.0.0.0/8 and a port that are drawn for each run, so
-that a page of another site cannot find it. A program on this machine can: it reads the kernel's table of sockets.
+The gate listens at the published port. It reads the head of each request, checks Host, Origin and token, and forwards
+the connection to the server. The server listens at a random address of 127.0.0.0/8 and a random port. Therefore, a page
+of another site cannot find it. A program on this machine can find it in the kernel's table of sockets.
 """
 
 from __future__ import annotations
@@ -21,17 +21,19 @@ from xitl_cli.plugins.view.server import ViewAddress, is_loopback, stranger
 HEAD_BYTES = 16_384
 HEAD_S = 10.0
 MOST_WAITING = 64
-"""Connections without a whole request at once: the one that has waited for longest is closed. A connection costs a file
-descriptor of the run."""
+"""Maximum number of connections without a complete request. Above it, the gate closes the oldest of them.
+
+Each connection uses a file descriptor of the run.
+"""
 CHUNK_BYTES = 1 << 16
 _TRUSTED = "foxglove.dev"
 _REQUEST = re.compile(r"GET /[!-~]* HTTP/1\.1")
 _HEADER = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+:[^\r\n\0]*")
-"""RFC 9112, 5: a name without spaces, and no continued lines. Whatever the server behind would read otherwise."""
+"""RFC 9112, 5: no spaces in the name and no continued lines, because the server behind could parse them differently."""
 
 
 def hidden_host() -> str:
-    """An address of this machine that is drawn at random; 127.0.0.1 where the system has no other."""
+    """Return a random address in 127.0.0.0/8, or 127.0.0.1 if the system allows no other."""
     drawn = f"127.{secrets.randbelow(254) + 1}.{secrets.randbelow(256)}.{secrets.randbelow(254) + 1}"
     with socket.socket() as tried:
         try:
@@ -42,7 +44,7 @@ def hidden_host() -> str:
 
 
 def is_foxglove(origin: str) -> bool:
-    """Whether a page is Foxglove's own application: web site, desktop program, or served on this machine."""
+    """Return whether a page is the Foxglove application: its web site, desktop program, or served on this machine."""
     parts = urlsplit(origin)
     name = parts.hostname or ""
     site = parts.scheme == "https" and (name == _TRUSTED or name.endswith(f".{_TRUSTED}"))
@@ -50,7 +52,7 @@ def is_foxglove(origin: str) -> bool:
 
 
 def refusal(address: ViewAddress, head: bytes) -> str:
-    """Why a request is refused, empty if it is not. head: of its HTTP, to the empty line."""
+    """Return the reason to refuse a request, empty if it is allowed. head: HTTP head without the empty line."""
     first, *lines = head.decode("latin-1").split("\r\n")
     if not _REQUEST.fullmatch(first) or not all(map(_HEADER.fullmatch, lines)):
         return "it is no proper request of HTTP/1.1"
@@ -70,9 +72,10 @@ def refusal(address: ViewAddress, head: bytes) -> str:
 
 
 class Gate:
-    """Serves `listener` in a thread and passes to `inner`, host and port, what has the token of `address`.
+    """Serves `listener` in a thread and forwards connections with the token of `address`.
 
-    refused: connections that were closed with 403, or that sent no request.
+    inner: host and port of the server behind. The attribute `refused` counts connections that were closed with 403 or
+    sent no valid request.
     """
 
     def __init__(self, listener: socket.socket, address: ViewAddress, inner: tuple[str, int]) -> None:
@@ -87,7 +90,7 @@ class Gate:
         self._up.wait()
 
     def close(self) -> None:
-        """End all connections."""
+        """Close all connections and stop."""
         self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join()
 
@@ -106,7 +109,7 @@ class Gate:
             writer.close()
 
     async def _head(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
-        """A request to its empty line."""
+        """Read the head of a request, including its empty line."""
         if len(self._waiting) >= MOST_WAITING:
             oldest = next(iter(self._waiting))
             del self._waiting[oldest]
@@ -146,7 +149,7 @@ class Gate:
 
 
 async def _pump(source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-    """Pass bytes on until one side ends; what does not keep up holds up the other."""
+    """Forward bytes until the source ends. A slow sink slows down the source."""
     while chunk := await source.read(CHUNK_BYTES):
         sink.write(chunk)
         await sink.drain()

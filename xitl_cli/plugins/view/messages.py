@@ -1,4 +1,4 @@
-"""What goes down the pipe between a run and the process of its view, beside a ViewInstant: what is to be drawn."""
+"""Messages that a run sends to its view process, in addition to ViewInstant."""
 
 from __future__ import annotations
 
@@ -10,39 +10,43 @@ from xitl_cli.profile.schema import RunProfile
 
 @dataclass(frozen=True, slots=True)
 class ViewStart:
-    """The first thing down the pipe. updates: SceneUpdates as they are recorded. profiles: of each vessel.
-
-    operated: the run does what is asked of it at the page, and `faults` names what can be switched there by vessel.
-    lockstep: it can pause, step and change its pace, which is `pace` times real time while somebody looks.
-    """
+    """The first message."""
 
     title: str
     address: ViewAddress
     dark: bool
     updates: tuple[bytes, ...]
+    """Encoded SceneUpdates, as the run records them."""
     profiles: tuple[RunProfile, ...]
+    """Profiles of all vessels."""
     operated: bool = False
+    """True if the run carries out actions from the page."""
     lockstep: bool = True
+    """True if the run can pause, step and change its pace."""
     faults: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    """Names of the faults that the page can switch, by vessel."""
     pace: float | None = None
+    """Multiple of real time while a browser is connected; None for no limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewUpdate:
-    """Something new to draw, as a SceneUpdate: debris, or a drawing that lasts a moment."""
+    """New debris or a new temporary drawing."""
 
     update: bytes
+    """Encoded SceneUpdate."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewRefusal:
-    """Why an action that was asked for at the page is not carried out."""
+    """Reason why the run does not carry out an action from the page."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class ViewEnd:
-    """The run is over, and how."""
+    """End of the run."""
 
     text: str
+    """Message to the user about the end."""

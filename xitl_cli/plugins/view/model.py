@@ -1,7 +1,7 @@
-"""What a view draws: the scene once, then instants of it. A run as it goes on and a recording both give these.
+"""The data that a view draws: one scene, then instants of it. Live runs and recordings both produce them.
 
-Places are in metres, east, north, up of the map; attitudes are quaternions (w, x, y, z) from FLU of the body to ENU.
-What is not known is None, NaN among numbers.
+Positions are in metres, east, north, up in the map. Attitudes are quaternions (w, x, y, z) from the body's FLU axes to
+ENU. Unknown values are None. Unknown numbers are NaN.
 """
 
 from __future__ import annotations
@@ -20,143 +20,162 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneMesh:
-    """Triangles of one colour: vertices (V, 3) and faces (F, 3), in the map or, of a vessel or body, in its FLU."""
+    """Triangles of one colour."""
 
     name: str
     vertices_m: Points
+    """(V, 3), in the map. Meshes of a vessel or body are in its FLU axes."""
     faces: Faces
+    """(F, 3), indices of vertices."""
     colour: Colour
     opacity: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class SceneThruster:
-    """A propeller: place and direction of positive thrust in FLU; the number of its motor command."""
+    """A propeller of a vessel."""
 
     place_flu_m: tuple[float, float, float]
     axis_flu: tuple[float, float, float]
+    """Direction of positive thrust."""
     diameter_m: float
     motor: int
+    """Index of its motor command."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneVessel:
-    """Hulls and what is on them, without the thrusters. mission_enu_m: (W, 3), its start first.
-
-    acceptance_radius_m: how near to a waypoint it counts as reached; 0 if that is not known.
-    """
+    """A vessel and its mission."""
 
     meshes: tuple[SceneMesh, ...]
+    """Hulls and their fittings, without the thrusters."""
     thrusters: tuple[SceneThruster, ...] = ()
     length_m: float = 2.0
     mission_enu_m: Array = field(default_factory=lambda: np.empty((0, 3)))
+    """(W, 3), the start first."""
     acceptance_radius_m: float = 0.0
+    """Distance at which a waypoint counts as reached; 0 if unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneWaves:
-    """Components of the sea: amplitude (C,), wave vector (C, 2) east and north, angular frequency (C,) at a fixed place
-    and phase (C,): elevation = sum of amplitude cos(k . x - omega t + phase).
-    """
+    """Components of the sea: elevation = sum of amplitude cos(k . x - omega t + phase)."""
 
     amplitude_m: Array
+    """(C,)."""
     wave_vector_en_radpm: Array
+    """(C, 2), east and north."""
     angular_frequency_radps: Array
+    """(C,), at a fixed place."""
     phase_rad: Array
+    """(C,)."""
 
     def elevation_m(self, time_s: float, places_en_m: Array) -> Array:
-        """(...,) at (..., 2) places, up over the still level."""
+        """Return the elevation (...,) above the still level at places (..., 2)."""
         phase = places_en_m @ self.wave_vector_en_radpm.T - self.angular_frequency_radps * time_s + self.phase_rad
         return np.asarray(np.cos(phase) @ self.amplitude_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneWater:
-    """The surface: its still level, the middle and the size of what is of interest, its waves if they are known.
-
-    bounded: by land, so that no water is drawn far outside of that piece.
-    """
+    """The water surface."""
 
     level_m: float = 0.0
+    """Height of the still water."""
     centre_en_m: tuple[float, float] = (0.0, 0.0)
+    """Centre of the area of interest."""
     size_en_m: tuple[float, float] = (200.0, 200.0)
+    """Size of the area of interest."""
     waves: SceneWaves | None = None
+    """None if the waves are unknown or the water is flat."""
     bounded: bool = False
+    """True if land bounds the water."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewScene:
-    """All that does not change. vessels: by name, "" for one alone. notes: what could not be drawn, for the user."""
+    """The constant part of a view."""
 
     title: str
     meshes: tuple[SceneMesh, ...] = ()
+    """Surroundings."""
     vessels: Mapping[str, SceneVessel] = field(default_factory=dict)
+    """By name. A single vessel has the name ""."""
     water: SceneWater = field(default_factory=SceneWater)
     notes: tuple[str, ...] = ()
+    """Messages to the user about parts that the view cannot draw."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VesselInstant:
-    """A vessel at an instant.
-
-    motors: -1 to 1. mission_enu_m: as SceneVessel has it, None for that one. clouds: points (P, 3) in the map by sensor
-    (`lidar`, `sonar`, `map`). obstacles: (O, 3) centre and (O,) radius of what the companion tracks. numbers: what is
-    told beside the picture, by its label with unit. target_enu_m: the waypoint it heads for. guided_enu_m: the place it
-    goes to in GUIDED.
-    """
+    """A vessel at an instant."""
 
     position_enu_m: Array
     attitude_wxyz: Array
     estimate_position_enu_m: Array | None = None
     estimate_attitude_wxyz: Array | None = None
     motors: tuple[float, ...] = ()
+    """Commands, -1 to 1."""
     mode: str = ""
     armed: bool = False
     waypoints_reached: int = 0
     waypoints_total: int = 0
     mission_enu_m: Array | None = None
+    """(W, 3), the start first; None for the mission of the `SceneVessel`."""
     target_enu_m: Array | None = None
+    """Waypoint that the vessel heads for."""
     clouds: Mapping[str, Points] = field(default_factory=dict)
+    """Points (P, 3) in the map by sensor: `lidar`, `sonar`, `map`."""
     obstacles_enu_m: Array = field(default_factory=lambda: np.empty((0, 3)))
+    """(O, 3), centres of the obstacles that the companion tracks."""
     obstacle_radius_m: Array = field(default_factory=lambda: np.empty(0))
+    """(O,), radii of these obstacles."""
     numbers: Mapping[str, float] = field(default_factory=dict)
+    """Values of the panel by their label, which includes the unit."""
     guided_enu_m: Array | None = None
+    """Target in GUIDED."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyInstant:
-    """Debris: its mesh is given with the first instant that has it."""
+    """Debris at an instant."""
 
     position_enu_m: Array
     attitude_wxyz: Array
     mesh: SceneMesh | None = None
+    """Required when the drawing first shows the body, optional afterwards."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewEvent:
-    """Something that was said. severity: of MAV_SEVERITY, 0 is worst."""
+    """A text message."""
 
     time_s: float
     severity: int
+    """MAV_SEVERITY; 0 is worst."""
     text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewInstant:
-    """The world at time_s. wind_en_mps, current_en_mps: where they blow and flow to, at the first vessel.
-
-    bodies: by number. events: since the instant before. paused: the run stands still. pace: times real time.
-    waves: others than those of the scene, or of an instant before; None, or the same object, while they stay the same.
-    drawings: by name, drawings of plug-ins in the map that last a moment; the same object while one stays the same.
-    """
+    """The world at an instant."""
 
     time_s: float
     vessels: Mapping[str, VesselInstant]
+    """By name."""
     wind_en_mps: tuple[float, float] = (0.0, 0.0)
+    """Velocity of the wind at the first vessel, in the direction of the flow."""
     current_en_mps: tuple[float, float] = (0.0, 0.0)
+    """Velocity of the current at the first vessel, in the direction of the flow."""
     bodies: Mapping[int, BodyInstant] = field(default_factory=dict)
+    """Debris by number."""
     events: tuple[ViewEvent, ...] = ()
+    """Messages since the previous instant."""
     paused: bool = False
+    """True while the run is paused."""
     pace: float = float("nan")
+    """Multiple of real time."""
     waves: SceneWaves | None = None
+    """New waves that replace the previous ones. None or the same object means no change."""
     drawings: Mapping[str, tuple[SceneMesh, ...]] = field(default_factory=dict)
+    """Temporary drawings of plug-ins in the map, by name. The same object means no change."""

@@ -1,7 +1,7 @@
-"""Pictures of recordings for papers and docs: an instant as PNG, a span as GIF, rendered by a browser without a window.
+"""Pictures of recordings for papers and docs: an instant as PNG, a span as GIF. A headless browser renders them.
 
-The browser is one that is on the machine already: Chromium, Chrome or Edge. It opens a page of this machine and is
-asked for one picture after the other; nothing is fetched from elsewhere.
+The module uses an installed Chromium, Chrome or Edge. The browser opens a page of this machine and renders one picture
+after the other. It fetches nothing from elsewhere.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _FLAGS = (
     "--disable-extensions",
     "--disable-sync",
     "--hide-scrollbars",
-    "--remote-debugging-port=0",  # without it a browser that has no window ends at once
+    "--remote-debugging-port=0",  # a headless browser without it exits immediately
 )
 START_S, RENDER_S = 60.0, 120.0
 FOV_RAD = math.radians(50.0)
@@ -61,13 +61,13 @@ GIF_COLOURS = 128
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A place and what is looked at, (3,) in the map."""
+    """A camera position and its look-at point, in the map."""
 
     position_enu_m: tuple[float, float, float]
     look_at_enu_m: tuple[float, float, float]
 
     def attitude_wxyz(self) -> Array:
-        """From the camera's axes (right, down, ahead) to the map."""
+        """Return the rotation (4,) from the camera's axes (right, down, ahead) to the map."""
         from sim_core.frames import matrix_to_quat
 
         ahead = np.subtract(self.look_at_enu_m, self.position_enu_m)
@@ -89,10 +89,12 @@ def picture(
     vessel: str | None = None,
     dark: bool = False,
 ) -> bytes:
-    """The recording at an instant as PNG. size: width and height. vessel: what the camera looks at, the first else.
+    """Return an instant of the recording as PNG.
 
-    Raises UserError without the extra `view`, without a browser, for an instant outside of the recording and for a size
-    that no browser has.
+    size: width and height in pixels. vessel: vessel that the camera looks at; None for the first.
+
+    Raises UserError without the extra `view`, without a browser, and for an instant outside of the recording. Raises
+    UserError for a size or a vessel that is not valid.
     """
     if not isinstance(recording, LogScene):
         with open_scene(recording) as opened:
@@ -116,9 +118,10 @@ def moving_picture(
     rate_hz: float = 10.0,
     dark: bool = False,
 ) -> bytes:
-    """A span of the recording as GIF that goes on for ever, all of it by default; otherwise as `picture`.
+    """Return a span of the recording as an endlessly repeated GIF, the complete recording by default.
 
-    speed: times as fast as it was. rate_hz: frames a second of whoever looks.
+    speed: playback speed as a multiple of the recorded speed. rate_hz: frames per second of playback. The other
+    parameters and errors are those of `picture`. Raises UserError also for more than `MOST_FRAMES` frames.
     """
     if not isinstance(recording, LogScene):
         with open_scene(recording) as opened:
@@ -146,7 +149,7 @@ def moving_picture(
 
 
 def find_browser() -> str:
-    """Path of a browser that renders without a window. Raises UserError where there is none."""
+    """Return the path of a browser that renders without a window. Raises UserError if there is none."""
     named = os.environ.get(BROWSER_VARIABLE)
     if named:
         if found := shutil.which(named):
@@ -165,7 +168,7 @@ def find_browser() -> str:
 def _photographer(
     recording: LogScene, size: tuple[int, int], camera: View | Camera, vessel: str | None, dark: bool
 ) -> Iterator[Any]:
-    """A function from an instant to a picture of it."""
+    """Yield a function that renders an instant, at_s, to an image."""
     width, height = size
     if not all(LEAST_PIXELS <= side <= MOST_PIXELS for side in size):
         raise UserError(f"{width}x{height}: each side of a picture has {LEAST_PIXELS} to {MOST_PIXELS} pixels")
@@ -188,7 +191,7 @@ def _photographer(
 
 
 def camera_view(view: View, recording: LogScene, instant: ViewInstant, vessel: str | None = None) -> Camera:
-    """As the buttons of a replay page have it."""
+    """Return the camera of a view, with the same geometry as the buttons of a replay page."""
     from sim_core.frames import quat_to_matrix
 
     name = recording.names[0] if vessel is None else vessel
@@ -211,7 +214,10 @@ def camera_view(view: View, recording: LogScene, instant: ViewInstant, vessel: s
 
 @contextmanager
 def _browser_at(browser: str, server: viser.ViserServer, size: tuple[int, int]) -> Iterator[Any]:
-    """A browser without a window that has opened the server's page. Raises UserError when it does not."""
+    """Yield the viser client of a headless browser after it opened the server's page.
+
+    Raises UserError if the browser ends early or does not open the page within `START_S`.
+    """
     with tempfile.TemporaryDirectory(prefix="xitl-view-", ignore_cleanup_errors=True) as home:
         sandbox = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
         url = f"http://127.0.0.1:{server.get_port()}"
@@ -239,7 +245,7 @@ def _browser_at(browser: str, server: viser.ViserServer, size: tuple[int, int]) 
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """The browser and its helpers, which are a session of their own."""
+    """End the browser and its helper processes, which form a separate session."""
     import signal
 
     for number in (signal.SIGTERM, signal.SIGKILL):
@@ -270,7 +276,7 @@ def _rendered(client: Any, camera: Camera, size: tuple[int, int]) -> NDArray[np.
 
 
 def _under_the_sky(pixels: NDArray[np.uint8], dark: bool) -> Image.Image:
-    """A browser gives what is in front of the sky alone."""
+    """Return the picture with a sky behind it. The browser renders only the objects in front of the sky."""
     from PIL import Image
 
     from xitl_cli.plugins.view.drawing import DAY, NIGHT, sky_rows
@@ -287,8 +293,10 @@ def _png(image: Image.Image) -> bytes:
 
 
 def palette_of(image: Image.Image, colours: int) -> Image.Image:
-    """So many colours for an image, as `quantize` takes them: half of them for the large areas, which would show bands,
-    half for all hues, so that a thin line or a small mark keeps its own.
+    """Return a palette of so many colours for an image, as `quantize` takes it.
+
+    Half of the colours are for large areas, which would otherwise show bands. The other half covers all hues, so that a
+    thin line or a small mark keeps its colour.
     """
     from PIL import Image
 
@@ -300,7 +308,7 @@ def palette_of(image: Image.Image, colours: int) -> Image.Image:
 
 
 def _gif(images: Sequence[Image.Image], rate_hz: float) -> bytes:
-    """All with the colours of some of them, so that nothing flickers."""
+    """Return the images as GIF. They share one palette, made of some of them, so that nothing flickers."""
     from PIL import Image
 
     some = images[:: max(len(images) // 8, 1)]

@@ -26,21 +26,21 @@ COMMAND = Command("Play recordings of runs and vehicles in 3D, or write them as 
 
 
 def live_view(profiles: Sequence[RunProfile]) -> LiveOutput:
-    """The 3D view of a run, for `view.show`."""
+    """Return the live 3D view of a run, for `view.show`."""
     from xitl_cli.plugins.view.live_view import ViewOutput
 
     return ViewOutput(profiles)
 
 
 def live_foxglove(profiles: Sequence[RunProfile]) -> LiveOutput:
-    """The recording over Foxglove's WebSocket, for `live.foxglove`."""
+    """Return the live output over Foxglove's WebSocket, for `live.foxglove`."""
     from xitl_cli.plugins.view.live_foxglove import FoxgloveOutput
 
     return FoxgloveOutput(profiles)
 
 
 def replay(report: Report, vessel: str | None) -> Replay:
-    """The logs of a report in 3D, or a sentence on why there is none."""
+    """Return the 3D replay of a report's logs, or the reason why there is none."""
     from xitl_cli.plugins.view.report_replay import report_replay
 
     return report_replay(report, vessel)

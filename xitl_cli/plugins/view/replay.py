@@ -1,4 +1,4 @@
-"""Recordings as nodes of a viser server, for a served page, a file, or a picture: any instant after any other."""
+"""Draw recordings on a viser server, for a served page, a file or a picture. Instants may follow in any order."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import viser
 
 STEP_M = 0.3
-"""Between points of a way as drawn."""
+"""Minimum distance between the drawn points of a track."""
 MOST_PIECES = 250
 LEAST_PIECE = 5
 SAILED: tuple[Colour, ...] = ((255, 60, 110), (60, 160, 255), (150, 210, 60), (255, 150, 40), (190, 140, 255))
@@ -27,9 +27,9 @@ AHEAD: Colour = (150, 150, 150)
 
 
 class ReplayDrawing:
-    """A LogScene on a server. Whole ways are drawn thin, and what has been sailed on top of them.
+    """A LogScene on a server. It draws each complete track thin, and the sailed part on top of it.
 
-    dark: by night. page: of a file, whose water has fewer cells.
+    dark: use the night colours. page: draw for a file, with fewer cells of water.
     """
 
     def __init__(
@@ -50,18 +50,18 @@ class ReplayDrawing:
 
     @property
     def drawing(self) -> Any:
-        """The SceneDrawing beneath."""
+        """The underlying SceneDrawing."""
         return self._drawing
 
     def draw(self, instant: ViewInstant) -> None:
-        """Everything as it was then."""
+        """Draw an instant."""
         self._drawing.draw(instant)
         for way in self._ways:
             way.draw(instant.time_s)
 
 
 class _WayDrawing:
-    """Pieces of a way, each shown once it was sailed."""
+    """Segments of a track. Each segment appears after the vessel sailed it."""
 
     def __init__(self, api: Any, name: str, pose: Any, level_m: float, colour: Colour) -> None:
         seconds, places = spaced(pose.place_s, pose.position_enu_m)
@@ -99,7 +99,10 @@ class _WayDrawing:
 
 
 def spaced(seconds: Array, places: Array) -> tuple[Array, Array]:
-    """Those points of a way (N, 3) that are at least STEP_M apart, or a two-thousandth of it; first and last stay."""
+    """Return times (M,) and points (M, 3) of a track (N, 3), thinned to the larger of STEP_M and 1/2000 of its length.
+
+    The first and the last point stay.
+    """
     steps = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
     apart = max(STEP_M, float(steps.sum()) / 2000.0)
     piece = np.floor(np.concatenate(([0.0], np.cumsum(steps))) / apart)
@@ -111,7 +114,7 @@ def spaced(seconds: Array, places: Array) -> tuple[Array, Array]:
 
 @contextmanager
 def unseen_server() -> Iterator[viser.ViserServer]:
-    """A server at an address of this machine that nobody is told of. Raises UserError without the extra `view`."""
+    """Yield a server at a local address that is not published. Raises UserError without the extra `view`."""
     from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, make_server
 
     check_view_extra()
@@ -127,7 +130,7 @@ def unseen_server() -> Iterator[viser.ViserServer]:
 
 @contextmanager
 def silent_viser() -> Iterator[None]:
-    """It tells its address and its end by itself, and of browsers that open a line and leave."""
+    """Suppress viser's messages about its address, its end and browsers that connect and leave."""
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     with contextlib.redirect_stdout(io.StringIO()):
         yield

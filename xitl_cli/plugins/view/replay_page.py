@@ -1,7 +1,7 @@
-"""A recording as one page that plays it: opens from the disk, asks for nothing outside.
+"""Write a recording as one HTML page that plays it. The page opens from the disk and needs no network.
 
-ReplayDrawing, instant by instant -> viser's serializer -> its player in one page, with marks, numbers, events, findings
-and a camera that follows around it (replay_page.js).
+`ReplayDrawing` draws instant by instant, viser's serializer records the drawing, and viser's player shows it.
+replay_page.js adds marks, numbers, events, findings and a camera that follows.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ NUMBERS = (
     "deadline misses",
     "clock offset ms",
 )
-"""In the order in which they are told; others come behind."""
+"""Labels in the order of display. Other labels follow."""
 View = Literal["behind", "beside", "above", "all"]
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Instants of a replay, on the time line of its scene."""
+    """Start and end of a replay, on the time line of its scene."""
 
     from_s: float
     to_s: float
@@ -56,7 +56,10 @@ class Span:
 
 
 def checked_span(recording: LogScene, from_s: float | None = None, to_s: float | None = None) -> Span:
-    """That part of the recording; all of it without ends. Raises UserError where there is nothing."""
+    """Return the part of the recording between two times. A time of None selects the recording's own start or end.
+
+    Raises UserError if the span is empty.
+    """
     begin_s, end_s = recording.span_s
     span = Span(begin_s if from_s is None else max(from_s, begin_s), end_s if to_s is None else min(to_s, end_s))
     if span.length_s <= 0.0:
@@ -77,12 +80,12 @@ def replay_html(
     at_s: float | None = None,
     dark: bool = False,
 ) -> str:
-    """One page with the replay.
+    """Return one HTML page with the replay.
 
-    recording: an open scene, or logs. findings: those of the log analysis, which is made when they are not given. view:
-    of the camera at first. at_s: where the page stands still at first; it plays without.
+    recording: an open scene, or paths of logs. findings: findings of the log analysis; None runs the analysis. view:
+    initial camera. at_s: instant at which the page is paused initially; None starts playback.
 
-    Raises UserError without the extra `view` and for an empty span, LogError as of `open_scene`.
+    Raises UserError without the extra `view` and for an empty span. Raises LogError as `open_scene` does.
     """
     if not isinstance(recording, LogScene):
         with open_scene(recording) as opened:
@@ -104,7 +107,7 @@ def replay_html(
 
 
 class _PageInstants:
-    """Instants with fewer clouds, of fewer points: a page holds all of them."""
+    """Instants with fewer clouds and fewer points per cloud, because a page holds all of them."""
 
     def __init__(self, recording: LogScene, span: Span) -> None:
         self._recording, self._span = recording, span
@@ -113,7 +116,10 @@ class _PageInstants:
         self._turns = -1, -1
 
     def at(self, time_s: float) -> ViewInstant:
-        """The world then, with what was seen at the last whole second."""
+        """Return the instant at time_s, with sensor clouds of the latest cloud update.
+
+        Clouds are updated every `CLOUD_S`, the companion's map less often.
+        """
         turns = tuple(math.floor((time_s - self._span.from_s) / each) for each in (CLOUD_S, self._map_s))
         anew = turns[0] != self._turns[0]
         instant = self._recording.instant(time_s, seen=anew)

@@ -9,18 +9,18 @@ from xitl_cli.logs.report.model import Report
 from xitl_cli.logs.report.page import Replay
 
 MOST_REPLAY_BYTES = 12_000_000
-"""Largest replay that goes into the page of a report."""
+"""Maximum size of a replay on the page of a report."""
 
 
 def report_replay(found: Report, vessel: str | None) -> Replay:
-    """The logs of a report in 3D, or a sentence on why there is none."""
+    """Return the 3D replay of a report's logs, or the reason why there is none."""
     if VIEW.missing:
         return Replay(note=f"the 3D replay needs {', '.join(VIEW.missing)}, which is not installed: {VIEW.pip_line}")
     from xitl_cli.plugins.view.recording import open_scene
     from xitl_cli.plugins.view.replay_page import replay_html
 
     by_path = {file.path: file for file in found.files}
-    recordings = [file.path for file in found.files if file.format == "mcap"][:1]  # logs beside it are of the same run
+    recordings = [file.path for file in found.files if file.format == "mcap"][:1]  # other logs are of the same run
     try:
         with open_scene(recordings or list(by_path)[:1], vessel) as scene:
             page = replay_html(scene, findings=scene.findings_of(found), at_s=scene.span_s[0])

@@ -1,6 +1,6 @@
-"""What a log tells of one vessel over time, on the scene's time line and in its map.
+"""The data of one vessel over time, read from its log, on the scene's time line and in its map.
 
-Between two samples a vessel goes on a straight line; before its first and after its last it stays where it was.
+Positions are interpolated linearly between samples. Before the first and after the last sample, the vessel stays there.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from xitl_cli.logs.signals.states import vehicle_kind
 from xitl_cli.plugins.view.model import Array, Points, VesselInstant
 
 Seconds = Callable[[NDArray[np.int64]], Array]
-"""Stamps (N,) of a log on the scene's time line."""
+"""Function from stamps (N,) of a log to seconds (N,) on the scene's time line."""
 
 MOST_CLOUD_POINTS = 60_000
 SONAR_S = 12.0
-"""For so long the points of a ping are drawn: one turn of a scanning sonar."""
+"""Time for which the points of a ping are drawn: one turn of a scanning sonar."""
 OBSTACLE_S = 1.5
 _SURFACE = ("rover", "unknown")
 _REACHED = re.compile(r"reached waypoint #?(\d+)", re.IGNORECASE)
@@ -37,20 +37,24 @@ _REACHED = re.compile(r"reached waypoint #?(\d+)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseTrack:
-    """Places (N, 3) in the map at place_s (N,), attitudes (M, 4) from FLU to ENU at turn_s (M,), all increasing."""
+    """Positions and attitudes over time."""
 
     place_s: Array
+    """(N,), times of the positions, increasing."""
     position_enu_m: Array
+    """(N, 3), in the map."""
     turn_s: Array
+    """(M,), times of the attitudes, increasing."""
     attitude_wxyz: Array
+    """(M, 4), from FLU to ENU."""
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """While both are known."""
+        """Start and end of the time for which both position and attitude are known."""
         return float(max(self.place_s[0], self.turn_s[0])), float(min(self.place_s[-1], self.turn_s[-1]))
 
     def at(self, time_s: Array | float) -> tuple[Array, Array]:
-        """Places (..., 3) and attitudes (..., 4) at instants (...)."""
+        """Return positions (..., 3) and attitudes (..., 4) at times (...)."""
         place = [np.interp(time_s, self.place_s, column) for column in self.position_enu_m.T]
         turn = np.stack([np.interp(time_s, self.turn_s, column) for column in self.attitude_wxyz.T], axis=-1)
         return np.stack(place, axis=-1), turn / np.linalg.norm(turn, axis=-1, keepdims=True)
@@ -58,37 +62,43 @@ class PoseTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldValues:
-    """Each value (N, ...) holds from its second on. seconds (N,) increase, or stay."""
+    """Values that hold until the next one."""
 
     seconds: Array
+    """(N,), start of each value, never decreasing."""
     values: NDArray[np.float64]
+    """(N, ...)."""
 
     def at(self, time_s: float) -> Array | None:
-        """None before the first."""
+        """Return the value at time_s, None before the first."""
         row = int(np.searchsorted(self.seconds, time_s, side="right")) - 1
         return None if row < 0 else np.asarray(self.values[row])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionChange:
-    """A mission from an instant on: places (W, 3), where the vessel was then first."""
+    """A mission and its start time."""
 
     from_s: float
     places_enu_m: Array
+    """(W, 3): the vessel's position at from_s, then the waypoints."""
 
 
 NO_MISSION = MissionChange(-math.inf, np.empty((0, 3)))
 
 
 def mission_at(missions: Sequence[MissionChange], time_s: float) -> MissionChange:
-    """The last that has begun, before all of them the first; `missions` in the order of time."""
+    """Return the latest mission that began before time_s. Before all of them, return the first.
+
+    missions: in order of time.
+    """
     begun = [mission for mission in missions if mission.from_s <= time_s]
     return begun[-1] if begun else missions[0] if missions else NO_MISSION
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A mode, or being armed."""
+    """A period with one mode, or an armed period."""
 
     from_s: float
     until_s: float
@@ -96,9 +106,9 @@ class State:
 
 
 class CloudTrack:
-    """Clouds of a topic of ours that are in the vessel's own axes, each point as the vessel was at its instant.
+    """Point clouds of a topic that xitl records in vessel axes.
 
-    lasting_s: how long a cloud is drawn after it was taken.
+    Each point is transformed with the vessel's pose at the point's own time. lasting_s: time to draw a cloud.
     """
 
     def __init__(self, table: Table, seconds: Seconds, pose: PoseTrack, lasting_s: float) -> None:
@@ -108,7 +118,7 @@ class CloudTrack:
         self._joined = lru_cache(maxsize=4)(self._join)
 
     def at(self, time_s: float) -> Points | None:
-        """(P, 3) in the map; the same array until there is something new. None without any."""
+        """Return points (P, 3) in the map, None without a cloud. The array stays the same until clouds change."""
         last = int(np.searchsorted(self.seconds, time_s, side="right"))
         first = int(np.searchsorted(self.seconds, time_s - self._lasting_s, side="left"))
         joined: Points | None = self._joined(first, last) if last > first else None
@@ -128,7 +138,11 @@ class CloudTrack:
 
 
 class GrowingMap:
-    """A companion's map as it grew: each message has the points that are new, about where its odometry began."""
+    """A companion's map over time.
+
+    Each message holds the new points, relative to the start of the odometry. place_m (3,), turn_wxyz (4,): pose of this
+    start in the map of the scene.
+    """
 
     def __init__(self, table: Table, seconds: Seconds, place_m: Array, turn_wxyz: Array) -> None:
         self._seconds = seconds(table.stamp_ns)
@@ -144,13 +158,16 @@ class GrowingMap:
         self._until = lru_cache(maxsize=2)(lambda count: self._points[:count])
 
     def at(self, time_s: float) -> Points | None:
-        """(P, 3) in the map of the scene; None without any."""
+        """Return points (P, 3) in the map of the scene, None before the first message."""
         last = int(np.searchsorted(self._seconds, time_s, side="right"))
         return self._until(int(self._counts[last - 1])) if last else None
 
 
 def packed_points(table: Table, row: int) -> NDArray[np.void]:
-    """A foxglove.PointCloud of this row, by its own fields; empty where they are not as they should be."""
+    """Return the points of a row of foxglove.PointCloud as a structured array with the cloud's own fields.
+
+    The array is empty if x, y or z is missing or the stride is not positive.
+    """
     rows = np.array([row])
     fields = []
     for number in range(16):
@@ -175,20 +192,24 @@ def packed_points(table: Table, row: int) -> NDArray[np.void]:
 
 
 _ELEMENTS = {1: "u1", 2: "i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4", 7: "<f4", 8: "<f8"}
-"""foxglove.PackedElementField.NumericType."""
+"""NumPy types by foxglove.PackedElementField.NumericType."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleSightings:
-    """What a companion tracked: seconds, number, centre (N, 3) and radius of each sighting, in the order of time."""
+    """Obstacles that a companion tracked, one row per sighting, in order of time."""
 
     seconds: Array
+    """(N,)."""
     number: NDArray[np.int64]
+    """(N,), number of the obstacle."""
     centre_enu_m: Array
+    """(N, 3)."""
     radius_m: Array
+    """(N,)."""
 
     def at(self, time_s: float) -> tuple[Array, Array]:
-        """(O, 3) and (O,) of those that were told of lately, each where it was seen last."""
+        """Return the latest centres (O, 3) and radii (O,) of the obstacles reported within `OBSTACLE_S`."""
         first, last = np.searchsorted(self.seconds, (time_s - OBSTACLE_S, time_s), side="right")
         if first == last:
             return np.empty((0, 3)), np.empty(0)
@@ -199,21 +220,24 @@ class ObstacleSightings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VesselTrack:
-    """One vessel of one log. estimate: where the pose is the truth. reached_s: when each waypoint was reached."""
+    """One vessel of one log."""
 
     pose: PoseTrack
+    """True pose if the log has it, else the estimate."""
     estimate: PoseTrack | None
+    """Estimated pose; None if `pose` is the estimate."""
     modes: tuple[State, ...]
     armed: tuple[State, ...]
     motors: HeldValues | None
     missions: tuple[MissionChange, ...]
     reached_s: Array
+    """Times at which the vessel reached a waypoint."""
     numbers: Mapping[str, HeldValues]
     clouds: Mapping[str, CloudTrack | GrowingMap]
     obstacles: ObstacleSightings | None
 
     def at(self, time_s: float, seen: bool = True) -> VesselInstant:
-        """As it was then. seen: with what its sensors saw."""
+        """Return the vessel at time_s. seen: include the clouds of its sensors."""
         place, turn = self.pose.at(time_s)
         estimate = None if self.estimate is None else self.estimate.at(time_s)
         if self.estimate is not None and time_s < self.estimate.span_s[0]:
@@ -252,29 +276,31 @@ class VesselTrack:
 
 
 def state_at(states: tuple[State, ...], time_s: float) -> str | None:
-    """The text of the last one that has begun and not ended."""
+    """Return the text of the latest state that contains time_s, None without one."""
     return next((state.text for state in reversed(states) if state.from_s <= time_s <= state.until_s), None)
 
 
 def heading_deg(attitude_wxyz: Array) -> float:
-    """Of the bow from north, clockwise."""
+    """Return the heading of the bow from north, clockwise."""
     east, north, _ = quat_to_matrix(attitude_wxyz)[:, 0].tolist()
     return float(np.degrees(np.arctan2(east, north)) % 360.0)
 
 
 @dataclass(frozen=True, slots=True)
 class MapPlace:
-    """How a log's places lie in the map: about `origin` where that is not None, and moved by shift_enu_m (3,)."""
+    """Placement of a log's positions in the map."""
 
     origin: tuple[float, float, float] | None
+    """Origin of the positions on the Earth; None if unknown."""
     shift_enu_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Shift that is added to all positions."""
 
 
 def pose_track(log: Log, of: SignalSource, seconds: Seconds, place: MapPlace) -> PoseTrack | None:
-    """None unless the log has both places and attitudes.
+    """Return the poses of a log, None unless it has both positions and attitudes.
 
-    A vessel on the water whose height is told over the ellipsoid is put on it: by receivers heights are metres off, and
-    a simulator's are about the middle of its way.
+    A surface vessel with positions on the Earth is put on the water, because receivers' heights are off by metres. Its
+    true heights keep their variation about the median.
     """
     path = signals.position_ned(log, of, place.origin)
     angles = [read(log, of) for read in (signals.roll, signals.pitch, signals.yaw)]
@@ -296,33 +322,36 @@ def pose_track(log: Log, of: SignalSource, seconds: Seconds, place: MapPlace) ->
 
 
 def _on_the_earth(path: Series) -> bool:
-    """Not of a topic with a frame of its own, which may well know its height."""
+    """Return whether positions are on the Earth. A topic with a local frame may have a valid height."""
     return not path.source.startswith("/")
 
 
 def _beside(series: Series, other: Series) -> Array:
-    """Its values at the stamps of the other."""
+    """Return the values of a series at the stamps of the other."""
     if len(series.stamp_ns) == len(other.stamp_ns) and bool((series.stamp_ns == other.stamp_ns).all()):
         return series.values
     return series.interpolated(other.stamp_ns)
 
 
 def forward(seconds: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Those that are later than all before, and their rows: two clocks laid on each other may step back."""
+    """Return the times that are later than all earlier rows, and their row numbers.
+
+    Times can step back when two clocks are aligned.
+    """
     newest = np.maximum.accumulate(seconds)
     kept = np.flatnonzero(np.concatenate(([True], seconds[1:] > newest[:-1])))
     return seconds[kept], kept
 
 
 def continuous(attitude_wxyz: Array) -> Array:
-    """The same turns, neighbours with the nearer one of both signs."""
+    """Return the same attitudes, with signs chosen so that neighbouring quaternions are close."""
     flips = np.sum(attitude_wxyz[1:] * attitude_wxyz[:-1], axis=1) < 0.0
     sign = np.where(np.concatenate(([False], np.cumsum(flips) % 2 == 1)), -1.0, 1.0)
     return np.asarray(attitude_wxyz * sign[:, None])
 
 
 def read_vessel(log: Log, seconds: Seconds, place: MapPlace) -> VesselTrack | None:
-    """None of a log without both places and attitudes."""
+    """Return the data of a log's vessel, None unless the log has both positions and attitudes."""
     truth, estimate = (pose_track(log, of, seconds, place) for of in ("truth", "estimate"))
     pose = truth or estimate
     if pose is None:
@@ -360,7 +389,7 @@ def _motors(log: Log, seconds: Seconds) -> HeldValues | None:
 
 
 def _missions(log: Log, seconds: Seconds, place: MapPlace, pose: PoseTrack) -> tuple[MissionChange, ...]:
-    """None where they are not known, or where on the Earth the map is."""
+    """Return the missions. The result is empty if they, or the map's origin on the Earth, are unknown."""
     from sim_core.geodesy import LocalFrame
 
     versions = mission_versions(log) if place.origin is not None else []
@@ -379,11 +408,11 @@ def _missions(log: Log, seconds: Seconds, place: MapPlace, pose: PoseTrack) -> t
 
 
 FARTHEST_M = 50e3
-"""From the map's zero: beyond it a plane map is none."""
+"""Maximum distance from the map's origin. A plane map is not valid beyond it."""
 
 
 def _reached(log: Log, seconds: Seconds) -> Array:
-    """What is said twice of one waypoint counts once."""
+    """Return the times of reached waypoints. Repeated messages about one waypoint count once."""
     said = [(text.at_ns, int(match[1])) for text in signals.texts(log) if (match := _REACHED.search(text.text))]
     said.sort()
     stamps = [at_ns for (at_ns, number), (_, before) in zip(said, [(0, -1), *said], strict=False) if number != before]
@@ -422,7 +451,7 @@ def _numbers(log: Log, seconds: Seconds, truth: bool) -> Iterator[tuple[str, Hel
 
 
 def _total(table: Table | None, field: str, groups: tuple[str, ...], seconds: Seconds) -> HeldValues | None:
-    """The sum of the last count of each group over time."""
+    """Return the sum of the latest counts of all groups over time."""
     if table is None or not {field, *groups} <= set(table.columns):
         return None
     counts = np.maximum(np.asarray(table.values(field), dtype=np.float64), 0.0)
@@ -451,7 +480,10 @@ def _clouds(log: Log, seconds: Seconds, pose: PoseTrack) -> Iterator[tuple[str, 
 
 
 def _odometry_frame(table: Table, seconds: Seconds, pose: PoseTrack) -> tuple[Array, Array] | None:
-    """Where the vessel's axes were when the odometry began: the true pose of its first row, less that row's own."""
+    """Return the position and attitude of the vessel's axes at the start of the odometry.
+
+    It is the vessel's pose at the first row, minus that row's odometry pose.
+    """
     names = [f"pose.pose.position.{axis}" for axis in "xyz"] + [f"pose.pose.orientation.{axis}" for axis in "wxyz"]
     if not set(names) <= set(table.columns):
         return None
