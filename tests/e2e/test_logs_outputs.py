@@ -28,21 +28,24 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
+TAKEN = "is there already and is no page; name another file"
+
+
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "said"),
     [
-        ("analyze", "run.bin", "--report", "other.bin"),
-        ("plot", "run.bin", "ATT.Roll", "--out", "other.bin"),
-        ("compare", "run.bin", "run.bin", "--report", "other.bin"),
-        ("plot", "run.bin", "ATT.Roll", "--out", "run.bin"),
+        (("analyze", "run.bin", "--report", "other.bin"), TAKEN),
+        (("plot", "run.bin", "ATT.Roll", "--out", "other.bin"), ".bin is no kind of plot"),
+        (("compare", "run.bin", "run.bin", "--report", "other.bin"), TAKEN),
+        (("plot", "run.bin", "ATT.Roll", "--out", "run.bin"), ".bin is no kind of plot"),
     ],
 )
-def test_a_page_is_not_written_over_a_log(arguments: tuple[str, ...], logs: Run, log: Path) -> None:
+def test_a_page_is_not_written_over_a_log(arguments: tuple[str, ...], said: str, logs: Run, log: Path) -> None:
     other = shutil.copy(log, log.with_name("other.bin"))
     before = log.read_bytes()
     told = logs(*arguments)
     assert (told.returncode, told.stdout) == (2, "")
-    assert_one_line_error(told, "is there already and is no page; name another file")
+    assert_one_line_error(told, said)
     assert log.read_bytes() == Path(other).read_bytes() == before
 
 
