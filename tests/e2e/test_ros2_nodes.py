@@ -35,7 +35,7 @@ TREE = {
     "lidar_link": "base_link",
     "sonar_link": "base_link",
 }
-AS_WANTED = ("/joint_states", "/battery", "/refusals")
+AS_WANTED = ("/ais/nmea", "/joint_states", "/battery", "/refusals")
 
 
 def sim(folder: Path, ros: Ros2, *arguments: str, sourced: bool = False) -> subprocess.CompletedProcess[str]:

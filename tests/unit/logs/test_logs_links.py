@@ -256,8 +256,7 @@ def test_what_was_injected_is_what_is_found() -> None:
         (ahead_s,) = re.findall(r"stepped ([\d.]+) s ahead", step.sentence)
         assert float(ahead_s) == pytest.approx(0.5, abs=0.01)  # what delays a message on a busy machine is in it
         assert about_s is None or step.evidence[0].at_ns == pytest.approx(about_s * 1e9, abs=0.25e9)  # 10 Hz
-    (by_step,) = [one for one in late.findings if "LC" in one.sentence]
-    assert "clock leapt ahead" in by_step.sentence
+    assert not [finding for finding in late.findings if "LC" in finding.sentence]  # a set clock makes no task late
 
     assert placed.method == "clock records"
     assert placed.error_s is not None

@@ -149,7 +149,7 @@ class Gate:
 
 
 async def _pump(source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-    """Forward bytes until the source ends. A slow sink slows down the source."""
+    """Forward bytes until one side ends. A slow sink slows down the source."""
     while chunk := await source.read(CHUNK_BYTES):
         sink.write(chunk)
         await sink.drain()
