@@ -37,9 +37,12 @@ GROUPS = {
     COMMANDS: "a command, or a group of commands: `xitl_cli.plugin.Command`",
     NODES: "nodes of a run with profile keys and topics, such as a sensor: `xitl_cli.plugin.NodeKind`",
     LOG_ANALYSES: "analyses of `xitl logs analyze`: a function from a `Log` to a `Section`, or to None",
-    LIVE_OUTPUTS: "nodes that show a run while it goes on: `xitl_cli.run.core.live_output.LiveOutput`",
-    LOG_EXPORTS: "formats of `xitl logs export`: `xitl_cli.plugin.LogExport`",
-    LOG_REPLAYS: "3D replays in the page of `xitl logs analyze`: `xitl_cli.plugin.LogReplay`",
+    LIVE_OUTPUTS: "live outputs of a run, as a function from profiles to "
+    "`xitl_cli.run.core.live_output.LiveOutput`. A profile asks for `view`, `foxglove` and `ros`",
+    LOG_EXPORTS: "bag formats of `xitl logs export`, as a function that writes a log. `--format` knows `rosbag1`, "
+    "`rosbag2-mcap` and `rosbag2-sqlite3`",
+    LOG_REPLAYS: "the 3D replay in the page of `xitl logs analyze`, as a function from a report to "
+    "`xitl_cli.logs.report.page.Replay`. The page asks for `view`",
     BOARDS: "kinds of boards, by the prefix of their names: a function from a name to `xitl_cli.deploy.ssh.Board`",
     DOCTOR_CHECKS: "checks of `xitl doctor`: a function that returns `agent.board.doctor.DoctorFinding` objects",
     PROFILES: "folders of profiles: a `Path`, searched after the shipped profiles",
