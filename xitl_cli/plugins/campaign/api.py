@@ -34,7 +34,8 @@ def campaign(
     from xitl_cli.plugins.campaign.plan import find_plan, read_plan
 
     check_installed()
-    from xitl_cli.plugins.campaign.carry_out import carry_out, open_folder
+    from xitl_cli.plugins.campaign.carry_out import carry_out
+    from xitl_cli.plugins.campaign.results import open_folder
 
     found = read_plan(find_plan(fspath(plan)))
     return carry_out(found, open_folder(found, None if out is None else Path(out), resume), on, workers)

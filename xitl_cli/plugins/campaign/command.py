@@ -160,7 +160,8 @@ def _carried_out(
     from xitl_cli.plugins.campaign.cluster import check_installed, is_open
 
     check_installed()
-    from xitl_cli.plugins.campaign.carry_out import carry_out, open_folder
+    from xitl_cli.plugins.campaign.carry_out import carry_out
+    from xitl_cli.plugins.campaign.results import open_folder
 
     total = _count(plan, yes)
     folder = open_folder(plan, out, resume)
@@ -271,11 +272,11 @@ def _report(table: ResultTable) -> Path:
 def _show_points(plan: CampaignPlan, as_json: bool, on: str | None, workers: int | None, out: Path | None) -> None:
     """Run `--dry-run`. Raises UserError for a plan without runs, or with a figure that its runs do not have."""
     from xitl_cli.plugins.campaign.axes import value_text
-    from xitl_cli.plugins.campaign.carry_out import folders_of
     from xitl_cli.plugins.campaign.estimate import run_cost
+    from xitl_cli.plugins.campaign.results import campaign_folders
 
     _refuse_no_runs(plan)
-    cost = run_cost(plan, folders_of(plan, out))
+    cost = run_cost(plan, campaign_folders(plan, out))
     keys = (*plan.axis_keys, "seed")
     points = plan.points()
     if as_json:

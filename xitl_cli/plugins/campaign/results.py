@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     import pandas as pd  # type: ignore[import-untyped]
 
 CAMPAIGN, PLAN, LINES, TABLE, RUNS = "campaign.json", "plan.yaml", "results.jsonl", "results.parquet", "runs"
+RUNS_FOLDER = "runs"
+"""Where campaigns put their folders unless told otherwise."""
 FORMAT = 1
 HEAD = ("number", "key")
 OUTCOME = ("status", "exit_code", "error", "passed")
@@ -301,6 +303,34 @@ class CampaignFolder:
         if error.errno in _FULL:
             return FullDiskError(f"{self.path}: no room for results ({error.strerror}); free space: {kept}")
         return UserError(f"{self.path}: results cannot be written ({error.strerror}): {kept}")
+
+
+def open_folder(plan: CampaignPlan, out: Path | None, resume: bool) -> CampaignFolder:
+    """Return the folder of a campaign: a new folder, or the one to resume. Raises UserError."""
+    if not resume:
+        return CampaignFolder.create(out or _default_path(plan), plan)
+    before = campaign_folders(plan, out)
+    if not before and out is None:
+        where = f"{RUNS_FOLDER}/{plan.name}-…"
+        raise UserError(f"{where}: there is no campaign of this plan; name it with --out")
+    return CampaignFolder.resume(out or before[-1], plan)
+
+
+def campaign_folders(plan: CampaignPlan, out: Path | None) -> list[Path]:
+    """Return folders of earlier campaigns with the plan's name, the latest last: only `out`, or those in `runs/`."""
+    found = [out / CAMPAIGN] if out is not None else Path(RUNS_FOLDER).glob(f"{plan.name}-*/{CAMPAIGN}")
+    existing = [path for path in found if path.is_file()]
+    return [path.parent for path in sorted(existing, key=lambda path: path.stat().st_mtime)]
+
+
+def _default_path(plan: CampaignPlan) -> Path:
+    """Return `runs/<plan>-<UTC time>`, with a number appended if the name is taken."""
+    base = Path(RUNS_FOLDER) / f"{plan.name}-{datetime.now(UTC).strftime('%Y%m%dT%H%M%SZ')}"
+    path, number = base, 1
+    while path.exists():
+        number += 1
+        path = base.with_name(f"{base.name}-{number}")
+    return path
 
 
 def _difference(before: Mapping[str, Any], plan: CampaignPlan) -> str:
