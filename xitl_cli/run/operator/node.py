@@ -40,8 +40,9 @@ from xitl_cli.run.operator.actions import (
     read_action,
 )
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
-from xitl_cli.run.operator.orders import Order, Steering, VesselOrders, link_fault_name
+from xitl_cli.run.operator.orders import VesselOrders, link_fault_name
 from xitl_cli.run.operator.replay import TimedAction
+from xitl_cli.run.operator.steering import Order, Steering
 
 SOURCE = "operator"
 REPLAYED = "--replay-events"

@@ -76,8 +76,8 @@ class Case:
         self.hear(dialect.MAVLink_xitl_bridge_status_message(time_usec=1, **values))
 
     def update(self, sim_ns: int) -> None:
-        state: Any = None
-        self.bridge.exchange(RunStep(1, sim_ns, state, at_rest()))
+        world: Any = None
+        self.bridge.exchange(RunStep(1, sim_ns, world, at_rest()))
 
 
 def test_the_wrong_vehicle_ends_the_run_and_other_sentences_of_the_bridge_do_not() -> None:

@@ -45,8 +45,8 @@ def look(found: FindingsNode, step: int) -> None:
     motion = SimpleNamespace(
         pos_ned_m=np.array([[2.0 * seconds, 0.0, 0.0]]), quat_ned_frd=quat, rot_ned_frd=quat_to_matrix(quat)
     )
-    state = SimpleNamespace(debris=no_debris())
-    found.sense(RunStep(step, step * S // 400, state, motion))  # type: ignore[arg-type]
+    world = SimpleNamespace(state=SimpleNamespace(debris=no_debris()))
+    found.sense(RunStep(step, step * S // 400, world, motion))  # type: ignore[arg-type]
 
 
 def odometry(stamp_ns: int, *place: float, q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)) -> Any:

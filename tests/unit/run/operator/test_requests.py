@@ -41,7 +41,7 @@ def parts(tmp_path: Path) -> Iterator[Parts]:
 
 def exchange(operator: OperatorNode, plant: Plant) -> None:
     view = plant.vessels[0]
-    operator.exchange(RunStep(1, plant.state.time_ns, view.state, view.motion(), view.held))
+    operator.exchange(RunStep(1, plant.state.time_ns, view, view.motion(), view.held))
 
 
 def test_a_launch_waits_for_the_exchange_and_is_known_before(parts: Parts) -> None:
