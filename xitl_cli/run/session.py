@@ -37,11 +37,11 @@ from xitl_cli.run.core.pace import Lockstep, OperatedLockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
-from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop, named
+from xitl_cli.run.nodes.display import StatusDisplay
+from xitl_cli.run.nodes.stations import StationAddresses
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.sensors.compass import compass_warnings
-from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 from xitl_cli.run.traffic.departure import departs_after
 from xitl_cli.run.traffic.self_report import VesselVoices

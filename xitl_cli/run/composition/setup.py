@@ -10,9 +10,9 @@ from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.live_output import LiveOutput
 from xitl_cli.run.links.agent_workers import AgentWorkers
-from xitl_cli.run.links.stations import StationAddresses
+from xitl_cli.run.nodes.display import StatusDisplay
+from xitl_cli.run.nodes.stations import StationAddresses
 from xitl_cli.run.operator.operation import Operation
-from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.world import has_waterway

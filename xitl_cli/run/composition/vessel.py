@@ -21,34 +21,34 @@ from xitl_cli.run.composition.setup import VesselSetup
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.core.live_output import LiveOutput, LiveVessel
 from xitl_cli.run.core.node import ControlNode
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
 from xitl_cli.run.nodes.ais import AisLine, AisRecorder, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.autopilot_events import AutopilotEventNode
 from xitl_cli.run.nodes.bridge import BridgeNode
 from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
+from xitl_cli.run.nodes.display import StatusSource
 from xitl_cli.run.nodes.drivers import VehicleDriver, make_driver
 from xitl_cli.run.nodes.estimate_rate import EstimateRate
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.nodes.findings import FindingsNode, findings_from_profile
 from xitl_cli.run.nodes.follow import FollowDriver
-from xitl_cli.run.nodes.mission_score import MissionNode
+from xitl_cli.run.nodes.mission import MissionNode
 from xitl_cli.run.nodes.model_range import ModelRange
+from xitl_cli.run.nodes.operated_control import OperatedControl
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.plugin_nodes import PluginNode
 from xitl_cli.run.nodes.recorders import LinkRecorder, SensorRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode
 from xitl_cli.run.nodes.ros_companion import RosCompanionNode
 from xitl_cli.run.nodes.track import TrackNode
-from xitl_cli.run.operator.control import OperatedControl
-from xitl_cli.run.operator.orders import VesselOrders
+from xitl_cli.run.nodes.vessel_orders import VesselOrders
 from xitl_cli.run.operator.steering import Steering
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
-from xitl_cli.run.status_display import StatusSource
 from xitl_cli.run.traffic.self_report import report_from_motion
 from xitl_cli.run.world.world import local_frame
 

@@ -13,17 +13,17 @@ from xitl_cli.run.composition.parts import Need, Part, Parts, Place, made_parts,
 from xitl_cli.run.composition.setup import RunSetup
 from xitl_cli.run.core.live_output import LiveRun
 from xitl_cli.run.core.node import ControlNode, RunNode
-from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.nodes.ais import AisNode, AisRecorder
+from xitl_cli.run.nodes.display import DisplayNode, StatusSource
 from xitl_cli.run.nodes.encounters import EncounterNode
+from xitl_cli.run.nodes.operator import OperatorNode
 from xitl_cli.run.nodes.recorders import PaceRecorder
 from xitl_cli.run.nodes.river import RiverNode, river_from_profile
 from xitl_cli.run.nodes.scripted import ScriptedRecorder
+from xitl_cli.run.nodes.stations import StationAddresses
+from xitl_cli.run.nodes.vessel_orders import VesselOrders
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
-from xitl_cli.run.operator.node import OperatorNode
-from xitl_cli.run.operator.orders import VesselOrders
 from xitl_cli.run.operator.steering import Steering
-from xitl_cli.run.status_display import DisplayNode, StatusSource
 from xitl_cli.run.traffic.self_report import SelfReport, report_from_motion
 from xitl_cli.run.world.plant import Plant
 

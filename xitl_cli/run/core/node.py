@@ -91,7 +91,7 @@ class RunNode:
     """Base of all nodes. Each method does nothing; a node overrides those it needs. The module lists the calls."""
 
     def attach_operator(self, operator: Any) -> None:
-        """Pass on to `operator` (run.operator.node.OperatorNode) what people ask for. Called before `prepare`."""
+        """Pass on to `operator` (run.nodes.operator.OperatorNode) what people ask for. Called before `prepare`."""
 
     def mirror(self) -> ChannelMirror | None:
         """The object that receives each recorded message too, None for a node that does not."""

@@ -27,7 +27,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, BridgeNode, SchedulerRecord, drop_partial_record
 from xitl_cli.run.nodes.drivers import Course, NoDriver
 from xitl_cli.run.world.world import local_frame

@@ -15,7 +15,7 @@ from sim_core.geodesy import LocalFrame
 from sim_core.world.debris import no_debris
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.nodes.findings import FindingsNode
-from xitl_cli.run.nodes.obstacle_score import ObstacleScore
+from xitl_cli.run.scores.obstacles import ObstacleScore
 
 S = 1_000_000_000
 

@@ -18,8 +18,8 @@ from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.schema.faults import FaultSpec
-from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
-from xitl_cli.run.nodes.drivers import VehicleDriver, why_not_armed
+from xitl_cli.run.links.autopilot_commands import REPEAT_S, AutopilotCommands
+from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.operator.actions import (
     ActionError,
@@ -172,7 +172,7 @@ class VesselOrders(Steering):
                 say(f"{order.words}: accepted")
                 self._order = None
             elif (why := self._refusal(now_ns - order.since_ns)) is not None:
-                say(f"{order.words}: {why}{why_not_armed(commands.view.texts, commands.view.unhealthy)}")
+                say(f"{order.words}: {why}{commands.view.why_not_armed()}")
                 self._order = self._place = None
         if self._order is None and self._place is not None:
             self._repeat_place(now_ns)
