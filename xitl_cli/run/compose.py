@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from sim_core.environment.tide import NO_TIDE
 from sim_core.fleet import Fleet
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from sim_core.world.waterway import OPEN_WATER
@@ -41,6 +42,7 @@ from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, SensorRecor
 from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
 from xitl_cli.run.nodes.ros_companion import RosCompanionNode
 from xitl_cli.run.nodes.scripted import ScriptedRecorder
+from xitl_cli.run.nodes.tide import TideNode
 from xitl_cli.run.nodes.track import TrackNode
 from xitl_cli.run.operator.control import OperatedControl
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
@@ -157,7 +159,8 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
         made(perception)
     findings = None
     if autopilot is not None and companion is not None:
-        findings = findings_from_profile(profile, setup.scenery, setup.plant.bodies if profile.vessel else None)
+        hulls = setup.plant.bodies if profile.vessel else None
+        findings = findings_from_profile(profile, setup.scenery, hulls, setup.plant.tide_m)
         companion.heard.subscribe(findings.handle)
         autopilot.heard.subscribe(findings.handle_autopilot)
     mission = MissionNode(profile, control)
@@ -191,7 +194,9 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     if autopilot is not None and companion is None and profile.ros.enabled and profile.ros.estimate_rate_hz:
         estimate_rate = EstimateRate(autopilot.new_commands(), profile.ros.estimate_rate_hz)
     if autopilot is None and profile.sensors is not None and profile.ros.enabled:
-        sensors = SensorRecorder(profile, setup.seeds, plant.hulls, lambda: plant.simulation.environment.wind)
+        sensors = SensorRecorder(
+            profile, setup.seeds, plant.hulls, lambda: plant.simulation.environment.wind, plant.tide_m
+        )
     steering = setup.steering.get(profile.vessel)
     nodes_of_ros = None
     if profile.companion is not None and not profile.companion.is_ours and steering is not None:
@@ -268,8 +273,11 @@ def compose_world(
         opened.callback(node.close)
         if operator is not None:
             node.attach_operator(operator)
+    profiles = [setup.profile for setup in setups]
+    tide = None if plant.simulation.environment.tide is NO_TIDE else TideNode(profiles, plant)
     behind: list[RunNode | None] = [
         *among,
+        tide,
         None if river is None else river.launching,
         PaceRecorder(profile.clock),
         display.showing,
@@ -294,8 +302,8 @@ def _among_vessels(setups: Sequence[RunSetup], plant: Plant, fleet: Fleet) -> li
 
 
 def _scripted_report(plant: Plant, vessel: ScriptedVessel) -> SelfReport:
-    now_ns = plant.state.time_ns
-    return report_from_motion(now_ns, scripted_motion([vessel], now_ns * 1e-9))
+    now_ns, tide_m = plant.state.time_ns, plant.vessels[0].tide_m()
+    return report_from_motion(now_ns, scripted_motion([vessel], now_ns * 1e-9, tide_m))
 
 
 def _is_awaited(profile: RunProfile) -> bool:
@@ -339,6 +347,7 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
         plant.hulls,
         setup.workers,
         lambda: plant.simulation.environment.wind,
+        plant.tide_m,
     )
     if bridge is not None:
         autopilot.heard.subscribe(bridge.handle)
