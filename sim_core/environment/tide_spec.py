@@ -89,7 +89,7 @@ def _check_speed(name: str, speed_degph: float | None) -> None:
         close = difflib.get_close_matches(name.upper(), CONSTITUENTS, n=1)
         hint = f"did you mean {close[0]!r}? " if close else ""
         raise SpecificationError(
-            ("name",), f"= {name} is not a known constituent; {hint}Use {', '.join(CONSTITUENTS)}, or add speed_degph"
+            ("name",), f"= {name} is not a known constituent; {hint}use {', '.join(CONSTITUENTS)}, or add speed_degph"
         )
 
 
