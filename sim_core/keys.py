@@ -73,6 +73,10 @@ class Required:
     """Marks a key that a profile must give, although the class has a neutral default."""
 
 
+class IfGiven:
+    """Marks a key that complete profiles include only with a value other than its default."""
+
+
 class AmongVessels:
     """Marks a key that matters only with several vessels. By default, files for a single vessel do not include it."""
 
@@ -265,9 +269,11 @@ UNITS = {
     "mps2": "m/s²",
     "radps": "rad/s",
     "degps": "degrees/s",
+    "degph": "degrees/h",
     "m": "m",
     "m2": "m²",
     "s": "s",
+    "min": "minutes",
     "hz": "Hz",
     "khz": "kHz",
     "deg": "degrees",

@@ -106,6 +106,16 @@ class EnvironmentMessage:
 
 
 @dataclass(frozen=True, slots=True)
+class TideState:
+    """The tide."""
+
+    level_m: Annotated[Float64, "still water above the local origin, up"]
+    height_m: Annotated[Float64, "still water above its mean level"]
+    rise_mps: Float64
+    stream_mps: Annotated[Float64, "away from banks, positive with the flood, negative with the ebb"]
+
+
+@dataclass(frozen=True, slots=True)
 class SeaComponents:
     """Components of the sea, all in one order: the surface rises by the sum of a cos(k_n n + k_e e - omega t + phase)
     at n, e of the map, t seconds of simulation time.
@@ -508,7 +518,10 @@ _TABLE = (
           "autopilot reports it, 1e6 for unknown variances",
           OdometryMessage),
     Topic("/environment", "xitl_msgs/msg/Environment", "10 Hz",
-          "current and wind (NED) at the vessel, surface elevation", EnvironmentMessage),
+          "current and wind (NED) at the vessel, elevation of the surface by tide and waves", EnvironmentMessage),
+    Topic("/environment/tide", "xitl_msgs/msg/Tide", "1 Hz, with a tide",
+          "level of the still water, its rate, and speed of the tidal stream", TideState,
+          per_vessel=False, from_start=False),
     Topic("/battery", "xitl_msgs/msg/Battery", "10 Hz, with `vehicle.battery`",
           "voltage and current of the battery, used charge", BatteryMessage, from_start=False),
     Topic("/environment/waves", "xitl_msgs/msg/Waves", "at each change by an operator, 2 Hz during the change",

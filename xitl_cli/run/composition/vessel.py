@@ -118,6 +118,7 @@ def autopilot(setup: VesselSetup, bridge: BridgeNode | None) -> AutopilotNode:
         plant.hulls,
         setup.run.workers,
         lambda: plant.simulation.environment.wind,
+        plant.tide_m,
     )
     if bridge is not None:
         node.heard.subscribe(bridge.handle)
@@ -201,7 +202,7 @@ def perception(setup: VesselSetup, companion: CompanionNode | None) -> Perceptio
 @part(Place.FINDINGS, when=VesselSetup.has_companion)
 def findings(setup: VesselSetup, autopilot: AutopilotNode, companion: CompanionNode) -> FindingsNode:
     bodies = setup.plant.bodies if setup.in_fleet() else None
-    node = findings_from_profile(setup.profile, setup.run.scenery, bodies)
+    node = findings_from_profile(setup.profile, setup.run.scenery, bodies, setup.plant.tide_m)
     companion.heard.subscribe(node.handle)
     autopilot.heard.subscribe(node.handle_autopilot)
     return node
@@ -255,7 +256,8 @@ def estimate_rate(setup: VesselSetup, autopilot: AutopilotNode) -> EstimateRate 
 @part(Place.SENSORS, when=VesselSetup.records_sensors)
 def sensors(setup: VesselSetup) -> SensorRecorder:
     plant = setup.plant
-    return SensorRecorder(setup.profile, setup.seeds, plant.hulls, lambda: plant.simulation.environment.wind)
+    air = lambda: plant.simulation.environment.wind  # noqa: E731
+    return SensorRecorder(setup.profile, setup.seeds, plant.hulls, air, plant.tide_m)
 
 
 @part(Place.ROS_COMPANION, when=VesselSetup.has_ros_companion)
