@@ -22,11 +22,12 @@ from agent.wire.transport import Transport
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import LinkReport
 from xitl_cli.run.core.faults import FaultsInForce
 from xitl_cli.run.core.node import RunContext
-from xitl_cli.run.core.reports import LinkReport, NodeReport
+from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.links.inbox import OWN_IDS, AgentInbox
-from xitl_cli.run.links.link_accounts import link_state, node_report
+from xitl_cli.run.links.link_accounts import node_report
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import Plans, set_parameters, upload_plan
 
@@ -592,7 +593,7 @@ class AgentConnection:
     def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
         """Record the state of the link so far."""
         for report in self.links():
-            recorder.write(stamp_ns, link_state(report))
+            recorder.write(stamp_ns, report)
 
     def node(self) -> NodeReport | None:
         """Return the agent's report of its machine, or None when it never sent one."""
