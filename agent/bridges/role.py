@@ -170,7 +170,7 @@ class BridgeRole(Role):
 
     def start_run(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         self._running = True
-        executor.add("bridge", WATCH_HZ, self._watch)
+        executor.add("bridge", WATCH_HZ, self._vehicle.update)
 
     def end_run(self, now_ns: int) -> Sequence[Message]:
         """End the run: disarm the autopilot, and reboot it if `reboots` is set."""
@@ -371,9 +371,6 @@ class BridgeRole(Role):
         )
 
     # -- tasks and events
-
-    def _watch(self, now_ns: int) -> None:
-        self._vehicle.update(now_ns)
 
     def telemetry(self, now_ns: int) -> Sequence[Message]:
         if self._told_ns is not None and now_ns - self._told_ns < STATUS_NS:

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from agent.wire import dialect
-from agent.wire.link import Link, LinkCounters
+from agent.wire.link import Link
 from xitl_cli.record.topics import RECEIVER, SENDER, LinkReport, NodeState
 from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.core.statistics import Histogram
@@ -64,7 +64,14 @@ class LinkAccounts:
 
         `impaired`: frames that the host dropped. `status`: the latest, or None.
         """
-        host, agent = _host_end(self.link.counters, impaired), _agent_end(status)
+        counters = self.link.counters
+
+        def host(name: str) -> int | None:
+            return impaired if name == "impaired" else getattr(counters, name)
+
+        def agent(name: str) -> int | None:
+            return None if status is None else getattr(status, f"frames_{name}")
+
         counted = _counts(sender=host, receiver=agent)
         sent, received, lost = host("sent"), agent("received"), counted["gaps"]
         if status is not None and self._final is not None:
@@ -75,7 +82,7 @@ class LinkAccounts:
         to_agent = LinkReport(f"{prefix}sensors", sent, received, lost, **counted, **_latencies(timing.sensors))
 
         counted = _counts(sender=agent, receiver=host)
-        counted["repeated"] = repeated = self.link.counters.repeated - self._base_repeated
+        counted["repeated"] = repeated = counters.repeated - self._base_repeated
         sent, received, lost = None, self.heard - self._base_heard, counted["gaps"]
         if self._final is not None and self._base is not None:
             sent = self._sent_by_agent()
@@ -95,14 +102,6 @@ class LinkAccounts:
 
 _End = Callable[[str], "int | None"]
 """Returns a count of one end of a link by its name, None if the end has not reported it."""
-
-
-def _host_end(counters: LinkCounters, impaired: int) -> _End:
-    return lambda name: impaired if name == "impaired" else getattr(counters, name)
-
-
-def _agent_end(status: Any) -> _End:
-    return lambda name: None if status is None else getattr(status, f"frames_{name}")
 
 
 def _counts(sender: _End, receiver: _End) -> dict[str, Any]:
