@@ -285,13 +285,19 @@ class NodeState:
 
 
 @dataclass(frozen=True, slots=True)
-class TakeoverEvent:
-    """One agent replaced another."""
+class TakeoverReport:
+    """One agent replaced another: a row of the topic `/takeovers` and of `takeovers` in summary.json."""
 
     from_node: String
     to_node: String
     silent_s: Float64
     step: Annotated[Float64, "largest change of a motor command in the exchange that switched"]
+    at_s: float = 0.0
+    """Simulation time. No column, because it is the stamp of the message."""
+
+    def section(self) -> dict[str, Any]:
+        """Return a row of `takeovers`."""
+        return {"at_s": self.at_s} | asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -557,7 +563,7 @@ _TABLE = (
           "counters of the bridge so far: received frames by kind, returned outputs, lost and repeated frames",
           BridgeCounts),
     Topic("/takeovers", "xitl_msgs/msg/Takeover", "each",
-          "a standby agent takes over from a silent one", TakeoverEvent),
+          "a standby agent takes over from a silent one", TakeoverReport),
     Topic("/autopilot/events", "xitl_msgs/msg/AutopilotEvent", "each",
           "the autopilot changes its mode, arms or disarms, or one of its failsafes acts", AutopilotEvent),
     Topic("/faults", "xitl_msgs/msg/Fault", "each",

@@ -28,7 +28,7 @@ from xitl_cli.record.topics import (
     MotionEstimate,
     MotorCommand,
     NodeState,
-    TakeoverEvent,
+    TakeoverReport,
     TaskMissEvent,
     TaskTiming,
 )
@@ -155,7 +155,7 @@ def test_what_a_board_and_its_link_report_reads_back(tmp_path: Path) -> None:
         7, NodeState("agent", "LS,LC,LA", "real", "BeagleBone", "6.1-rt", "1.2", 31.5, 8.0, 0.3, 51.0, True, "rt")
     )
     recorder.write(8, NodeState("agent", "HC", "virtual", "x86_64", "6.1", "1.2"))
-    recorder.write(9, TakeoverEvent("agent", "standby", 0.31, 0.05))
+    recorder.write(9, TakeoverReport("agent", "standby", 0.31, 0.05))
     recorder.write(10, FaultEvent("link-cut", active=True))
     recorder.frame_sent(11, b"\xfd1", link="standby")
     recorder.frame_received(12, b"\xfd2", link="standby", sent_ns=9)

@@ -12,14 +12,13 @@ from rich.console import Console
 
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
-from xitl_cli.record.topics import LinkReport, PaceReport, TaskTiming
+from xitl_cli.record.topics import LinkReport, PaceReport, TakeoverReport, TaskTiming
 from xitl_cli.run.core.reports import (
     ActuatorReport,
     ClockReport,
     Ending,
     FaultReport,
     NodeReport,
-    TakeoverReport,
 )
 from xitl_cli.run.core.statistics import Histogram
 from xitl_cli.run.nodes.bridge import AutopilotReport
@@ -92,7 +91,7 @@ def eventful() -> Sections:
             )
         ],
         actuators=ActuatorReport(histogram(4_000_000, 9_000_000), 7, 3),
-        takeovers=[TakeoverReport(31.2, "agent", "standby", 0.31, 0.05)],
+        takeovers=[TakeoverReport("agent", "standby", 0.31, 0.05, 31.2)],
         faults=[
             FaultReport("link-cut", "link", 40.0, 45.0, {"frames_lost_to_agent": 12}),
             FaultReport("drifting-clock", "agent", 20.0, None),
@@ -128,6 +127,9 @@ def test_the_summary_is_plain_json_with_everything_in_it() -> None:
     assert clock["drift_error_ppm"] == 0.31
     assert (clock["drift_ppm"], clock["drift_std_ppm"], clock["steps"], clock["slope_s"]) == (79.98, 0.12, 1, 0.100008)
     assert summary["actuators"]["age_us"]["max"] == 9000.0
+    (takeover,) = summary["takeovers"]
+    assert takeover == {"at_s": 31.2, "from_node": "agent", "to_node": "standby", "silent_s": 0.31, "step": 0.05}
+    assert next(iter(takeover)) == "at_s"
     assert (summary["actuators"]["stale"], summary["actuators"]["longest_stale"]) == (7, 3)
     assert summary["takeovers"][0]["to_node"] == "standby"
     assert (summary["pace"]["slips"], summary["pace"]["slipped_s"], summary["pace"]["stalls"]) == (2, 3.4, 2)

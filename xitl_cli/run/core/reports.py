@@ -131,21 +131,6 @@ class ActuatorReport:
 
 
 @dataclass(frozen=True, slots=True)
-class TakeoverReport:
-    """A takeover of one agent by another at `at_s`; see TakeoverEvent."""
-
-    at_s: float
-    from_node: str
-    to_node: str
-    silent_s: float
-    step: float
-
-    def section(self) -> dict[str, Any]:
-        """Return a row of `takeovers`."""
-        return asdict(self)
-
-
-@dataclass(frozen=True, slots=True)
 class FaultReport:
     """An injected fault: the interval in which it was active, and counts of its effects."""
 
