@@ -138,3 +138,104 @@ def test_each_trouble_is_found(tmp_path: Path, key: str, severity: Severity, fie
     assert f"{found.evidence[0].message}.{found.evidence[0].field}" == field
     assert words in found.sentence
     assert found.next_step
+
+
+Topic = tuple[str, str, list[tuple[int, int, tuple[float, ...]]]]
+"""Fields and layout of a message, and its rows: time (ms), instance and values."""
+
+
+def made_of(folder: Path, topics: dict[str, Topic]) -> Path:
+    """A copter's log of these messages. It arms at 2 s and logs until 20 s."""
+    status = [(at, 0, (2 if at >= 2_000 else 1, 3, 1)) for at in range(0, 20_000, 100)]
+    topics = {
+        "vehicle_status": ("uint8_t arming_state;uint8_t nav_state;uint8_t vehicle_type;", "3B", status),
+        **topics,
+    }
+    content = w.head() + b"".join(w.message_format(n, f"uint64_t timestamp;{f}") for n, (f, _, _) in topics.items())
+    content += w.information("sys_name", "PX4")
+    instances = {(name, multi_id) for name, (_, _, rows) in topics.items() for _, multi_id, _ in rows}
+    numbers = {key: number for number, key in enumerate(sorted(instances))}
+    content += b"".join(w.subscription(number, name, multi_id) for (name, multi_id), number in numbers.items())
+    every = [
+        (at_ms, w.row(numbers[name, multi_id], "Q" + layout, 1_000_000 + at_ms * 1000, *values))
+        for name, (_, layout, rows) in topics.items()
+        for at_ms, multi_id, values in rows
+    ]
+    path = folder / "copter.ulg"
+    path.write_bytes(content + b"".join(row for _, row in sorted(every, key=lambda placed: placed[0])))
+    return path
+
+
+def field(at_ms: int, iron_gauss: float) -> tuple[float, float, float]:
+    """A field of 0.5 Gauss that turns with the vessel, and iron along x."""
+    heading = at_ms * 1e-3
+    return 0.3 * math.cos(heading) + iron_gauss, -0.3 * math.sin(heading), 0.4
+
+
+@pytest.mark.parametrize(("iron_gauss", "changes"), [(0.0, False), (0.4, True)])
+def test_only_the_calibrated_compass_is_judged(tmp_path: Path, iron_gauss: float, changes: bool) -> None:
+    times = range(0, 20_000, 50)
+    raw = [(at, multi_id, field(at, 0.8 * multi_id)) for at in times for multi_id in (0, 1)]
+    calibrated = [(at, 0, field(at, iron_gauss)) for at in times]
+    log = made_of(
+        tmp_path,
+        {
+            "sensor_mag": ("float x;float y;float z;", "3f", raw),
+            "vehicle_magnetometer": ("float[3] magnetometer_ga;", "3f", calibrated),
+        },
+    )
+    with open_log(log) as opened:
+        found = findings(opened)
+    assert "sensors.compasses_disagree" not in found
+    assert ("sensors.field_changes" in found) is changes
+    if changes:
+        assert "vehicle_magnetometer" in found["sensors.field_changes"].sentence
+
+
+@pytest.mark.parametrize(
+    ("change_rad", "severity", "words"),
+    [(0.03, Severity.NOTICE, "first at 0:11.0, by 1.7 °"), (-0.39, Severity.WARNING, "first at 0:11.0, by 22 °")],
+)
+def test_a_reset_is_judged_by_its_size(tmp_path: Path, change_rad: float, severity: Severity, words: str) -> None:
+    rows = [(at, 0, (at >= 10_000, change_rad if at >= 10_000 else 0.0)) for at in range(0, 20_000, 100)]
+    path = made_of(
+        tmp_path, {"vehicle_local_position": ("uint8_t heading_reset_counter;float delta_heading;", "Bf", rows)}
+    )
+    with open_log(path) as log:
+        found = findings(log)["px4.estimate_reset"]
+    assert found.severity == severity
+    assert words in found.sentence
+
+
+def test_a_share_over_one_is_no_measurement(tmp_path: Path) -> None:
+    rows = [(at, 0, (0.4, 970.0 if at == 5_000 else 0.3)) for at in range(0, 20_000, 500)]
+    with open_log(made_of(tmp_path, {"cpuload": ("float load;float ram_usage;", "2f", rows)})) as log:
+        facts = {fact.key: fact.value for section in sections(log) for fact in section.facts}
+        assert "px4.load" not in findings(log)
+    assert facts["ram_usage_highest_percent"] == 30.0
+
+
+@pytest.mark.parametrize(
+    ("from_ms", "until_ms", "severity", "words"),
+    [
+        (500, 1_000, Severity.NOTICE, "in failsafe while disarmed from 0:01.5 for 0.50 s"),
+        (10_000, 20_000, Severity.CRITICAL, "in failsafe from 0:11.0 to the end of the log"),
+    ],
+)
+def test_a_failsafe_by_arming_and_end(
+    tmp_path: Path, from_ms: int, until_ms: int, severity: Severity, words: str
+) -> None:
+    rows = [(at, 0, (2 if at >= 2_000 else 1, 3, 1, from_ms <= at < until_ms)) for at in range(0, 20_000, 100)]
+    fields = "uint8_t arming_state;uint8_t nav_state;uint8_t vehicle_type;bool failsafe;"
+    with open_log(made_of(tmp_path, {"vehicle_status": (fields, "4B", rows)})) as log:
+        found = findings(log)["px4.failsafe"]
+    assert found.severity == severity
+    assert words in found.sentence
+
+
+@pytest.mark.parametrize(("size_pa", "named"), [(-150.0, False), (-400.0, True)])
+def test_a_slow_barometer_of_a_copter(tmp_path: Path, size_pa: float, named: bool) -> None:
+    """At 4 Hz, a step is fitted over three seconds, in which a copter climbs 12 m."""
+    rows = [(at, 0, (101_000.0 + (size_pa if at >= 10_000 else 0.0) + at % 7,)) for at in range(0, 20_000, 250)]
+    with open_log(made_of(tmp_path, {"vehicle_air_data": ("float baro_pressure_pa;", "f", rows)})) as log:
+        assert ("sensors.pressure_step" in findings(log)) is named

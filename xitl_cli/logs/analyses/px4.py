@@ -14,7 +14,7 @@ import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section
-from xitl_cli.logs.model.table import Flags, Table, by_instance
+from xitl_cli.logs.model.table import Flags, Floats, Table, by_instance
 from xitl_cli.logs.model.text import length_text, plural
 from xitl_cli.logs.signals import px4
 from xitl_cli.logs.signals.series import instance_label, numbers, rounded
@@ -40,6 +40,11 @@ _DETECTED = {
     "fd_battery": ("a battery failure", "BAT1_SOURCE"),
     "fd_imbalanced_prop": ("an imbalanced propeller", "FD_IMB_PROP_THR"), "fd_motor": ("a motor failure", "FD_ACT_EN"),
 }  # fmt: skip
+_RESETS = (
+    ("xy_reset_counter", "position", "delta_xy", 1.0, "m", 1.0),
+    ("heading_reset_counter", "heading", "delta_heading", np.degrees(1.0), "°", 5.0),
+)
+"""Counter, name, change, factor to its unit, unit, and the change below which a reset is a notice."""
 _BATTERY = {1: "low", 2: "critical", 3: "emergency", 4: "failed"}
 
 
@@ -66,11 +71,17 @@ def _facts(log: Log) -> Iterator[Fact]:
     load = px4.topic(log, "cpuload")
     for field, label in (("load", "Processor load, highest"), ("ram_usage", "Memory in use, highest")):
         values = None if load is None else numbers(load, field)
-        if values is not None and len(values):
-            yield Fact(f"{field}_highest_percent", label, rounded(100.0 * float(np.nanmax(values)), 1), "%")
+        if values is not None and _shares(values).any():
+            yield Fact(f"{field}_highest_percent", label, rounded(100.0 * float(_shares(values).max()), 1), "%")
     lost = log.tables.get("dropouts")
     duration = None if lost is None else numbers(lost, "duration")
     yield Fact("dropouts_s", "Lost by the logger", 0.0 if duration is None else rounded(1e-3 * duration.sum()), "s")
+
+
+def _shares(values: Floats) -> Floats:
+    """(N,) shares of 1. Others are no measurement (boards without a memory report) and become 0."""
+    shares: Floats = np.where((values >= 0.0) & (values <= 1.0), values, 0.0)
+    return shares
 
 
 def _true(table: Table | None, field: str) -> Flags:
@@ -84,17 +95,27 @@ def _span(table: Table, first: int, after: int) -> tuple[int, int]:
     return int(stamps[first]), int(stamps[min(after, len(stamps) - 1)])
 
 
+def _lasted(table: Table, first: int, after: int) -> str:
+    if after >= len(table):
+        return "to the end of the log"
+    from_ns, until_ns = _span(table, first, after)
+    return f"for {length_text((until_ns - from_ns) * 1e-9)}"
+
+
 def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
     table = px4.topic(log, "vehicle_status")
     if table is None:
         return
+    armed = signals.armed(log)
     for first, after in list(runs(_true(table, "failsafe")))[:_MOST_FINDINGS]:
         from_ns, until_ns = _span(table, first, after)
         reasons = _flags_set(log, from_ns, until_ns)
         because = f" ({', '.join(reasons)})" if reasons else ""
-        yield Finding.critical(
+        acted = any(span.from_ns <= until_ns and from_ns <= span.until_ns for span in armed)
+        judge, while_text = (Finding.critical, "") if acted else (Finding.notice, " while disarmed")
+        yield judge(
             "px4.failsafe",
-            f"PX4 was in failsafe from {clock.text(from_ns)} for {length_text((until_ns - from_ns) * 1e-9)}{because}",
+            f"PX4 was in failsafe{while_text} from {clock.text(from_ns)} {_lasted(table, first, after)}{because}",
             (
                 Evidence("vehicle_status", "failsafe", from_ns, until_ns, "1"),
                 *(Evidence("failsafe_flags", name, from_ns, until_ns, "1") for name in reasons),
@@ -192,18 +213,31 @@ def _resets(log: Log, clock: LogClock) -> Iterator[Finding]:
     table, armed = px4.topic(log, "vehicle_local_position"), signals.armed(log)
     if table is None:
         return
-    for field, what in (("xy_reset_counter", "position"), ("heading_reset_counter", "heading")):
+    for field, what, change_field, factor, unit, small in _RESETS:
         if field not in table.columns:
             continue
         rows = np.flatnonzero(np.diff(table.values(field)) != 0) + 1
-        stamps = [int(at) for at in table.stamp_ns[rows] if any(s.from_ns <= at <= s.until_ns for s in armed)]
-        if stamps:
-            yield Finding.warning(
-                "px4.estimate_reset",
-                f"EKF2 reset its {what} {plural(len(stamps), 'time')} while armed, first at {clock.text(stamps[0])}",
-                tuple(Evidence("vehicle_local_position", field, at) for at in stamps[:_MOST_FINDINGS]),
-                "Look at the test ratios and the receiver just before; a reset makes the vehicle jump to its track.",
-            )
+        rows = rows[[any(s.from_ns <= at <= s.until_ns for s in armed) for at in table.stamp_ns[rows].tolist()]]
+        if not len(rows):
+            continue
+        changes = numbers(table, change_field)
+        size = None if changes is None else float(np.max(_lengths(changes[rows]))) * factor
+        judge = Finding.notice if size is not None and size < small else Finding.warning
+        by = "" if size is None else f", by {size:.2g} {unit}" if len(rows) == 1 else f", by {size:.2g} {unit} at most"
+        stamps = table.stamp_ns[rows].tolist()
+        yield judge(
+            "px4.estimate_reset",
+            f"EKF2 reset its {what} {plural(len(stamps), 'time')} while armed, first at {clock.text(stamps[0])}{by}",
+            tuple(Evidence("vehicle_local_position", field, at) for at in stamps[:_MOST_FINDINGS]),
+            "Look at the test ratios, the compass and the receiver just before. EKF2 aligns its heading once after "
+            "takeoff; other resets make the vehicle jump to its track.",
+        )
+
+
+def _lengths(changes: Floats) -> Floats:
+    """(N,) lengths of numbers (N,) or vectors (N, k)."""
+    lengths: Floats = np.linalg.norm(changes.reshape(len(changes), -1), axis=1)
+    return lengths
 
 
 def _clipping(log: Log, clock: LogClock) -> Iterator[Finding]:
@@ -253,9 +287,12 @@ def _load(log: Log) -> Iterator[Finding]:
     table = px4.topic(log, "cpuload")
     for field, limit, what in (("load", _HIGH_LOAD, "processor load"), ("ram_usage", _HIGH_MEMORY, "memory in use")):
         values = None if table is None else numbers(table, field)
-        if table is None or values is None or not (np.nan_to_num(values) > limit).any():
+        if table is None or values is None:
             continue
-        row = int(np.nanargmax(values))
+        shares = _shares(values)
+        if not (shares > limit).any():
+            continue
+        row = int(np.argmax(shares))
         yield Finding.warning(
             "px4.load",
             f"The {what} reached {100.0 * values[row]:.0f} %",

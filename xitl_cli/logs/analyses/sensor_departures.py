@@ -71,14 +71,17 @@ def departure_findings(log: Log, clock: LogClock) -> tuple[Finding, ...]:
     unit = next(iter(usable), None)
     end_ns = log.span_ns[1] if log.span_ns else 0
     findings: list[Finding] = []
-    compasses = [each for each in plain if each.sort == "magnetometer" and each.values.shape[1] == 3]
+    compasses = [
+        each for each in plain if each.sort == "magnetometer" and each.calibrated and each.values.shape[1] == 3
+    ]
     steps: list[SensorStep] = []
     for place, compass in enumerate(compasses if unit is not None else ()):
         mine = _unexplained(usable[:_MOST_UNITS], compass)
         steps = mine if place == 0 else steps
         findings += [_of_field(log, compass, step, clock, end_ns) for step in mine]
-    least_pa = PRESSURE_STEP_PA.get(vehicle_kind(log), _PRESSURE_STEP_PA)
+    kind = vehicle_kind(log)
     for baro in (each for each in plain if each.sort == "barometer" and each.unit == "Pa"):
+        least_pa = PRESSURE_STEP_PA.get(kind) or _PRESSURE_STEP_PA * _window_stretch(baro)
         findings += [_of_pressure(baro, step, clock, end_ns) for step in pressure_steps(baro, least_pa)]
     angles = roll(log), pitch(log)
     if unit is not None and angles[0] is not None and angles[1] is not None:
@@ -86,6 +89,13 @@ def departure_findings(log: Log, clock: LogClock) -> tuple[Finding, ...]:
         for step in gyro_steps(unit, angles[0], angles[1], first, steps):
             findings.append(_of_gyro(unit, step, clock, end_ns))
     return tuple(findings)
+
+
+def _window_stretch(baro: SensorSeries) -> float:
+    """Length of the window of a step over its usual length. A slow barometer needs a longer one, in which a vehicle
+    that flies changes its height."""
+    period_s = float(np.median(np.diff(baro.stamp_ns))) * 1e-9
+    return max(_FEWEST_IN_WINDOW * period_s / _STEP_WINDOW_S, 1.0)
 
 
 def _gyro_usable(unit: InertialUnit) -> bool:

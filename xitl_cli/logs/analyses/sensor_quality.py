@@ -80,7 +80,7 @@ def agreement_section(
                         "Find which of them is off (against gravity, or standing still) and calibrate or disable it.",
                     )
                 )
-    compasses = [each for each in plain if each.sort == "magnetometer"]
+    compasses = [each for each in plain if each.sort == "magnetometer" and each.calibrated]
     for one_mag, other_mag in combinations(compasses, 2):
         findings += _compasses(one_mag, other_mag, rows, clock)
     lengths = [finding for each in compasses for finding in _field_length(each)]

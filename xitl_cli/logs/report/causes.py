@@ -49,6 +49,7 @@ _DEPARTED = ("sensors.field_step", "sensors.pressure_step", "sensors.gyro_bias",
 _DRIVEN = ("actuation.thrust_loss", "actuation.reversed", "actuation.stuck")
 _EKF = ("estimator", "events.error.16", "events.error.17", "events.error.24", "events.said.ekf_failsafe",
         "events.said.ekf_variance", "events.error.7")  # fmt: skip
+_PX4 = ("px4.failure_detected", "px4.failsafe", "px4.rejected", "px4.estimate_reset", "px4.accel_clipping")
 _ACTED = ("modes.failsafe", "arming.disarmed_by_failsafe", "missions.unfinished")
 _HIT = (
     "attitude.impact", "attitude.contact", "attitude.overturned", "attitude.leaning", "control.attitude_lost",
@@ -96,7 +97,7 @@ CAUSES = (
     ),
     CauseRule(
         _HIT,
-        (*_HIT, *_ERRORS, *_EKF, *_ACTED, "gnss", "sensors", "vibration", "radio", "control", "power"),
+        (*_HIT, *_ERRORS, *_EKF, *_ACTED, *_PX4, "gnss", "sensors", "vibration", "radio", "control", "power"),
         15.0,
     ),
     CauseRule(("sensors.stopped_together",), ("gnss",), 2.0),
@@ -141,7 +142,11 @@ CAUSES = (
         5.0,
     ),
     CauseRule(("control",), ("control", "radio", "missions.unfinished"), 5.0),
-    CauseRule((*_ERRORS, "modes.failsafe", "arming.disarmed_by_failsafe", "power.failsafe"), (*_ERRORS, *_ACTED), 5.0),
+    CauseRule(
+        (*_ERRORS, "modes.failsafe", "arming.disarmed_by_failsafe", "power.failsafe", "px4.failsafe"),
+        (*_ERRORS, *_ACTED),
+        5.0,
+    ),
 )  # fmt: skip
 """The causal table."""
 
@@ -149,7 +154,8 @@ _TOGETHER_S = 1.0
 """Events logged within a second of each other began together. Then the earlier kind in `_FIRST` is the cause."""
 _FIRST = (
     "faults", "power", "vehicle", "time_bases", "links", "attitude.contact", "attitude.impact", "vibration",
-    "sensors", "actuation", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "events.error", "events",
+    "sensors", "actuation", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "px4",
+    "events.error", "events",
     "modes", "arming", "missions",
 )  # fmt: skip
 _SAME_S = 2.0

@@ -299,6 +299,8 @@ class SensorSeries:
     healthy: Flags | None
     """(N,) as judged by the autopilot."""
     temperature_degc: Floats | None
+    calibrated: bool = True
+    """Whether the values are in body axes, with the sensor's calibration applied."""
 
     @property
     def sample_ns(self) -> Stamps:
@@ -315,6 +317,7 @@ class _Message:
     temperature: tuple[str, ...] = ()
     raw: bool = False  # logged in integer mGauss
     factor: float = 1.0
+    calibrated: bool = True
 
 
 _MAG_FIELDS = (("MagX", "MagY", "MagZ"),)
@@ -330,7 +333,8 @@ _MESSAGES = (
         _Message(kind, "barometer", (("press_abs",),), "Pa", (), ("temperature",))
         for kind in ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
     ),
-    _Message("sensor_mag", "magnetometer", (("x", "y", "z"),), "mGauss", factor=1e3),
+    # PX4 logs it as the driver reads it, without CAL_MAGn_ROT, offsets and scales.
+    _Message("sensor_mag", "magnetometer", (("x", "y", "z"),), "mGauss", factor=1e3, calibrated=False),
     _Message("vehicle_magnetometer", "magnetometer", (("magnetometer_ga",),), "mGauss", factor=1e3),
     _Message("sensor_baro", "barometer", (("pressure",),), "Pa", (), ("temperature",)),
     _Message("vehicle_air_data", "barometer", (("baro_pressure_pa",),), "Pa", (), ("baro_temp_celcius",)),
@@ -406,6 +410,7 @@ def _series_of(table: Table, message: _Message) -> Iterator[SensorSeries]:
             values=values.reshape(len(values), -1),
             healthy=None if flags is None else flags > 0.0,
             temperature_degc=None if warmth is None else numbers(each, warmth),
+            calibrated=message.calibrated,
         )
 
 

@@ -24,6 +24,9 @@ LIMIT_OVER_NS = 3_000_000_000
 VELOCITY_LIMITED = 2  # FENCE_MITIGATE_VEL_LIMIT
 FAILED = (dialect.MAV_STATE_CRITICAL, 6)  # and MAV_STATE_EMERGENCY, which the dialect leaves out
 
+BREACHED = "fence breached"
+"""Reason of a breach that only the fence status reports. ArduPilot Rover sends no sentence for it."""
+
 _FAILSAFE = re.compile(
     r"failsafe|\bbreach|\bgeofence .*violat|^crash: |^battery .* is (low|critical)|^ekf variance", re.IGNORECASE
 )
@@ -50,6 +53,7 @@ class AutopilotEventNode(RunNode):
         self._waiting: list[tuple[int, AutopilotEvent]] = []
         self._cause: tuple[int, str] | None = None
         self._limited_ns: int | None = None
+        self._breached = False
 
     def begin(self, context: RunContext) -> None:
         self._context = context
@@ -101,9 +105,16 @@ class AutopilotEventNode(RunNode):
         elif _FAILSAFE.search(text) and not _PREARM.search(text) and self._armed:
             self._write(self._event(now_ns, "failsafe", text))
             self._cause = now_ns, text
+            if "breach" in text.lower():  # the sentence says more than the status
+                self._waiting = [(at_ns, each) for at_ns, each in self._waiting if each.event != "failsafe"]
             self._write_until(None)
 
     def _fence(self, message: Any, now_ns: int) -> None:
+        breached, self._breached = self._breached, bool(message.breach_status) and self._armed
+        if self._breached and not breached and not self._in_force():
+            self._waiting.append((now_ns, self._event(now_ns, "failsafe", BREACHED)))
+        elif breached and not self._breached and self._in_force() and self._last_failsafe().reason == BREACHED:
+            self._write(self._event(now_ns, "failsafe over"))
         if message.breach_mitigation != VELOCITY_LIMITED or not self._armed:
             return
         if self._limited_ns is None:
@@ -112,8 +123,10 @@ class AutopilotEventNode(RunNode):
 
     def _in_force(self) -> bool:
         """Whether the last failsafe is still active."""
-        names = [event.event for event in self.events if event.event.startswith("failsafe")]
-        return bool(names) and names[-1] == "failsafe"
+        return any(event.event == "failsafe" for event in self.events) and self._last_failsafe().event == "failsafe"
+
+    def _last_failsafe(self) -> AutopilotEvent:
+        return next(event for event in reversed(self.events) if event.event.startswith("failsafe"))
 
     def _event(self, now_ns: int, event: str, reason: str = "") -> AutopilotEvent:
         mode = self._view.mode
@@ -130,11 +143,14 @@ class AutopilotEventNode(RunNode):
             self._write_until(None)
 
     def _write_until(self, until_ns: int | None) -> None:
-        """Write the queued changes up to an instant, or all of them."""
+        """Write the queued changes up to an instant, or all of them. A breach that waits explains the changes."""
+        breach = next((placed for placed in self._waiting if placed[1].event == "failsafe"), None)
+        if self._cause is None and breach is not None:
+            self._cause = breach[0], breach[1].reason
         while self._waiting and (until_ns is None or self._waiting[0][0] <= until_ns):
             at_ns, event = self._waiting.pop(0)
             cause = self._cause
-            if cause is not None and abs(at_ns - cause[0]) <= CAUSE_NS and event.event != "armed":
+            if cause is not None and abs(at_ns - cause[0]) <= CAUSE_NS and event.event in ("mode", "disarmed"):
                 event = replace(event, reason=cause[1])
                 self._cause = None  # the next change has another cause
             self._write(event)

@@ -55,8 +55,9 @@ class Vessel:
     def say(self, at_s: float, text: str) -> None:
         self.hear(at_s, dialect.MAVLink_statustext_message(2, text.encode(), 0, 0))
 
-    def fence(self, at_s: float, mitigation: int) -> None:
-        self.hear(at_s, dialect.MAVLink_fence_status_message(0, 0, 0, 0, mitigation))
+    def fence(self, at_s: float, mitigation: int, breached: bool = False) -> None:
+        kind = 3 if breached else 0  # FENCE_BREACH_BOUNDARY
+        self.hear(at_s, dialect.MAVLink_fence_status_message(breached, breached, kind, 0, mitigation))
 
     def pass_until(self, at_s: float) -> None:
         self._now_ns = round(at_s * 1e9)
@@ -166,6 +167,43 @@ def test_a_vessel_that_its_fence_holds_in_auto(vessel: Vessel) -> None:
     assert [event.event for event in vessel.node.events[2:]] == ["fence limits speed", "fence limit over"]
 
 
+@pytest.mark.parametrize("status_first", [True, False])
+def test_a_breach_without_a_sentence_explains_the_mode(vessel: Vessel, status_first: bool) -> None:
+    """ArduPilot Rover 4.7 sends FENCE_STATUS and the mode, and says only "Manual recovery started"."""
+    vessel.beat(1.0, AUTO)
+    vessel.fence(1.5, 1)
+    if status_first:
+        vessel.fence(2.0, 1, breached=True)
+    vessel.beat(2.1, HOLD)
+    vessel.say(2.2, "Manual recovery started")
+    vessel.fence(3.0, 1, breached=True)
+    vessel.fence(4.0, 1, breached=True)
+    vessel.pass_until(9.0)
+    assert vessel.stop() == "stopped by HOLD (fence breached) at 2.1 s"
+    assert sorted(each.event for each in vessel.node.events[-2:]) == ["failsafe", "mode"]
+
+
+def test_a_sentence_replaces_the_status_of_a_breach(vessel: Vessel) -> None:
+    vessel.beat(1.0, AUTO)
+    vessel.fence(2.0, 1, breached=True)
+    vessel.say(2.1, "Fence breached: polygon")
+    vessel.beat(2.2, RTL)
+    vessel.fence(3.0, 1, breached=True)
+    vessel.pass_until(9.0)
+    assert vessel.stop() == "stopped by RTL (Fence breached: polygon) at 2.2 s"
+    assert [each.event for each in vessel.node.events if "failsafe" in each.event] == ["failsafe"]
+
+
+def test_a_breach_that_changes_no_mode_is_named_until_it_is_over(vessel: Vessel) -> None:
+    vessel.beat(1.0, AUTO)
+    vessel.fence(2.0, 1, breached=True)
+    vessel.pass_until(5.0)
+    assert stop_text(vessel.node.events, "mission") == "failsafe in force since 2.0 s (fence breached)"
+    vessel.fence(6.0, 1)
+    assert vessel.stop() == ""
+    assert [each.event for each in vessel.node.events if "failsafe" in each.event] == ["failsafe", "failsafe over"]
+
+
 def test_a_px4_names_a_failsafe_by_its_sentence_or_its_heartbeat() -> None:
     said, silent = Vessel(PX4), Vessel(PX4)
     for vessel in (said, silent):
@@ -214,3 +252,26 @@ def test_a_real_autopilot_that_fails_on_its_second_leg(
     reason = vessel.node.events[-1].reason
     assert reason
     assert vessel.stop() == f"stopped by {mode} ({reason}) at {at_s + 1.5:.1f} s"
+
+
+BREACH_FRAMES = (
+    (74.05, "fd0900000c01010000000a0000000b03890403f56f"),
+    (74.05, "fd090000160101a200000000000000000000017d0b"),
+    (74.58, "fd0900005c0101a2000030230100010001030118f0"),
+    (74.67, "fd0900006d0101000000040000000b03810303c0d4"),
+    (74.67, "fd1800006e0101fd0000064d616e75616c207265636f766572792073746172746564d96c"),
+    (75.06, "fd090000a60101000000040000000b0381030332ac"),
+    (75.06, "fd090000af0101a20000302301000100010301a732"),
+    (76.05, "fd090000370101000000040000000b03810303bfa7"),
+    (76.05, "fd090000400101a200003023010001000103013629"),
+)
+"""Time (s) and bytes of the heartbeats, fence states and sentences of a Rover 4.7-dev that leaves its polygon."""
+
+
+def test_a_real_rover_that_breaches_its_fence(vessel: Vessel) -> None:
+    framer = Framer(stream=True)
+    for at_s, frame in BREACH_FRAMES:
+        for each in framer.feed(bytes.fromhex(frame)):
+            vessel.hear(at_s, decode(each))
+    vessel.pass_until(80.0)
+    assert vessel.stop() == "stopped by HOLD (fence breached) at 74.7 s"
