@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -35,3 +36,23 @@ def test_commands_of_a_base_install_run_without_packages_of_extras(arguments: tu
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("sim", "--duration", "0.1"),
+        ("wdri", "sitl"),
+        ("profiles", "show", "sitl"),
+        ("doctor", "-h"),
+    ],
+)
+def test_core_commands_load_no_plug_in_and_read_no_entry_points(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    program = (
+        "import sys\nfrom xitl_cli import registry\nfrom xitl_cli.main import main\n"
+        f"registry.entry_points = None\nsys.argv = ['xitl', *{arguments!r}]\n"
+        "try: main()\n"
+        "finally: print(*[name for name in sys.modules if name.startswith('xitl_cli.plugins')], file=sys.stderr)"
+    )
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert (ran.returncode, ran.stderr.strip()) == (0, "")
