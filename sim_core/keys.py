@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import UnionType
@@ -201,6 +201,13 @@ def problems(value: Any, annotation: Any, unit: str = "") -> Iterator[tuple[Any,
             yield value, problem
 
 
+@dataclass(frozen=True, slots=True)
+class MoreChoices:
+    """Marks a key whose choices are more than those of its Literal. names: returns the others; called when needed."""
+
+    names: Callable[[], Sequence[str]]
+
+
 def own_rule(annotation: Any) -> ValueProblem | None:
     """Return the special rule that replaces the rule of the type."""
     return next((marker for marker in unpacked(annotation)[1] if isinstance(marker, ValueProblem)), None)
@@ -227,6 +234,10 @@ def value_problem(value: object, kind: Any, markers: tuple[Any, ...], unit: str 
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if get_origin(kind) is Literal:
         words = [str(word) for word in get_args(kind)]
+        if value in words:
+            return None
+        more = [name for marker in markers if isinstance(marker, MoreChoices) for name in marker.names()]
+        words = list(dict.fromkeys([*words, *more]))
         if value in words:
             return None
         close = difflib.get_close_matches(value, words, n=1) if isinstance(value, str) else []
