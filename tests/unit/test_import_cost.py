@@ -39,20 +39,27 @@ def test_commands_of_a_base_install_run_without_packages_of_extras(arguments: tu
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "most"),
     [
-        ("sim", "--duration", "0.1"),
-        ("wdri", "sitl"),
-        ("profiles", "show", "sitl"),
-        ("doctor", "-h"),
+        (("sim", "--duration", "0.1"), 1),
+        (("wdri", "sitl"), 1),
+        (("profiles", "show", "sitl"), 1),
+        (("doctor", "-h"), 0),
     ],
 )
-def test_core_commands_load_no_plug_in_and_read_no_entry_points(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+def test_core_commands_load_no_plug_in_and_read_entry_points_once(
+    tmp_path: Path, arguments: tuple[str, ...], most: int
+) -> None:
     program = (
         "import sys\nfrom xitl_cli import registry\nfrom xitl_cli.main import main\n"
-        f"registry.entry_points = None\nsys.argv = ['xitl', *{arguments!r}]\n"
+        "read, reads = registry.entry_points, []\n"
+        "registry.entry_points = lambda prefix: reads.append(prefix) or read(prefix)\n"
+        f"sys.argv = ['xitl', *{arguments!r}]\n"
         "try: main()\n"
-        "finally: print(*[name for name in sys.modules if name.startswith('xitl_cli.plugins')], file=sys.stderr)"
+        "finally: print(len(reads), *[name for name in sys.modules if name.startswith('xitl_cli.plugins')],"
+        " file=sys.stderr)"
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert (ran.returncode, ran.stderr.strip()) == (0, "")
+    reads, *loaded = ran.stderr.split()
+    assert (ran.returncode, loaded) == (0, []), ran.stderr
+    assert int(reads) <= most

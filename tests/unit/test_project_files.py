@@ -167,7 +167,7 @@ def test_ci_stops_after_the_stage_in_which_checks_fail(tmp_path: Path) -> None:
 def test_ci_reports_checks_that_fail_after_the_last_stage(tmp_path: Path) -> None:
     code, output, targets = ci_run(tmp_path, failing="checks", late="yes")
     assert code == 1
-    assert targets[-1] == "test-realtime"
+    assert "test-realtime" in targets
     assert "line 100 of checks" in output.splitlines()[-50:]
 
 
