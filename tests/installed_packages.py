@@ -21,10 +21,6 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
     monkeypatch.syspath_prepend(str(site))
     modules: list[str] = []
 
-    def forget() -> None:
-        registry._entries.cache_clear()
-        registry._first_of_each_name.cache_clear()
-
     def made(package: str, code: str, **entries: str) -> None:
         module = package.replace("-", "_")
         modules.append(module)
@@ -34,10 +30,10 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n", encoding="utf-8")
         groups = "\n".join(f"[xitl.{group}]\n{entry}" for group, entry in entries.items())
         (info / "entry_points.txt").write_text(groups + "\n", encoding="utf-8")
-        forget()
+        registry.rescan()
 
-    forget()
+    registry.rescan()
     yield made
-    forget()
+    registry.rescan()
     for module in modules:
         sys.modules.pop(module, None)

@@ -54,10 +54,15 @@ def main() -> NoReturn:
 
 
 def _typed() -> list[str]:
-    """Return the words of the command line. For shell completion, these are the words typed so far."""
+    """Return the words of the command line after `xitl`.
+
+    For shell completion, these are the words typed so far, and none while the name of the command is not complete.
+    """
     if "_XITL_COMPLETE" not in os.environ:
         return sys.argv[1:]
-    return (os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS") or "").split()
+    typed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS") or ""
+    words = typed.split()[1:]
+    return words if len(words) > 1 or typed[-1:].isspace() else []
 
 
 def fail(message: str) -> NoReturn:
@@ -72,11 +77,10 @@ def fail(message: str) -> NoReturn:
 
 
 def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
-    """Return all commands. With `arguments`, other commands stay empty, because filling them takes time."""
+    """Return all commands. With `arguments`, commands that they do not name are missing or empty, to save time."""
     import typer
     import typer.core
 
-    from xitl_cli import registry
     from xitl_cli.commands.options import usual_spelling
 
     # The frames of rich cut off option names in a narrow terminal. Plain help wraps the text instead.
@@ -111,7 +115,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
         rich_markup_mode=markup,
         context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": usual_spelling},
     )
-    for name, declared in {**CORE_COMMANDS, **dict(registry.load_all(registry.COMMANDS))}.items():
+    for name, declared in _commands(arguments[0] if arguments else "").items():
         asked_for = arguments is None or name in arguments
         if not declared.group:
             if asked_for:
@@ -133,6 +137,17 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
 
     app.callback()(options)
     return app
+
+
+def _commands(first_word: str) -> dict[str, Command]:
+    """Return the command of this name, or all commands when there is none."""
+    if first_word in CORE_COMMANDS:
+        return {first_word: CORE_COMMANDS[first_word]}
+    from xitl_cli import registry
+
+    if first_word in registry.names(registry.COMMANDS):
+        return {first_word: registry.load(registry.COMMANDS, first_word)}
+    return {**CORE_COMMANDS, **dict(registry.load_all(registry.COMMANDS))}
 
 
 def _not_asked_for() -> None:

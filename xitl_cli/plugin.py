@@ -134,7 +134,10 @@ class DriverKind:
     """
 
     make: Callable[[DriverContext], Any]
-    """`make(context)` returns the `xitl_cli.run.nodes.drivers.VehicleDriver` of one vessel. Raises UserError when the run cannot have it."""
+    """`make(context)` returns the `xitl_cli.run.nodes.drivers.VehicleDriver` of one vessel.
+
+    Raises UserError when the run cannot have it.
+    """
 
     keys: type | None = None
     """Keys of the profile below `plugins.NAME`: a frozen dataclass that derives from `sim_core.keys.Specification`. If

@@ -6,6 +6,8 @@
 
 xitl's own plug-ins register in the same way, in its `pyproject.toml`. A plug-in that cannot be loaded never breaks
 xitl: its error appears where its name is asked for, in `xitl plugins` and in `xitl doctor`.
+
+The entry points are read once per process, at the first question.
 """
 
 from __future__ import annotations
@@ -14,9 +16,9 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from xitl_cli.entry_points import EntryPoint, entry_points
 from xitl_cli.errors import UserError
 
 INTERFACE = 1
@@ -72,7 +74,7 @@ class Plugin:
 def package_of(group: str, name: str) -> str:
     """The package that registers `name`, with its version; empty when there is none."""
     entry = _first_of_each_name(group).get(name)
-    return "" if entry is None else f"{_package(entry)} {_version(entry)}"
+    return "" if entry is None else f"{entry.package} {entry.version}"
 
 
 def names(group: str) -> list[str]:
@@ -108,17 +110,28 @@ def plugins() -> list[Plugin]:
         for entry in _entries(group):
             first = chosen[entry.name]
             if entry is not first:
-                error = f"the name is taken by {_package(first)}; rename one of them, or uninstall its package"
+                error = f"the name is taken by {first.package}; rename one of them, or uninstall its package"
             else:
                 error = _load_error(entry)
-            rows.append(Plugin(group, entry.name, entry.value, _package(entry), _version(entry), error))
+            rows.append(Plugin(group, entry.name, entry.target, entry.package, entry.version, error))
     return rows
 
 
+def rescan() -> None:
+    """Forget the entry points, so that the next question reads them again: after a change of `sys.path`."""
+    _registered.cache_clear()
+    _first_of_each_name.cache_clear()
+
+
 @cache
-def _entries(group: str) -> tuple[EntryPoint, ...]:
-    """Entry points of a group: xitl's own first, then by package and name."""
-    return tuple(sorted(entry_points(group=group), key=lambda e: (_package(e) != OWN_PACKAGE, _package(e), e.name)))
+def _registered() -> tuple[EntryPoint, ...]:
+    """Entry points of all groups: xitl's own first, then by package and name."""
+    entries = entry_points(prefix="xitl.")
+    return tuple(sorted(entries, key=lambda e: (e.package != OWN_PACKAGE, e.package, e.name)))
+
+
+def _entries(group: str) -> Iterator[EntryPoint]:
+    return (entry for entry in _registered() if entry.group == group)
 
 
 @cache
@@ -138,8 +151,8 @@ def _loaded(entry: EntryPoint) -> Any:
 
 def _load_error(entry: EntryPoint) -> str:
     """Return the reason why an entry point cannot be loaded, empty when it can."""
-    who = f"{entry.name}: the plug-in of {_package(entry)} {_version(entry)}"
-    again = f"pip install --force-reinstall {_package(entry)}"
+    who = f"{entry.name}: the plug-in of {entry.package} {entry.version}"
+    again = f"pip install --force-reinstall {entry.package}"
     try:
         entry.load()
         wanted = getattr(sys.modules[entry.module], "XITL_INTERFACE", INTERFACE)
@@ -151,11 +164,3 @@ def _load_error(entry: EntryPoint) -> str:
             f"{who} is made for interface {wanted} of xitl, and this is interface {INTERFACE}; install a version for it"
         )
     return ""
-
-
-def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist is not None else "unknown"
-
-
-def _version(entry: EntryPoint) -> str:
-    return entry.dist.version if entry.dist is not None else "?"

@@ -16,7 +16,7 @@ extends: [sitl, {environment}, {vehicle}]
 description: under test
 autopilot: {{parameter_files: []}}
 recording: {{scene: false}}
-clock: {{duration_s: 130}}
+clock: {{physics_rate_hz: 200, duration_s: 130}}
 mission:
   speed_mps: 2.0
   waypoints_ned_m: [[20.0, 0.0], [60.0, 30.0], [48.0, 46.0], [8.0, 16.0]]

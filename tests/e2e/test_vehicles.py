@@ -23,7 +23,8 @@ def test_it_makes_way_in_current_waves_and_gusts(xitl: Xitl, tmp_path: Path, ves
     at most, has not made good the 12 m by then and passes it.
     """
     (tmp_path / "boat.yaml").write_text(f"extends: [sitl, vehicles/{vessel}, environments/current-waves-gusts]\n")
-    done = xitl("sim", "--profile", "boat.yaml", "--duration", str(seconds), "--out", "run")
+    words = ("--duration", str(seconds), "--set", "clock.physics_rate_hz=200")
+    done = xitl("sim", "--profile", "boat.yaml", *words, "--out", "run")
     assert done.returncode == 0, done.stdout + done.stderr
     told = summary(tmp_path / "run")
     assert told["warnings"] == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -35,3 +36,30 @@ def test_commands_of_a_base_install_run_without_packages_of_extras(arguments: tu
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "most"),
+    [
+        (("sim", "--duration", "0.1"), 1),
+        (("wdri", "sitl"), 1),
+        (("profiles", "show", "sitl"), 1),
+        (("doctor", "-h"), 0),
+    ],
+)
+def test_core_commands_load_no_plug_in_and_read_entry_points_once(
+    tmp_path: Path, arguments: tuple[str, ...], most: int
+) -> None:
+    program = (
+        "import sys\nfrom xitl_cli import registry\nfrom xitl_cli.main import main\n"
+        "read, reads = registry.entry_points, []\n"
+        "registry.entry_points = lambda prefix: reads.append(prefix) or read(prefix)\n"
+        f"sys.argv = ['xitl', *{arguments!r}]\n"
+        "try: main()\n"
+        "finally: print(len(reads), *[name for name in sys.modules if name.startswith('xitl_cli.plugins')],"
+        " file=sys.stderr)"
+    )
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=False)
+    reads, *loaded = ran.stderr.split()
+    assert (ran.returncode, loaded) == (0, []), ran.stderr
+    assert int(reads) <= most

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
 import tomllib
 from pathlib import Path
@@ -107,3 +109,71 @@ def test_no_output_of_a_run_lies_at_the_top_of_the_tree() -> None:
     named = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     outputs = (".png", ".html", ".mcap", ".bin", ".pdf", ".svg", ".csv")
     assert [name for name in named if "/" not in name and name.endswith(outputs)] == []
+
+
+STUB = """#!/bin/sh
+echo "$(basename $0) $*" >> "$CALLS"
+wait_for() { until [ -e "$1" ]; do sleep 0.01; done; }
+case "$1" in
+    checks) [ -z "$LATE" ] || wait_for "$CALLS.last" ;;
+    test-fast) [ -n "$LATE" ] || wait_for build/checks.code ;;
+    test-realtime) touch "$CALLS.last" ;;
+esac
+if [ "$1" = "${FAILING:-none}" ]; then
+    seq -f "line %g of $1" 100
+    exit 1
+fi
+"""
+"""Stands for each program. The checks end before the fast tests, or if LATE is set, after the last tests."""
+
+
+def ci_run(folder: Path, failing: str = "", late: str = "") -> tuple[int, str, list[str]]:
+    """Run `.ci/run` with stubs of all programs. Return exit code, output and the targets of make."""
+    programs = ["bin/make", "bin/apt-get", ".venv/bin/python", ".venv/bin/xitl"]
+    programs += [f"tools/{name}.sh" for name in ("system_packages", "armhf_python", "ros_python")]
+    for name in programs:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(STUB, encoding="utf-8")
+        (folder / name).chmod(0o755)
+    (folder / ".ci").mkdir()
+    shutil.copy(ROOT / ".ci/run", folder / ".ci/run")
+    variables = {"CALLS": str(folder / "calls"), "FAILING": failing, "LATE": late}
+    done = subprocess.run(
+        [folder / ".ci/run"],
+        env={"PATH": f"{folder / 'bin'}:{os.environ['PATH']}", **variables},
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    calls = (folder / "calls").read_text(encoding="utf-8").splitlines()
+    return done.returncode, done.stdout, [call.removeprefix("make ") for call in calls if call.startswith("make ")]
+
+
+def test_ci_runs_all_stages_and_passes(tmp_path: Path) -> None:
+    code, output, targets = ci_run(tmp_path)
+    assert (code, "failed" in output) == (0, False)
+    assert sorted(targets) == [".venv/.dev", "checks", "test-fast", "test-realtime", "test-slow"]
+    assert [target for target in targets if "test" in target] == ["test-fast", "test-slow", "test-realtime"]
+
+
+def test_ci_stops_after_the_stage_in_which_checks_fail(tmp_path: Path) -> None:
+    code, output, targets = ci_run(tmp_path, failing="checks")
+    assert code == 1
+    assert [target for target in targets if "test" in target] == ["test-fast"]
+    end = output.splitlines()[-50:]
+    assert "line 100 of checks" in end
+    assert "checks failed; the end of build/checks.log:" in end
+    assert any(line.endswith("checks, beside the tests: failed") for line in end)
+
+
+def test_ci_reports_checks_that_fail_after_the_last_stage(tmp_path: Path) -> None:
+    code, output, targets = ci_run(tmp_path, failing="checks", late="yes")
+    assert code == 1
+    assert "test-realtime" in targets
+    assert "line 100 of checks" in output.splitlines()[-50:]
+
+
+@pytest.mark.parametrize("failing", ["test-fast", "test-slow", "test-realtime"])
+def test_ci_stops_at_tests_that_fail(tmp_path: Path, failing: str) -> None:
+    code, output, targets = ci_run(tmp_path, failing=failing)
+    assert (code, targets[-1]) == (1, failing)
+    assert re.search(r"^(fast tests|slow tests|tests of real time) failed$", output, re.MULTILINE)
+    assert "checks failed" not in output

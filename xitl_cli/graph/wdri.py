@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from xitl_cli.errors import UserError
 from xitl_cli.graph.graph import Graph, Vertex, build_graph, complete_graph
 from xitl_cli.profile import Profile, RunProfile, load_profile
-from xitl_cli.profile.files.catalogue import shipped_profiles
+from xitl_cli.profile.files.catalogue import is_shipped
 from xitl_cli.profile.schema.graph import COMPLETE, KIND_WEIGHTS, NodeGraph
 
 VertexCount: TypeAlias = Literal["architecture", "present"] | int
@@ -104,7 +104,7 @@ def graph_wdri(graph: Graph, reference: str, vertices: VertexCount, name: str) -
         names = tuple(vertex.name for vertex in graph.vertices)
         reference_graph, n_ref = complete_graph(names), len(names)
     else:
-        find = _shipped_reference if reference in shipped_profiles() else _reference_graph
+        find = _shipped_reference if is_shipped(reference) else _reference_graph
         reference, reference_graph, n_ref = find(reference)
     d_w_sim, d_w_ref = graph.weighted_degree(n), reference_graph.weighted_degree(n_ref)
     try:

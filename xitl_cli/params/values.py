@@ -101,9 +101,9 @@ def read_wanted(source: str) -> Mapping[str, float]:
 
 def _is_profile(source: str) -> bool:
     from xitl_cli.profile.files.catalogue import SUFFIXES as PROFILE_SUFFIXES
-    from xitl_cli.profile.files.catalogue import shipped_profiles
+    from xitl_cli.profile.files.catalogue import is_shipped
 
-    return source.endswith(PROFILE_SUFFIXES) or source in shipped_profiles()
+    return source.endswith(PROFILE_SUFFIXES) or is_shipped(source)
 
 
 @dataclass(frozen=True, slots=True)

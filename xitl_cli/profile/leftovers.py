@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 from agent.fcu.mission import COMMANDS, PERFORMED
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
-from xitl_cli.profile.files.catalogue import shipped_profiles
+from xitl_cli.profile.files.catalogue import each_shipped_profile
 from xitl_cli.profile.files.compose import compose
 from xitl_cli.profile.files.entry import Entry, KeyPath, dotted
 from xitl_cli.profile.reader import read_group
@@ -90,9 +91,6 @@ def _gains_of_vessel(profile: Profile) -> Iterator[str]:
     """Yield sentences on gains for another vessel. The name of a shipped file ends with that of its vessel."""
     if profile.vehicle is None or profile.autopilot is None or profile.autopilot.kind == "none":
         return
-    shipped = {
-        name.rpartition("/")[2]: path for name, path in shipped_profiles().items() if name.startswith("vehicles/")
-    }
     fix = "give those of this vessel"
     if profile.autopilot.kind == "embedded":
         fix += ", or `parameter_files: []` for gains that follow from its data"
@@ -103,14 +101,20 @@ def _gains_of_vessel(profile: Profile) -> Iterator[str]:
                 f"{profile.autopilot.kind}; name the files of that one after the vessel: see docs/ardupilot.md"
             )
             continue
-        name = next((name for name in shipped if file.endswith(f"-{name}")), None)
-        if name is None or (tuned := _vessel(compose(shipped[name]))) is None:
+        path = _vehicle_of(file)
+        if path is None or (tuned := _vessel(compose(path))) is None:
             continue
         if difference := _difference(profile.vehicle, tuned):
             yield (
-                f"autopilot.parameter_files.{number} = {file} has the gains of {name}, and {profile.vehicle.name} has "
-                f"{difference}; {fix}"
+                f"autopilot.parameter_files.{number} = {file} has the gains of {path.stem}, and "
+                f"{profile.vehicle.name} has {difference}; {fix}"
             )
+
+
+def _vehicle_of(parameter_file: str) -> Path | None:
+    """Return the file of the shipped vehicle whose name ends that of a parameter file."""
+    vehicles = (path for name, path in each_shipped_profile() if name.startswith("vehicles/"))
+    return next((path for path in vehicles if parameter_file.endswith(f"-{path.stem}")), None)
 
 
 def _without_files(profile: Profile, entry: Entry) -> Iterator[str]:

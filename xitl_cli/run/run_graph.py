@@ -14,7 +14,7 @@ from xitl_cli.graph.graph import Graph, Vertex, build_graph
 from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic, Pair, measured_graph
 from xitl_cli.graph.wdri import VertexCount, Wdri, graph_from_profile, graph_wdri, profile_wdri
 from xitl_cli.profile import RunProfile, load_profile
-from xitl_cli.profile.files.catalogue import shipped_profiles
+from xitl_cli.profile.files.catalogue import is_shipped
 from xitl_cli.profile.schema.graph import COMPLETE
 from xitl_cli.run.core.directory import PROFILE, SUMMARY
 
@@ -165,7 +165,7 @@ def _inside_host(profile: RunProfile, duration_s: float, moored_s: float) -> Ite
 def is_run(name: str) -> bool:
     """Whether `name` is the directory of a run and not the name of a shipped profile."""
     try:
-        return (Path(name) / SUMMARY).is_file() and name not in shipped_profiles()
+        return (Path(name) / SUMMARY).is_file() and not is_shipped(name)
     except (OSError, ValueError):
         return False
 

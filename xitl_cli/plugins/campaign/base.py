@@ -12,7 +12,7 @@ from typing import Any
 
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.campaign.axes import EXTENDS, FAULTS, Axis, AxisValue, RunPoint
-from xitl_cli.profile.files.catalogue import find_profile, profile_name, shipped_profiles, shown_path
+from xitl_cli.profile.files.catalogue import find_profile, is_shipped, profile_name, shipped_profiles, shown_path
 from xitl_cli.profile.files.compose import compose, lay_on, place
 from xitl_cli.profile.files.entry import Entry, Key, Origin, Problem, ProfileError
 from xitl_cli.profile.files.yaml_file import plain_scalar
@@ -71,7 +71,7 @@ class BaseProfile:
         loaded = loaded_profile(entry, path, name)
         loaded.profile.run_profiles()
         shipped = profile_name(path)
-        called = shipped if shipped in shipped_profiles() else shown_path(path)
+        called = shipped if is_shipped(shipped) else shown_path(path)
         return cls(called, path, folder, pairs, loaded)
 
     @property
@@ -175,7 +175,7 @@ class BaseProfile:
             except UserError as error:
                 raise ProfileError([Problem(origin, f"{key}: {error}")], self.name) from None
             shipped = profile_name(path)
-            found.append(shipped if shipped in shipped_profiles() else shown_path(path))
+            found.append(shipped if is_shipped(shipped) else shown_path(path))
         return found
 
     def _has_fault(self, key: str) -> bool:

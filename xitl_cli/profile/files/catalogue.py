@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -20,15 +21,28 @@ def shipped_profiles() -> dict[str, Path]:
 
     Profiles of plug-ins follow. They cannot replace a name that xitl ships.
     """
-    profiles: dict[str, Path] = {}
+    return dict(each_shipped_profile())
+
+
+def each_shipped_profile() -> Iterator[tuple[str, Path]]:
+    """Yield the items of `shipped_profiles`. Plug-ins are loaded only when those that xitl ships are exhausted."""
+    names: set[str] = set()
     for root in _roots():
-        profiles.update({name: path for name, path in _profiles_below(root).items() if name not in profiles})
-    return profiles
+        added = {name: path for name, path in _profiles_below(root).items() if name not in names}
+        yield from added.items()
+        names |= set(added)
 
 
-def _roots() -> list[Path]:
-    """Return the folders of profiles: those of xitl, then those of plug-ins."""
-    return [profiles_dir(), *(Path(folder) for _, folder in load_all(PROFILES))]
+def is_shipped(name: str) -> bool:
+    """Return whether `name` is one of `shipped_profiles`. Plug-ins are loaded only for a name that xitl lacks."""
+    return any(name in _profiles_below(root) for root in _roots())
+
+
+def _roots() -> Iterator[Path]:
+    """Yield the folders of profiles: those of xitl, then those of plug-ins, loaded as they are needed."""
+    yield profiles_dir()
+    for _, folder in load_all(PROFILES):
+        yield Path(folder)
 
 
 @cache
@@ -57,9 +71,10 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
                 f"{shown_path(path)} {what}; check the path, or name a shipped profile (`xitl profiles list`)"
             )
         return path
+    for root in _roots():
+        if name in _profiles_below(root):
+            return _profiles_below(root)[name]
     shipped = shipped_profiles()
-    if name in shipped:
-        return shipped[name]
     same = [full for full in shipped if full.rsplit("/", 1)[-1] == name]
     if len(same) == 1:
         return shipped[same[0]]

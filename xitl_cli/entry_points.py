@@ -1,0 +1,129 @@
+"""Entry points of installed packages, read from their `entry_points.txt`.
+
+`importlib.metadata` gives the same answer, but its import and its scan take a seventh of the start of `xitl`. It is
+used only where packages are not folders: in zip files, in eggs and with importers of other packages.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from importlib.machinery import PathFinder
+from pathlib import Path
+from typing import Any
+
+_TARGET = re.compile(r"(?P<module>[\w.]+)\s*(?::\s*(?P<object>[\w.]+)\s*)?(?:\[.*\]\s*)?")
+
+_Read = Callable[[str], str]
+"""Returns the text of a file that describes a package, empty when it cannot be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class EntryPoint:
+    """An object that an installed package registers under a name in a group."""
+
+    group: str
+    name: str
+    target: str
+    """`module:object`."""
+    package: str
+    version: str
+
+    @property
+    def module(self) -> str:
+        """Name of the module. Raises ValueError when the target is not `module:object`."""
+        return self._parts()[0]
+
+    def load(self) -> Any:
+        """Import and return the object. Raises whatever the import raises."""
+        module, names = self._parts()
+        value = import_module(module)
+        for name in filter(None, names.split(".")):
+            value = getattr(value, name)
+        return value
+
+    def _parts(self) -> tuple[str, str]:
+        match = _TARGET.fullmatch(self.target)
+        if match is None:
+            raise ValueError(f"{self.target!r} is not module:object")
+        return match["module"], match["object"] or ""
+
+
+def entry_points(prefix: str) -> list[EntryPoint]:
+    """Return the entry points in groups whose names begin with `prefix`, in the order of `sys.path`.
+
+    If a package is on the path twice, the first counts, as it does for imports.
+    """
+    known: set[str] = set()
+    entries: list[EntryPoint] = []
+    for package, read in _packages_of_library() if _beyond_folders() else _packages_in_folders():
+        normalized = re.sub(r"[-_.]+", "-", package).lower()
+        if normalized in known:
+            continue
+        if normalized:  # a damaged package may lack its name
+            known.add(normalized)
+        text = read("entry_points.txt")
+        if f"[{prefix}" in text:
+            entries += _parsed(text, prefix, read("METADATA") or read("PKG-INFO"))
+    return entries
+
+
+def _beyond_folders() -> bool:
+    """Whether packages may be elsewhere than in folders of `sys.path`."""
+    finders = [finder for finder in sys.meta_path if hasattr(finder, "find_distributions")]
+    return finders != [PathFinder] or any(path.endswith(".egg") or Path(path).is_file() for path in sys.path)
+
+
+def _packages_of_library() -> Iterator[tuple[str, _Read]]:
+    from importlib.metadata import Distribution, distributions
+
+    def text(package: Distribution, file: str) -> str:
+        try:
+            return package.read_text(file) or ""
+        except (OSError, UnicodeDecodeError):
+            return ""
+
+    for package in distributions():
+        read = partial(text, package)
+        yield _field("Name", read("METADATA") or read("PKG-INFO")), read
+
+
+def _packages_in_folders() -> Iterator[tuple[str, _Read]]:
+    for folder in dict.fromkeys(sys.path):
+        try:
+            files = os.listdir(folder or ".")  # noqa: PTH208  half the time of Path
+        except OSError:
+            continue
+        for file in files:
+            if file.endswith((".dist-info", ".egg-info")):
+                yield file.rpartition(".")[0].partition("-")[0], partial(_text, f"{folder or '.'}/{file}/")
+
+
+def _text(folder: str, file: str) -> str:
+    try:
+        return Path(folder + file).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def _parsed(text: str, prefix: str, metadata: str) -> Iterator[EntryPoint]:
+    """Yield the entry points in the text of an `entry_points.txt`. metadata: text of the package's METADATA."""
+    package, version = _field("Name", metadata) or "unknown", _field("Version", metadata) or "?"
+    group = ""
+    for line in map(str.strip, text.splitlines()):
+        if line.startswith("[") and line.endswith("]"):
+            group = line[1:-1]
+        elif line and not line.startswith("#") and group.startswith(prefix):
+            name, _, target = map(str.strip, line.partition("="))
+            yield EntryPoint(group, name, target, package, version)
+
+
+def _field(key: str, metadata: str) -> str:
+    """Return a field of the head of a METADATA file, empty when it is missing."""
+    match = re.search(rf"(?im)^{key}:[ \t]*(.*?)[ \t]*$", metadata.partition("\n\n")[0])
+    return match[1] if match else ""
