@@ -21,6 +21,7 @@ from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.transport import open_transport
 from tests.free_ports import unread_bytes
+from tests.golden import Golden
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.connection import AgentConnection
@@ -256,10 +257,10 @@ def _freeze(autopilot: Autopilot, frozen: bool) -> None:
         os.kill(process.pid, signal.SIGSTOP if frozen else signal.SIGCONT)
 
 
-def test_nobody_asks(world: JsonWorld) -> None:
+def test_nobody_asks(world: JsonWorld, golden: Golden) -> None:
     host = Host(world)
     assert not any(world.advance(0) for _ in range(4))
-    assert host.said == [f"no autopilot has asked for the world at {world.address}; start it with --model JSON:HOST"]
+    golden("message", host.said, address=world.address)
 
 
 class PatientDouble(Double):

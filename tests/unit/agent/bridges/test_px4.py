@@ -14,6 +14,7 @@ from agent.bridges.vehicle_link import VehicleLink
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from tests.doubles.px4 import Px4Double, calling
+from tests.golden import Golden
 from tests.patience import PATIENCE_S, wait_until
 
 MS = 1_000_000
@@ -174,22 +175,20 @@ def test_disarmed_outputs_command_nothing(bridge: Bridge) -> None:
     assert bridge.injector.commands() == (0.0,) * 16
 
 
-def test_a_build_without_lockstep_is_run_in_real_time(bridge: Bridge) -> None:
+def test_a_build_without_lockstep_is_run_in_real_time(bridge: Bridge, golden: Golden) -> None:
     with calling(Px4Double(lockstep=False), bridge.port):
         for _ in range(10):
             assert bridge.tick()
-    assert bridge.said == ["this PX4 keeps its own time (no lockstep build); it is run in real time"]
+    golden("message", bridge.said)
 
 
-def test_nobody_calls(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_calls(bridge: Bridge, monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     monkeypatch.setattr(px4, "BLOCK_S", 0.02)
     monkeypatch.setattr(px4, "UNCALLED_S", 0.05)
     assert not bridge.tick()
     assert not bridge.again()
     (said,) = bridge.said
-    assert said.startswith(
-        f"PX4 does not call at tcp://127.0.0.1:{bridge.port}: it calls once in its life, so start it"
-    )
+    golden("message", said, port=bridge.port)
     assert bridge.injector.counts.imu_out == 0
 
     with calling(Px4Double(), bridge.port) as double:
@@ -401,11 +400,11 @@ def test_outputs_of_a_board(board: Board) -> None:
     assert board.injector.counts.outputs_in == 2
 
 
-def test_a_board_that_does_not_simulate_is_told_of_once(board: Board) -> None:
+def test_a_board_that_does_not_simulate_is_told_of_once(board: Board, golden: Golden) -> None:
     board.say(board.heartbeat(simulates=False))
     for now_ns in (0, 4 * 10**9, 6 * 10**9, 7 * 10**9):
         board.injector.serve(now_ns)
-    assert board.said == ["PX4 does not simulate: it is not in HITL mode; set SYS_HITL 1 and start it anew"]
+    golden("message", board.said)
 
 
 def test_a_board_keeps_its_own_time(board: Board) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from agent.timing import realtime
+from tests.golden import Golden
 
 
 def in_a_process(body: str, prepare: str = "") -> Any:
@@ -60,15 +61,12 @@ done.set()
 
 
 @as_root
-def test_without_permission_one_sentence_each() -> None:
+def test_without_permission_one_sentence_each(golden: Golden) -> None:
     said = in_a_process("told = realtime.set_up(50, (0,))", prepare=UNPRIVILEGED)
     assert said[:3] == [0, False, True]
     memory, scheduling = said[3]
-    assert memory == (
-        "memory is not locked (the limit is below what may be needed later); start as root or set "
-        "LimitMEMLOCK=infinity in the systemd unit"
-    )
-    assert scheduling.startswith("no SCHED_FIFO at priority 50 (Operation not permitted); start as root or allow it")
+    golden("text", memory)
+    golden("second text", scheduling, "50")
 
 
 def test_pinned_to_a_processor_with_its_threads() -> None:

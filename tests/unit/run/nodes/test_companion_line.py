@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from tests.golden import Golden
 from xitl_cli.commands.sim_report import perception_rows
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
@@ -76,15 +77,16 @@ def test_one_that_dies_is_told_and_the_run_goes_on(
     assert json.loads((tmp_path / "out" / "summary.json").read_text()) == result.summary
 
 
-def test_an_autopilot_in_its_place_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_autopilot_in_its_place_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     opened = line.open_peer
 
     def autopilot(runs: str, link: str | None, options: Any) -> Any:
         return opened(runs, link, type(options)())
 
     monkeypatch.setattr(line, "open_peer", autopilot)
-    with pytest.raises(UserError, match="no companion, it runs LS,LC,LA; start it with --role companion"):
+    with pytest.raises(UserError) as refused:
         run(profile(tmp_path, runs="in-process"), tmp_path / "out", False, NoDisplay)
+    golden("error", refused.value)
     assert not (tmp_path / "out").exists()
 
 
