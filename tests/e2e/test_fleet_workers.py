@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from conftest import payloads, summary
 
+from tests.child_processes import child_processes
 from tests.golden import Golden
 from xitl_cli.profile import load_profile
 from xitl_cli.run import session
@@ -45,11 +46,13 @@ def test_a_process_that_is_killed_ends_the_run_with_its_vessels_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden
 ) -> None:
     workers = AgentWorkers(1)
+    others = child_processes()
     monkeypatch.setattr(session, "fleet_workers", lambda profiles: workers)
 
     class Killing(NoDisplay):
         def due(self) -> bool:
-            os.kill(workers._workers[0]._process.pid, signal.SIGKILL)
+            (worker,) = child_processes() - others
+            os.kill(worker, signal.SIGKILL)
             return False
 
     result = session.run(fleet(tmp_path, 60.0), tmp_path / "run", False, Killing, timed=True)

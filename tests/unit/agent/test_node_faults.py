@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import Any
 
 import pytest
@@ -13,6 +12,7 @@ from python39 import pairwise
 from agent.wire import dialect as mav
 from agent.wire.impaired import OVERTAKEN_S
 from tests.golden import Golden
+from tests.patience import let_pass
 
 SECOND = 1000 * MS
 
@@ -133,7 +133,7 @@ def test_in_lockstep_reordering_does_not_depend_on_how_fast_the_machine_is() -> 
         host.faults(reorder=0.5)
         for tick in range(60):
             if tick % 5 == 2:
-                time.sleep(pause_s)
+                let_pass(pause_s)
             host.step()
         host.run(STOP, LOCKSTEP)
         heard.append(host.frames)

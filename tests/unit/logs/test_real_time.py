@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import pytest
 
 import xitl
 from tests.golden import Golden
+from tests.patience import let_pass
 from xitl_cli.logs.analyses.real_time import analyse
 from xitl_cli.logs.model.sections import Severity
 from xitl_cli.logs.signals.real_time import LIMITS, LinkLosses, RealTimeFigures, TaskMissCount, not_real_time
@@ -75,7 +75,7 @@ def test_a_recording_says_what_its_summary_says(tmp_path: Path, monkeypatch: pyt
         exchange(self, step)
         if not held:
             held.append(step)
-            time.sleep(0.4)
+            let_pass(0.4)
 
     monkeypatch.setattr(IdealControl, "exchange", holds_up)
     result = xitl.simulate("mitl", overrides={"clock.mode": "realtime"}, duration_s=1.0, out=tmp_path / "run")

@@ -101,13 +101,15 @@ def of_profile(*overrides: str) -> LidarInstrument:
     return make_lidar(profile, Seeds(1), scenery, PLANT)
 
 
+def model(*overrides: str) -> Lidar:
+    return of_profile(*overrides)._lidar
+
+
 def test_it_is_as_the_profile_says() -> None:
-    lidar = of_profile(
-        "environment.visibility_m=200", "sensors.lidar.pitch_deg=-4", "environment.water_reflectivity=0.1"
-    )
-    assert lidar._lidar.air.visibility_m == 200.0
-    assert (lidar._lidar.spec.pitch_deg, lidar._lidar.water_reflectivity) == (-4.0, 0.1)
-    assert of_profile()._lidar.air.extinction_per_m == 0.0
+    lidar = model("environment.visibility_m=200", "sensors.lidar.pitch_deg=-4", "environment.water_reflectivity=0.1")
+    assert lidar.air.visibility_m == 200.0
+    assert (lidar.spec.pitch_deg, lidar.water_reflectivity) == (-4.0, 0.1)
+    assert model().air.extinction_per_m == 0.0
 
 
 def test_what_the_profile_cannot_mean_is_one_sentence(golden: Golden) -> None:

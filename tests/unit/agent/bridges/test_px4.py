@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Iterator
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any
 
 import pytest
@@ -15,7 +15,7 @@ from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from tests.doubles.px4 import Px4Double, calling
 from tests.golden import Golden
-from tests.patience import PATIENCE_S, wait_until
+from tests.patience import PATIENCE_S, let_pass, wait_until
 
 MS = 1_000_000
 IMU_NS, TICK_NS = 5 * MS, 10 * MS
@@ -64,18 +64,38 @@ def imu(stamp_ns: int) -> Any:
     )
 
 
-def listening() -> Px4Injector:
-    vehicle = VehicleLink("udp://127.0.0.1:9")
+class ToldVehicle(VehicleLink):
+    """A line to nobody; `tell` stands for messages of the autopilot."""
+
+    def __init__(self) -> None:
+        super().__init__("udp://127.0.0.1:9")
+        self.taps: list[Callable[[Any], object]] = []
+
+    def add_tap(self, tap: Callable[[Any], object]) -> None:
+        self.taps.append(tap)
+
+    def tell(self, message: Any) -> None:
+        for tap in self.taps:
+            tap(message)
+
+
+def listening(vehicle: VehicleLink) -> Px4Injector:
     return Px4Injector(vehicle, Px4Line("tcp://127.0.0.1:0"))
 
 
 @pytest.fixture
-def bridge(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bridge]:
+def vehicle() -> Iterator[ToldVehicle]:
+    made = ToldVehicle()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def bridge(vehicle: ToldVehicle, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bridge]:
     monkeypatch.setattr(px4, "PATIENCE_S", 5.0)  # a busy machine is no silent autopilot
-    injector = listening()
+    injector = listening(vehicle)
     yield Bridge(injector)
     injector.close()
-    injector._vehicle.close()
 
 
 # Lockstep with a program
@@ -144,7 +164,7 @@ def test_what_is_late_is_not_caught_up_while_px4_is_silent(bridge: Bridge) -> No
     """A burst would be lost on its estimator: each sample comes no sooner after the last than its time."""
     with calling(Px4Double(quiet_us=[(0, 10_000_000)]), bridge.port):
         assert bridge.tick()
-        sleep(0.2)  # the host stands still
+        let_pass(0.2)  # the host stands still
         began_s = monotonic()
         for _ in range(10):
             assert bridge.tick()
@@ -152,15 +172,15 @@ def test_what_is_late_is_not_caught_up_while_px4_is_silent(bridge: Bridge) -> No
     assert took_s > 0.9 * 10 * TICK_NS * 1e-9 / px4.PACE
 
 
-def test_outputs_end_when_px4_says_that_it_is_disarmed(bridge: Bridge) -> None:
+def test_outputs_end_when_px4_says_that_it_is_disarmed(bridge: Bridge, vehicle: ToldVehicle) -> None:
     """It puts out nothing new then, and what it put out last would stay."""
     with calling(Px4Double(), bridge.port):
         for _ in range(20):
             bridge.tick()
         assert bridge.injector.commands() != (0.0,) * 16
-        bridge.injector._hear(heartbeat(armed=True))
+        vehicle.tell(heartbeat(armed=True))
         assert bridge.injector.commands() != (0.0,) * 16
-        bridge.injector._hear(heartbeat(armed=False))
+        vehicle.tell(heartbeat(armed=False))
         assert bridge.injector.commands() == (0.0,) * 16
 
 
@@ -312,8 +332,8 @@ def test_sensors_as_px4_reads_them(bridge: Bridge) -> None:
 # Real time
 
 
-def test_in_real_time_samples_go_out_as_they_come() -> None:
-    injector = listening()
+def test_in_real_time_samples_go_out_as_they_come(vehicle: ToldVehicle) -> None:
+    injector = listening(vehicle)
 
     def served_until(done: Callable[[], bool]) -> None:
         wait_until(lambda: injector.serve(0) or done())
@@ -329,7 +349,6 @@ def test_in_real_time_samples_go_out_as_they_come() -> None:
         assert injector.counts.outputs_in == 10
     finally:
         injector.close()
-        injector._vehicle.close()
 
 
 class Board:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
@@ -47,6 +46,7 @@ from agent.fcu.vehicle_state import (
     ImuMeasurement,
 )
 from agent.timing.tasks import TaskMiss, TaskStats
+from tests.patience import wait_until
 
 AHEAD_NS = 7_000_000_000  # the agent's clock against the sensors'
 OFFSET_MGAUSS = 12.0
@@ -483,21 +483,17 @@ def test_drops_and_a_full_disk_show_in_the_log_and_at_the_ground_station(
 
     monkeypatch.setattr(writer_module, "_write", write)
     flight = Flight(tmp_path / "log.bin", lockstep=False)
-    writer = flight.log._writer
-    assert writer is not None
-    while not writer.problem:
-        time.sleep(0.001)
+    wait_until(lambda: flight.log.problem)
     flight.sail(3.0)
-    dropped = writer.dropped
+    dropped = flight.log.dropped
     assert dropped > 0
     assert "No space left" in flight.log.problem or "dropped" in flight.log.problem
     full = False
-    while writer.unwritten_bytes:
-        time.sleep(0.001)
+    wait_until(lambda: "dropped" in flight.log.problem)
     flight.log.close()
     assert "dropped" in flight.log.problem
     rows = rows_of(tmp_path / "log.bin")
-    assert rows["DSF"][-1].Dp == writer.dropped >= dropped
+    assert rows["DSF"][-1].Dp == flight.log.dropped >= dropped
     said = [row.Message for row in rows["MSG"]]
     assert any("Log: No space left on device" in text for text in said)
     assert any("records are dropped" in text for text in said)

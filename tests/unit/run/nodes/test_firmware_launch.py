@@ -67,7 +67,11 @@ def test_sitl_in_lockstep_gets_its_world_its_home_and_no_ports_that_nobody_asked
 
 def test_the_sensors_come_to_the_port_that_the_parameters_give_them(program: Path) -> None:
     made, bridge = launch(program, "sitl-ardupilot-ahrs")
-    number = next(n for n in range(10) if start_parameters(made._profile).get(f"SERIAL{n}_PROTOCOL") == 36)
+    number = next(
+        n
+        for n in range(10)
+        if start_parameters(load_profile("sitl-ardupilot-ahrs").runnable()).get(f"SERIAL{n}_PROTOCOL") == 36
+    )
     assert options(made.arguments())[f"--serial{number}"] == f"tcp:{port(bridge.sensor_link)}"
 
 
