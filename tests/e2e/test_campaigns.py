@@ -18,6 +18,7 @@ import pytest
 from conftest import environment
 
 from tests.golden import Golden
+from tests.patience import wait_until
 from xitl_cli.plugins.campaign.results import CAMPAIGN, LINES, NOT_COMPARED, ResultTable
 from xitl_cli.plugins.campaign.warden import MARK
 
@@ -72,12 +73,7 @@ def campaign(*arguments: str, code: int = 0) -> str:
 
 
 def wait_for(condition: Callable[[], Any]) -> Any:
-    until_s = time.monotonic() + ENOUGH_S
-    while time.monotonic() < until_s:
-        if found := condition():
-            return found
-        time.sleep(0.02)
-    pytest.fail("nothing of what was waited for")
+    return wait_until(condition, patience_s=ENOUGH_S)
 
 
 def rows_in(folder: str) -> int:
