@@ -86,7 +86,7 @@ class GoldenTexts:
         elif text != stored:
             pytest.fail(
                 f"{key!r} differs from {self.file.name}:\n{difference(stored, text)}\n"
-                f"If the new text is right, run pytest {OPTION} and review git diff {self.file.name}."
+                f"If the new text is right, run pytest {OPTION} and review the diff of {self.file.name}."
             )
 
     def merged(self, made: dict[str, str], passed: Iterable[str]) -> dict[str, str]:

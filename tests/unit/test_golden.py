@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -113,10 +115,12 @@ def test_the_only_line_with_all_parts() -> None:
 def test_each_stored_text_is_of_a_test_that_exists() -> None:
     for key in read_texts(TESTS / FILE_NAME):
         path, _, test = key.partition("::")
-        name = test.partition(": ")[0].partition("[")[0]
-        defined = {part.name for part in ast.walk(parsed(path)) if isinstance(part, ast.FunctionDef)}
-        assert name in defined, f"{key}: there is no such test; delete the text from tests/{FILE_NAME}"
+        name = re.split(r"\[|: ", test)[0]
+        assert name in functions_of(TESTS / path), f"{key}: no such test; rename the key in {FILE_NAME}, or delete it"
 
 
-def parsed(path: str) -> ast.Module:
-    return ast.parse((TESTS / path).read_text(encoding="utf-8"))
+@cache
+def functions_of(file: Path) -> frozenset[str]:
+    """Names of all functions of a file; none if there is no such file."""
+    tree = ast.parse(file.read_text(encoding="utf-8") if file.exists() else "")
+    return frozenset(part.name for part in ast.walk(tree) if isinstance(part, ast.FunctionDef))
