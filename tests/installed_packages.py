@@ -22,8 +22,9 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
     modules: list[str] = []
 
     def forget() -> None:
-        registry._entries.cache_clear()
-        registry._first_of_each_name.cache_clear()
+        for found in vars(registry).values():
+            if hasattr(found, "cache_clear"):
+                found.cache_clear()
 
     def made(package: str, code: str, **entries: str) -> None:
         module = package.replace("-", "_")
