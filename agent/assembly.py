@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Callable
 
 from agent.faults import AgentFaults
 from agent.fcu.control.controller import ControllerError
-from agent.fcu.parameters import ParameterError
 from agent.files import read_text
 from agent.machine import read_machine
+from agent.mavlink.parameter_rows import ParameterError
 from agent.node import AgentNode
 from agent.options import BRIDGE, COMPANION, REBOOT, Options, OptionsError, check_bridge
 from agent.reports import Identity

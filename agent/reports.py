@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from typing import NamedTuple
 
 import agent
@@ -65,33 +66,25 @@ def node_status(
     health: MachineHealth,
     running: int,
 ) -> Message:
-    """XITL_NODE_STATUS. counters: values before this message. running: token of the run, 0 between runs."""
+    """XITL_NODE_STATUS. counters: values before this message. running: token of the run, 0 between runs.
+
+    A field `frames_x` of the message is the count `x` of the link. Other counts have the names of Traffic.
+    """
     degrees = health.temperature_degc
-    message: Message = dialect.MAVLink_xitl_node_status_message(
-        now_ns // 1000,
-        counters.sent & _MOST,
-        counters.unsent & _MOST,
-        counters.received & _MOST,
-        counters.lost & _MOST,
-        counters.late & _MOST,
-        counters.repeated & _MOST,
-        counters.dropped & _MOST,
-        counters.refused + counters.strangers & _MOST,
-        impaired & _MOST,
-        traffic.messages_refused & _MOST,
-        misses_unreported & _MOST,
-        traffic.log_dropped & _MOST,
-        traffic.stations_missed & _MOST,
-        traffic.events_lost & _MOST,
-        traffic.estimates & _MOST,
-        traffic.efforts & _MOST,
-        min(health.memory_kib, _MOST),
-        health.cpu_percent,
-        health.load_1min,
-        _NO_TEMPERATURE if degrees is None else round(100.0 * degrees),
-        running,
-        PROTOCOL,
-        traffic.controller_failures & _MOST,
+    frames = asdict(counters)
+    frames.update(dropped=counters.dropped, refused=counters.refused + counters.strangers, impaired=impaired)
+    counts = {**traffic._asdict(), **{f"frames_{name}": count for name, count in frames.items()}}
+    kind = dialect.MAVLink_xitl_node_status_message
+    message: Message = kind(
+        time_usec=now_ns // 1000,
+        misses_unreported=misses_unreported & _MOST,
+        memory_kib=min(health.memory_kib, _MOST),
+        cpu_percent=health.cpu_percent,
+        load_1min=health.load_1min,
+        temperature=_NO_TEMPERATURE if degrees is None else round(100.0 * degrees),
+        running=running,
+        protocol=PROTOCOL,
+        **{name: counts[name] & _MOST for name in kind.fieldnames if name in counts},
     )
     return message
 

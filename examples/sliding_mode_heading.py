@@ -22,7 +22,7 @@ import math
 from agent.fcu.control.controller import Demand, Order
 from agent.fcu.control.heading_speed import HeadingSpeedController
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import StateEstimate
+from agent.navigation.measurements import StateEstimate
 
 LAMBDA_PER_S = 0.6  # decay of the heading error while sliding
 ETA_RADPS = 0.5  # what disturbances are worth, as a turn rate

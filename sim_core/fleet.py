@@ -177,9 +177,9 @@ class FleetState:
 def initial(fleet: Fleet, north_east_m: Array, yaw_rad: Array, rng: Generator) -> FleetState:
     """Place vessels at rest at (M, 2) positions and (M,) headings, in order. Draw the environment once for all."""
     environment = surroundings_model.initial(fleet.environment, 1, rng)
-    batches = []
+    tide_m, batches = fleet.environment.tide.height_m(0.0), []
     for simulation, members in zip(fleet.batches, fleet.members, strict=True):
-        vessel = vessel_motion.at_rest(simulation.vessel, north_east_m[members], yaw_rad[members])
+        vessel = vessel_motion.at_rest(simulation.vessel, north_east_m[members], yaw_rad[members], tide_m)
         batches.append(simulations.at_start(simulation, vessel, environment))
     return FleetState(0, tuple(batches), environment)
 
@@ -235,7 +235,7 @@ def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | 
         _own(together.current_ned_mps, rows),
         _own(together.wind_ned_mps, rows),
         together.drift_frd_n[rows],
-        HullSurface(surface.point_elevation_m[rows], surface.over_hull[rows]),
+        HullSurface(surface.point_elevation_m[rows], surface.over_hull[rows], surface.tide_m),
         afloat,
     )
 
@@ -291,7 +291,8 @@ def joined_motion(fleet: Fleet, state: FleetState) -> Kinematics:
     """Return the motion of all vessels, batch by batch, then of the scripted vessels: the order of `Fleet.hulls`."""
     motions = [one.vessel.motion for one in state.batches]
     if fleet.traffic:
-        motions.append(scripted_motion(fleet.traffic, state.time_ns * 1e-9))
+        time_s = state.time_ns * 1e-9
+        motions.append(scripted_motion(fleet.traffic, time_s, fleet.environment.tide.height_m(time_s)))
     if len(motions) == 1:
         return motions[0]
     return Kinematics(*(np.concatenate([getattr(each, name) for each in motions]) for name in _MOTION))

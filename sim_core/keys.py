@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import UnionType
@@ -71,6 +71,10 @@ class ValueProblem:
 
 class Required:
     """Marks a key that a profile must give, although the class has a neutral default."""
+
+
+class IfGiven:
+    """Marks a key that complete profiles include only with a value other than its default."""
 
 
 class AmongVessels:
@@ -201,6 +205,13 @@ def problems(value: Any, annotation: Any, unit: str = "") -> Iterator[tuple[Any,
             yield value, problem
 
 
+@dataclass(frozen=True, slots=True)
+class MoreChoices:
+    """Marks a key whose choices are more than those of its Literal. names: returns the others; called when needed."""
+
+    names: Callable[[], Sequence[str]]
+
+
 def own_rule(annotation: Any) -> ValueProblem | None:
     """Return the special rule that replaces the rule of the type."""
     return next((marker for marker in unpacked(annotation)[1] if isinstance(marker, ValueProblem)), None)
@@ -229,6 +240,10 @@ def value_problem(value: object, kind: Any, markers: tuple[Any, ...], unit: str 
         words = [str(word) for word in get_args(kind)]
         if value in words:
             return None
+        more = [name for marker in markers if isinstance(marker, MoreChoices) for name in marker.names()]
+        words = list(dict.fromkeys([*words, *more]))
+        if value in words:
+            return None
         close = difflib.get_close_matches(value, words, n=1) if isinstance(value, str) else []
         hint = f"did you mean {close[0]!r}? " if close else ""
         either = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
@@ -254,9 +269,11 @@ UNITS = {
     "mps2": "m/s²",
     "radps": "rad/s",
     "degps": "degrees/s",
+    "degph": "degrees/h",
     "m": "m",
     "m2": "m²",
     "s": "s",
+    "min": "minutes",
     "hz": "Hz",
     "khz": "kHz",
     "deg": "degrees",

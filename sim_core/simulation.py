@@ -13,6 +13,7 @@ from numpy.random import Generator
 
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
+from sim_core.environment.tide import NO_TIDE
 from sim_core.environment.waves import FlatWater, HullSurface, HullWaves, StillHull, WaveField
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
@@ -107,7 +108,7 @@ class SimulationState:
 
 def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Generator) -> SimulationState:
     """Place vessels at rest at (N, 2) positions and (N,) headings. Draw the environment from its stationary state."""
-    vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad)
+    vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad, simulation.environment.tide.height_m(0.0))
     return at_start(simulation, vessel, surroundings_model.initial(simulation.environment, len(north_east_m), rng))
 
 
@@ -141,9 +142,10 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
 
 
 def elevation_m(simulation: Simulation, state: SimulationState) -> Array:
-    """Return the (N,) elevation of the waves at the vessels, up positive above the still level."""
-    places = state.vessel.motion.pos_ned_m[:, :2]
-    return simulation.environment.waves.elevation_m(state.time_ns * 1e-9, places)
+    """Return the (N,) elevation of tide and waves at the vessels, up positive above the mean level."""
+    environment, time_s = simulation.environment, state.time_ns * 1e-9
+    waves_m = environment.waves.elevation_m(time_s, state.vessel.motion.pos_ned_m[:, :2])
+    return environment.tide.height_m(time_s) + waves_m
 
 
 def drifting_bodies(state: SimulationState) -> Bodies:
@@ -167,10 +169,10 @@ def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) 
     """Return the water motion at the bodies. All bodies use the first vessel's current, which differs only in time
     between vessels.
     """
-    environment, varies = simulation.environment, state.current[:1]
+    environment, varies, time_s = simulation.environment, state.current[:1], time_ns * 1e-9
     return WaterMotion(
-        lambda places: environment.current.velocity_ned_mps(varies, places),
-        lambda places: environment.surface_ned_z_m(time_ns * 1e-9, places),
+        lambda places: environment.current_ned_mps(varies, time_s, places),
+        lambda places: environment.surface_ned_z_m(time_s, places),
         environment.water.density_kgpm3,
     )
 
@@ -193,7 +195,7 @@ def feel(
 def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float) -> tuple[Array, Array]:
     """Return the (N, 3) velocities of the current and of the air at the vessels' areas, which are held for a period."""
     environment = simulation.environment
-    current = environment.current.velocity_ned_mps(state.current, motion.pos_ned_m)
+    current = environment.current_ned_mps(state.current, time_s, motion.pos_ned_m)
     current[:, :2] += simulation.wave_drift_ne_mps
     return current, environment.wind.velocity_ned_mps(state.wind, time_s, simulation.vessel.model.wind.centre_height_m)
 
@@ -204,6 +206,9 @@ def _around(
     """Return the surroundings of the vessels. drift_frd_n: the held (N, 2) mean wave force, None to compute it."""
     current, wind = held
     surface = simulation.hull_waves.sample(time_s, motion.pos_ned_m, motion.rot_ned_frd)
+    tide = simulation.environment.tide
+    if tide is not NO_TIDE:
+        surface = replace(surface, tide_m=tide.height_m(time_s))
     water = current + surface.orbital_ned_mps
     if drift_frd_n is None:
         drift_frd_n = simulation.vessel.wave_forces.drift.force_frd_n(motion, water, surface)

@@ -1,5 +1,7 @@
 """Generate agent/wire/dialect.py from agent/wire/fleet.xml with mavgen; `--check` says whether it is current.
 
+The fields of XITL_BRIDGE_STATUS in agent/wire/xitl.xml come from agent/bridges/counts.py and are renewed first.
+
 Three things are changed in mavgen's output, for a slow board's sake. Its checksum is slow without a compiled
 package: `agent.wire.crc` takes its place. Its methods that make and send a message are left out: the link does that,
 and they are half of what is loaded. Its annotations stay text. What it does not tell is added: how much of a payload
@@ -14,14 +16,42 @@ import io
 import re
 import sys
 import tempfile
+from dataclasses import fields
 from pathlib import Path
 
 from pymavlink.generator import mavgen, mavparse
+
+from agent.bridges.counts import FIRST_FIELDS, UINT32, BridgeCounts
+from xitl_cli.record.cdr import MessageType
 
 CHECKSUM = re.compile(r"^# CRC calculation using fastcrc.*?^x25crc = [^\n]*\n", flags=re.M | re.S)
 SENDERS = re.compile(r"^    def \w+_(?:encode|send)\(self, .*?(?=^    def |\Z)", flags=re.M | re.S)
 IMPORTS = re.compile(r"^import hashlib$", flags=re.M)
 WIRE = Path(__file__).resolve().parent.parent / "agent" / "wire"
+BRIDGE_STATUS = re.compile(r'(<message id="54014".*?name="time_usec".*?\n)(.*?)(\n    </message>)', flags=re.S)
+
+
+def wire_fields(counts: type[BridgeCounts] = BridgeCounts) -> list[str]:
+    """Lines of the fields of XITL_BRIDGE_STATUS after its time. Those after the first release are extensions."""
+    lines = []
+    columns = MessageType(counts).fields
+    for number, (column, field) in enumerate(zip(columns, fields(counts), strict=True)):
+        if number == FIRST_FIELDS:
+            lines.append("<extensions/>")
+        kind, unit = field.metadata.get("wire", UINT32), field.metadata.get("unit")
+        units = f' units="{unit}"' if unit else ""
+        meaning = column.meaning[:1].upper() + column.meaning[1:]
+        lines.append(f'<field type="{kind}" name="{field.name}"{units}>{meaning}</field>')
+    return lines
+
+
+def renewed(xml: str, counts: type[BridgeCounts] = BridgeCounts) -> str:
+    """The text of xitl.xml with the fields of XITL_BRIDGE_STATUS renewed."""
+    lines = "\n".join(f"      {line}" for line in wire_fields(counts))
+    text, replaced = BRIDGE_STATUS.subn(lambda found: found[1] + lines + found[3], xml)
+    if replaced != 1:
+        raise SystemExit("xitl.xml has no XITL_BRIDGE_STATUS that begins with time_usec: put it back")
+    return text
 
 
 def generated(definition: Path) -> str:
@@ -56,6 +86,12 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("--check", action="store_true", help="write nothing; exit 1 when dialect.py is not current")
     check = arguments.parse_args().check
+    declared = WIRE / "xitl.xml"
+    text = renewed(declared.read_text())
+    if check and declared.read_text() != text:
+        sys.exit(f"{declared} does not match agent/bridges/counts.py: run `make dialect`")
+    if not check:
+        declared.write_text(text)
     target, source = WIRE / "dialect.py", generated(WIRE / "fleet.xml")
     if target.exists() and target.read_text() == source:
         print(f"{target.name} is current")

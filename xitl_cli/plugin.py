@@ -11,15 +11,18 @@ if TYPE_CHECKING:
     from numpy.random import Generator
     from typer.core import TyperGroup
 
+    from sim_core.geodesy import LocalFrame
     from xitl_cli.profile.schema import RunProfile
     from xitl_cli.record.topics import Topic
     from xitl_cli.run.composition.parts import Place
     from xitl_cli.run.core.node import ControlNode, RunNode
+    from xitl_cli.run.links.autopilot_commands import AutopilotCommands
+    from xitl_cli.run.traffic.self_report import VesselVoices
     from xitl_cli.run.world.plant import PlantView
     from xitl_cli.scenery import Scenery
     from xitl_cli.seeds import Seeds
 
-__all__ = ["Command", "NodeContext", "NodeKind"]
+__all__ = ["Command", "DriverContext", "DriverKind", "NodeContext", "NodeKind"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,47 @@ class NodeKind:
 
     place: Place | None = None
     """Place of the node in a step, None for the usual one: after the mission's score, before the live outputs."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriverContext:
+    """The autopilot that a driver commands, and the run around it."""
+
+    profile: RunProfile
+    """Profile of the vessel; `profile.vessel` is its name, empty where there is one vessel."""
+
+    commands: AutopilotCommands
+    """Sends commands to the autopilot; `commands.view` has its state: mode, armed, waypoints reached, texts."""
+
+    frame: LocalFrame
+    """The local frame: NED in metres about the site."""
+
+    keys: Any = None
+    """Keys of the profile below `plugins.NAME`, None for a driver of xitl, whose keys are in `driver`."""
+
+    ground_stations: tuple[str, ...] = ()
+    """Addresses at which ground stations may connect."""
+
+    others: Callable[[], str] = lambda: ""
+    """Returns a text with the vessels to wait for, empty when this vessel may set out."""
+
+    voices: VesselVoices | None = None
+    """Reports of all vessels of a fleet, None outside of a run."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriverKind:
+    """A kind of driver, under the name of its entry point (group `xitl.drivers`).
+
+    A vessel with an autopilot has the driver when its profile says `driver.kind: NAME`.
+    """
+
+    make: Callable[[DriverContext], Any]
+    """`make(context)` returns the `xitl_cli.run.nodes.drivers.VehicleDriver` of one vessel. Raises UserError when the run cannot have it."""
+
+    keys: type | None = None
+    """Keys of the profile below `plugins.NAME`: a frozen dataclass that derives from `sim_core.keys.Specification`. If
+    the profile has no such group, all keys have their default values."""
 
 
 def keep_group(app: typer.Typer) -> None:

@@ -25,6 +25,7 @@ INTERFACE = 1
 OWN_PACKAGE = "xitl"
 COMMANDS = "xitl.commands"
 NODES = "xitl.nodes"
+DRIVERS = "xitl.drivers"
 LOG_ANALYSES = "xitl.log_analyses"
 LIVE_OUTPUTS = "xitl.live_outputs"
 LOG_EXPORTS = "xitl.log_exports"
@@ -36,6 +37,7 @@ PROFILES = "xitl.profiles"
 GROUPS = {
     COMMANDS: "a command, or a group of commands: `xitl_cli.plugin.Command`",
     NODES: "nodes of a run with profile keys and topics, such as a sensor: `xitl_cli.plugin.NodeKind`",
+    DRIVERS: "drivers, which command an autopilot in a run: `xitl_cli.plugin.DriverKind`",
     LOG_ANALYSES: "analyses of `xitl logs analyze`: a function from a `Log` to a `Section`, or to None",
     LIVE_OUTPUTS: "live outputs of a run, as a function from profiles to "
     "`xitl_cli.run.core.live_output.LiveOutput`. A profile asks for `view`, `foxglove` and `ros`",

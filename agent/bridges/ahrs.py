@@ -27,7 +27,7 @@ from typing import Callable
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.fcu.vehicle_state import ImuMeasurement
+from agent.navigation.measurements import ImuMeasurement
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire.codec import Message
 from agent.wire.dialect import MAV_SEVERITY_NOTICE as _NOTICE

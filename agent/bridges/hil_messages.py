@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.fcu.estimation.position_filter import standard_height_m
-from agent.fcu.gps_time import unix_us
-from agent.fcu.vehicle_state import BarometerMeasurement, MagnetometerMeasurement
+from agent.navigation.gps_time import unix_us
+from agent.navigation.measurements import BarometerMeasurement, MagnetometerMeasurement
+from agent.navigation.position_filter import standard_height_m
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
 

@@ -3,38 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Callable
 
+from agent.bridges.counts import BridgeCounts
 from agent.timing.clock import Clock
 from agent.wire.codec import Message
 
 
-class InjectorCounters:
-    """Counts since the run began, as XITL_BRIDGE_STATUS reports them.
+@dataclass
+class InjectorCounters(BridgeCounts):
+    """Counts of one injector since the run began. The role fills in the counts that no injector has.
 
-    imu_out, solution_out, gnss_out: frames that the line accepted, without those counted as `unsent`.
-    refused: messages of the host that were not valid measurements. XITL_NODE_STATUS reports them.
+    `imu_out`, `solution_out` and `gnss_out` leave out the frames that are counted as `unsent`.
     """
 
-    def __init__(self) -> None:
-        self.imu_out = 0
-        self.solution_out = 0
-        self.gnss_out = 0
-        self.unsent = 0
-        self.world_in = 0
-        self.world_resent = 0
-        self.world_lost = 0
-        self.world_rate = 0
-        self.restarts = 0
-        self.outputs_in = 0
-        self.commands_in = 0
-        self.junk = 0
-        self.refused = 0
-        self.script_in = 0
-        self.script_out = 0
-        self.script_dropped = 0
-        self.script_answers = False
-        self.taken = False
+    refused: int = 0
+    """Messages of the host that were not valid measurements. XITL_NODE_STATUS reports them."""
+    script_answers: bool = False
+    """The script on the autopilot answers."""
+    taken: bool = False
+    """The autopilot accepts the samples."""
 
 
 class InjectorError(ValueError):

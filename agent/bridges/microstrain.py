@@ -19,7 +19,7 @@ from agent.bridges.ahrs import LISTEN, Ahrs, open_line
 from agent.bridges.injector import InjectorError
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.gps_time import SECOND_NS, WEEK_S
+from agent.navigation.gps_time import SECOND_NS, WEEK_S
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 SENSORS, FILTER, RECEIVER_1 = 0x80, 0x82, 0x91

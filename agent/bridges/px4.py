@@ -27,7 +27,7 @@ from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.readings import SensorReadings
 from agent.bridges.samples import ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.vehicle_state import ImuMeasurement
+from agent.navigation.measurements import ImuMeasurement
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message

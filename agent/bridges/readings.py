@@ -7,10 +7,10 @@ from typing import Callable, Union
 
 from agent.bridges.declination import declination_rad
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.fcu.estimation.estimator import Estimator
-from agent.fcu.gps_time import GpsTime
-from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
+from agent.navigation.estimator import Estimator
+from agent.navigation.gps_time import GpsTime
+from agent.navigation.measurements import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
+from agent.navigation.parameters import ESTIMATOR_ROWS
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
@@ -28,7 +28,7 @@ class NavigationSolution:
 
     def __init__(self, time: GpsTime) -> None:
         self._time = time
-        self._parameters = Parameters()
+        self._parameters = {row.name: float(row.default) for row in ESTIMATOR_ROWS}
         self._estimator = Estimator(self._parameters)
         self._fix: ReceiverFix | None = None
 
@@ -54,7 +54,7 @@ class NavigationSolution:
             return
         if self._fix is None:
             year = self._time.year_at(fix.stamp_ns)
-            self._parameters.set("COMPASS_DEC", declination_rad(fix.lat_deg, fix.lon_deg, fix.alt_m, year))
+            self._parameters["COMPASS_DEC"] = declination_rad(fix.lat_deg, fix.lon_deg, fix.alt_m, year)
             self._estimator.configure()
         self._fix = fix
 

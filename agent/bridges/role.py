@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from time import monotonic, sleep
 from typing import Callable
 
+from agent.bridges.counts import BridgeCounts
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.vehicle_link import VehicleLink
 from agent.mavlink.commands import FORCE_DISARM, CommandClient, StatusTextSender, command_long
@@ -62,46 +63,31 @@ def updated_pulses_us(message: Message, before: Sequence[int]) -> tuple[int, ...
 
 
 HEARD, TAKEN, SCRIPT = 1, 2, 4
-_MOST = 0xFFFFFFFF
-_SUMMED = (
-    "imu_out", "solution_out", "gnss_out", "world_in", "world_resent", "world_lost", "commands_in", "junk",
-    "script_in", "script_out", "script_dropped",
-)  # fmt: skip
 
 
-def bridge_status_message(
-    now_ns: int, counts: Sequence[InjectorCounters], vehicle: VehicleLink, outputs_in: int, unsent: int
-) -> Message:
-    """Return XITL_BRIDGE_STATUS: counts of all injectors since the run began.
+def bridge_counts(
+    counts: Sequence[InjectorCounters], vehicle: VehicleLink, outputs_in: int, unsent: int
+) -> BridgeCounts:
+    """Return the counts of a bridge: of all its injectors and of the line to the autopilot.
 
     outputs_in: number of received output sets.
     unsent: messages of the host that the autopilot's line did not accept. They are added to the unsent frames of the
       injectors.
     """
     link = vehicle.counters
-
-    def total(name: str) -> int:
-        return min(sum(int(getattr(count, name)) for count in counts), _MOST)
-
-    connected = HEARD if vehicle.connected else 0
-    connected |= TAKEN if any(count.taken for count in counts) else 0
-    connected |= SCRIPT if any(count.script_answers for count in counts) else 0
-    damaged = link.dropped_bad_crc + link.dropped_unknown + link.dropped_truncated
-    message: Message = mav.MAVLink_xitl_bridge_status_message(
-        time_usec=now_ns // 1000,
-        unsent=min(total("unsent") + unsent, _MOST),
-        restarts=max(total("restarts"), vehicle.reboots),
-        outputs_in=outputs_in & _MOST,
-        mavlink_in=link.received + vehicle.passed,
-        mavlink_lost=link.lost,
-        mavlink_dropped=damaged,
-        mavlink_passed=vehicle.passed,
-        mavlink_out=link.sent,
-        world_rate=min(max((count.world_rate for count in counts), default=0), 0xFFFF),
-        connected=connected,
-        **{name: total(name) for name in _SUMMED},
-    )
-    return message
+    total = BridgeCounts.total(counts)
+    total.unsent += unsent
+    total.restarts = max(total.restarts, vehicle.reboots)
+    total.outputs_in = outputs_in
+    total.mavlink_in = link.received + vehicle.passed
+    total.mavlink_lost = link.lost
+    total.mavlink_dropped = link.dropped_bad_crc + link.dropped_unknown + link.dropped_truncated
+    total.mavlink_passed = vehicle.passed
+    total.mavlink_out = link.sent
+    total.connected = HEARD if vehicle.connected else 0
+    total.connected |= TAKEN if any(count.taken for count in counts) else 0
+    total.connected |= SCRIPT if any(count.script_answers for count in counts) else 0
+    return total
 
 
 WATCH_HZ = 10.0
@@ -184,7 +170,7 @@ class BridgeRole(Role):
 
     def start_run(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         self._running = True
-        executor.add("bridge", WATCH_HZ, self._watch)
+        executor.add("bridge", WATCH_HZ, self._vehicle.update)
 
     def end_run(self, now_ns: int) -> Sequence[Message]:
         """End the run: disarm the autopilot, and reboot it if `reboots` is set."""
@@ -386,9 +372,6 @@ class BridgeRole(Role):
 
     # -- tasks and events
 
-    def _watch(self, now_ns: int) -> None:
-        self._vehicle.update(now_ns)
-
     def telemetry(self, now_ns: int) -> Sequence[Message]:
         if self._told_ns is not None and now_ns - self._told_ns < STATUS_NS:
             return ()
@@ -400,7 +383,9 @@ class BridgeRole(Role):
 
     def _status(self, now_ns: int) -> Message:
         counts = [injector.counts for injector in self._injectors]
-        return bridge_status_message(now_ns, counts, self._vehicle, self._efforts, self._unsent)
+        total = bridge_counts(counts, self._vehicle, self._efforts, self._unsent)
+        message: Message = mav.MAVLink_xitl_bridge_status_message(time_usec=now_ns // 1000, **total.on_wire())
+        return message
 
     @property
     def traffic(self) -> Traffic:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from agent.fcu.vehicle_state import Quaternion, Vector3
+from agent.navigation.measurements import Quaternion, Vector3
 
 RANGE_ERROR_M = 1.0  # one sigma of a range with open sky; converts an accuracy to a dilution of precision
 

@@ -219,7 +219,9 @@ class CommandPort:
         if register in _OUTPUTS:
             fields = _OUTPUTS[register]
             divisor = self.divisors.get(register)
-            return ["0", "1", "00"] if divisor is None else ["3", str(divisor), *_spelled(fields)]
+            if divisor is None:
+                return ["0", "1", "00"]
+            return ["3", str(divisor), f"{fields[0]:02X}", *(f"{field:04X}" for field in fields[1:])]
         raise CommandError(BAD_REGISTER)
 
     def _write(self, values: list[str]) -> None:
@@ -295,10 +297,6 @@ def _port(number: int) -> int:
 def _exactly(values: list[str], count: int) -> None:
     if len(values) != count:
         raise CommandError(TOO_FEW if len(values) < count else TOO_MANY)
-
-
-def _spelled(fields: tuple[int, ...]) -> list[str]:
-    return [f"{fields[0]:02X}", *(f"{field:04X}" for field in fields[1:])]
 
 
 _STALE_NS = 500_000_000

@@ -11,10 +11,10 @@ import numpy as np
 from agent.companion.mission_copy import MissionCopy, MissionPosition
 from agent.companion.pose_history import PoseHistory, VehiclePose
 from agent.companion.rigid_motion import quaternion_from_euler
-from agent.fcu.geodetic import LocalProjection
 from agent.mavlink.commands import command_long
 from agent.mavlink.exchange import Messages, text_of
 from agent.mavlink.modes import AUTO, GUIDED
+from agent.navigation.geodetic import LocalProjection
 from agent.wire import dialect as mav
 
 _RATES_HZ = (

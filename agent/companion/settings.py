@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Callable
 
-from agent.fcu.parameters import Parameter, ParameterError, within
 from agent.mavlink.exchange import Messages
+from agent.mavlink.parameter_rows import Parameter, ParameterError, within
 from agent.mavlink.parameters import ParameterServer
 
 TABLE = (

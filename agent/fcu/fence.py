@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.parameters import Parameters
+from agent.navigation.geodetic import Home, LocalProjection
 
 RETURN_POINT = 5000  # MAV_CMD_NAV_FENCE_RETURN_POINT
 POLYGON_IN, POLYGON_OUT = 5001, 5002  # MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, _EXCLUSION

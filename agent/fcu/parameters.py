@@ -1,4 +1,4 @@
-"""Parameters: name, default, range, unit, meaning and type; a store with checks; ArduPilot's .parm files.
+"""Parameters of the embedded autopilot: the table, and a store with checks.
 
 If ArduRover has a parameter of the same purpose, name, unit, meaning and type are those of ArduRover. Defaults suit the
 full-size vessel.
@@ -6,51 +6,21 @@ full-size vessel.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 from agent.mavlink.modes import ROVER_MODES
+from agent.mavlink.parameter_rows import INT8, INT16, INT32, REAL32, Parameter, ParameterError, parm_lines, within
+from agent.navigation.parameters import ESTIMATOR_ROWS
 
 RC_CHANNELS = 16  # with RCn_ parameters
 OUTPUTS = 16  # with SERVOn_ parameters
 MOTORS, RUDDERS = 8, 4  # with a position: MOTn_, RUDn_
-INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE; ArduPilot has no others
 _MODES = tuple(ROVER_MODES)
 SYSTEM_ID = "SYSID_THISMAV"
 
 
-class Parameter(NamedTuple):
-    """One row of the table."""
-
-    name: str
-    default: float
-    low: float
-    """Inclusive. Equal to `high` for a constant."""
-    high: float
-    """Inclusive."""
-    unit: str
-    meaning: str
-    type: int = REAL32
-    """MAV_PARAM_TYPE. All types except REAL32 are integers."""
-    choices: tuple[int, ...] = ()
-    """The only valid values, empty if the whole range is valid."""
-
-    @property
-    def fixed(self) -> bool:
-        """Whether it cannot be set."""
-        return self.low == self.high
-
-    def nearest(self, value: float) -> float:
-        """Return the nearest value in range."""
-        return min(max(value, self.low), self.high)
-
-
 _ROWS: tuple[Parameter, ...] = (
     Parameter("ACRO_TURN_RATE", 30.0, 1.0, 360.0, "deg/s", "turn rate at full steering stick in ACRO and STEERING"),
-    Parameter("AHRS_GPS_MINSATS", 6, 0, 30, "", "fewest satellites of a fix in use", INT8),
-    Parameter("AHRS_RP_P", 0.2, 0.02, 2.0, "1/s", "how fast gravity and GNSS velocity correct roll and pitch"),
-    Parameter("AHRS_YAW_P", 0.2, 0.02, 2.0, "1/s", "how fast the compass corrects the heading"),
     Parameter(
         "ARMING_CHECK",
         1,
@@ -78,22 +48,8 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("CIRC_DIR", 0, 0, 1, "", "CIRCLE: 0 clockwise, 1 counterclockwise", INT8),
     Parameter("CIRC_RADIUS", 20.0, 0.0, 100.0, "m", "radius of CIRCLE, no less than TURN_RADIUS"),
     Parameter("CIRC_SPEED", 0.0, 0.0, 10.0, "m/s", "speed of CIRCLE, 0 for WP_SPEED"),
-    Parameter("COMPASS_DEC", 0.0, -math.pi, math.pi, "rad", "magnetic declination, east positive"),
-    Parameter("COMPASS_OFS_X", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, forward"),
-    Parameter("COMPASS_OFS_Y", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, right"),
-    Parameter("COMPASS_OFS_Z", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, down"),
     Parameter("CRUISE_SPEED", 3.0, 0.1, 30.0, "m/s", "speed through still water at CRUISE_THROTTLE"),
     Parameter("CRUISE_THROTTLE", 45.0, 1.0, 100.0, "%", "thrust, part of full thrust, at CRUISE_SPEED", INT8),
-    Parameter("EK3_ABIAS_P_NSE", 0.05, 0.00001, 1.0, "m/s^3", "acceleration bias process noise, at 100 Hz"),
-    Parameter("EK3_ACC_P_NSE", 0.2, 0.01, 5.0, "m/s/s", "acceleration process noise, at 100 Hz"),
-    Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 50.0, "m", "barometer height noise"),
-    Parameter("EK3_GPSDRIFT_TC", 60.0, 1.0, 3600.0, "s", "correlation time of the GNSS position drift"),
-    Parameter("EK3_HGT_I_GATE", 500.0, 100.0, 5000.0, "", "height innovation gate, hundredths of sigma", INT16),
-    Parameter("EK3_POSNE_M_NSE", 0.15, 0.01, 10.0, "m", "GNSS noise of an axis from fix to fix; the rest is drift"),
-    Parameter("EK3_POS_I_GATE", 500.0, 100.0, 5000.0, "", "position innovation gate, hundredths of sigma", INT16),
-    Parameter("EK3_VELD_M_NSE", 0.05, 0.01, 5.0, "m/s", "least vertical GNSS velocity noise"),
-    Parameter("EK3_VELNE_M_NSE", 0.03, 0.01, 5.0, "m/s", "least horizontal GNSS velocity noise"),
-    Parameter("EK3_VEL_I_GATE", 500.0, 100.0, 5000.0, "", "velocity innovation gate, hundredths of sigma", INT16),
     Parameter(
         "FENCE_ACTION", 1, 0, 4, "", "at a breach: 0 report, 1 RTL, 2 HOLD, 3 SMART_RTL or RTL, 4 SMART_RTL", INT8
     ),
@@ -112,14 +68,8 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("FS_GCS_TIMEOUT", 5.0, 1.0, 120.0, "s", "without a ground station's heartbeat for so long it is silent"),
     Parameter("FS_IMU_TIMEOUT", 0.25, 0.02, 10.0, "s", "outputs go neutral when no IMU sample came for so long"),
     Parameter("FS_TIMEOUT", 1.5, 0.0, 100.0, "s", "a failsafe acts when its cause has lasted for so long"),
-    Parameter("GPS1_POS_X", 0.0, -50.0, 50.0, "m", "GNSS antenna forward of the body origin"),
-    Parameter("GPS1_POS_Y", 0.0, -50.0, 50.0, "m", "GNSS antenna right of the body origin"),
-    Parameter("GPS1_POS_Z", 0.0, -50.0, 50.0, "m", "GNSS antenna below the body origin"),
     Parameter("GUID_TIMEOUT", 3.0, 0.1, 60.0, "s", "velocity and course targets of GUIDED hold for so long"),
     Parameter("INITIAL_MODE", 4, 0, 15, "", "number of the mode after start", INT8, _MODES),
-    Parameter("INS_POS1_X", 0.0, -50.0, 50.0, "m", "IMU forward of the body origin"),
-    Parameter("INS_POS1_Y", 0.0, -50.0, 50.0, "m", "IMU right of the body origin"),
-    Parameter("INS_POS1_Z", 0.0, -50.0, 50.0, "m", "IMU below the body origin"),
     Parameter("LOIT_RADIUS", 2.0, 0.1, 100.0, "m", "how far from its place a loitering vessel may drift"),
     Parameter("LOIT_SPEED_GAIN", 0.5, 0.0, 5.0, "1/s", "speed back to its place per distance"),
     Parameter("LOIT_TYPE", 0, 0, 2, "", "back to its place: 0 bow or stern first, 1 bow first, 2 stern first", INT8),
@@ -274,6 +224,7 @@ TABLE: tuple[Parameter, ...] = tuple(
     sorted(
         (
             *_ROWS,
+            *ESTIMATOR_ROWS,
             *_station_rows(),
             *_output_rows(),
             *(row for number in range(1, RC_CHANNELS + 1) for row in _channel_rows(number)),
@@ -282,10 +233,6 @@ TABLE: tuple[Parameter, ...] = tuple(
 )
 
 BY_NAME: dict[str, Parameter] = {row.name: row for row in TABLE}
-
-
-class ParameterError(ValueError):
-    """Raised for a refused parameter or parameter file. The message says what, where and how to fix it."""
 
 
 class Parameters:
@@ -352,24 +299,6 @@ def checked(name: str, value: float) -> float:
     return within(row, value)
 
 
-def within(row: Parameter, value: float) -> float:
-    """Return the value as a row of a table stores it. Raises ParameterError for NaN or an invalid value."""
-    whole = row.type != REAL32
-    # A limit that was converted to a 32-bit float on the wire is still accepted.
-    slack = 0.0 if whole else 1e-6 * max(1.0, abs(row.low), abs(row.high))
-    unit = f" {row.unit}" if row.unit else ""
-    if not row.low - slack <= value <= row.high + slack:
-        if row.fixed:
-            raise ParameterError(f"{row.name} = {value:g} is refused: it is {row.low:g}{unit} and cannot be set")
-        raise ParameterError(f"{row.name} = {value:g} is out of range; use {row.low:g} to {row.high:g}{unit}")
-    if whole and value != int(value):
-        raise ParameterError(f"{row.name} = {value:g} is not a whole number; use {row.low:g} to {row.high:g}{unit}")
-    if row.choices and value not in row.choices:
-        known = ", ".join(map(str, (choice for choice in row.choices if row.low <= choice <= row.high)))
-        raise ParameterError(f"{row.name} = {value:g} stands for nothing; use one of {known}")
-    return float(min(max(value, row.low), row.high))
-
-
 def checked_parm(text: str, source: str) -> list[tuple[int, str, float]]:
     """Parse like `parm_lines`, with each value as the embedded autopilot stores it. Raises the first refusal."""
     found = []
@@ -379,33 +308,6 @@ def checked_parm(text: str, source: str) -> list[tuple[int, str, float]]:
         except ParameterError as error:
             raise ParameterError(f"{source}:{line}: {error}") from None
     return found
-
-
-def load_parm(text: str, source: str = "parameters") -> dict[str, float]:
-    """Return names and values of an ArduPilot .parm text, not checked against the table.
-
-    The last of a repeated name wins.
-
-    A line is `NAME value` or `NAME,value`. A comment begins with `#`. Raises ParameterError with file and line.
-    """
-    return {name: value for _, name, value in parm_lines(text, source)}
-
-
-def parm_lines(text: str, source: str) -> Iterator[tuple[int, str, float]]:
-    """Yield (line number, name, value) of each line of a .parm text that sets a parameter."""
-    for line, raw in enumerate(text.splitlines(), start=1):
-        fields = raw.split("#", 1)[0].replace(",", " ").split()
-        if not fields:
-            continue
-        if len(fields) != 2:
-            raise ParameterError(f"{source}:{line}: expected NAME value, found {raw.strip()[:60]!r}")
-        try:
-            value = float(fields[1])
-        except ValueError:
-            raise ParameterError(f"{source}:{line}: {fields[0]} = {fields[1][:40]!r} is not a number") from None
-        if not math.isfinite(value):
-            raise ParameterError(f"{source}:{line}: {fields[0]} = {fields[1]} is not a finite number")
-        yield line, fields[0].upper(), value
 
 
 def _hint(name: str) -> str:

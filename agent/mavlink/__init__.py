@@ -6,6 +6,7 @@
     commands.py    CommandClient, CommandServer; STATUSTEXT split and joined
     ftp.py         FtpClient, FtpPacket
     ftp_server.py  FtpServer: lists, checksums, reads and bursts of the files of a Files
+    parameter_rows.py  Parameter, a row of a table of parameters; ArduPilot's .parm files
     parameter_file.py  @PARAM/param.pck in ArduPilot's format
     logs.py        LogServer: LOG_REQUEST_LIST, LOG_REQUEST_DATA
     modes.py       modes of ArduRover and PX4: numbers, names, parameters of MAV_CMD_DO_SET_MODE

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 from agent.fcu.fence import FenceItem
 from agent.fcu.mission import CHANGE_SPEED, JUMP, MissionError, MissionItem, make_mission
-from agent.fcu.parameters import ParameterError
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import ERROR, WARNING
 from agent.files import read_text
+from agent.mavlink.parameter_rows import ParameterError
 
 FORMAT = 2
 _FORMATS = (1, 2)  # format 1 stored only some fields of mission items

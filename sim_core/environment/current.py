@@ -86,16 +86,21 @@ class ChannelCurrent:
         return self.uniform.step(state, dt_s, rng)
 
     def velocity_ned_mps(self, state: Array, pos_ned_m: Array) -> Array:
-        spec = self.uniform.spec
-        assert spec.channel_width_m is not None
-        centre_north_m, centre_east_m = spec.channel_centre_ned_m
-        north, east = self.uniform.direction_ned[:2]
-        across_m = north * (pos_ned_m[:, 1] - centre_east_m) - east * (pos_ned_m[:, 0] - centre_north_m)
-        shear = np.minimum(np.abs(across_m) * (2.0 / spec.channel_width_m), 1.0) ** spec.channel_bank_exponent
-        velocity: Array = (1.0 - (1.0 - spec.channel_bank_ratio) * shear)[:, None] * self.uniform.velocity_ned_mps(
-            state, pos_ned_m
-        )
+        share = bank_share(self.uniform.spec, pos_ned_m)
+        velocity: Array = share[:, None] * self.uniform.velocity_ned_mps(state, pos_ned_m)
         return velocity
+
+
+def bank_share(spec: CurrentSpec, pos_ned_m: Array) -> Array:
+    """Return the (N,) share of the speed in the middle of the channel that flows at (N, 3) positions."""
+    assert spec.channel_width_m is not None
+    centre_north_m, centre_east_m = spec.channel_centre_ned_m
+    course = math.radians(spec.direction_deg)
+    north, east = math.cos(course), math.sin(course)
+    across_m = north * (pos_ned_m[:, 1] - centre_east_m) - east * (pos_ned_m[:, 0] - centre_north_m)
+    shear = np.minimum(np.abs(across_m) * (2.0 / spec.channel_width_m), 1.0) ** spec.channel_bank_exponent
+    share: Array = 1.0 - (1.0 - spec.channel_bank_ratio) * shear
+    return share
 
 
 def make_current(spec: CurrentSpec) -> Current:

@@ -6,7 +6,19 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from sim_core.keys import Bounds, Direction, NonNegative, Place, Positive, Share, Specification, SpecificationError
+from sim_core.environment.tide_spec import TidalStreamSpec, TideSpec, problem_of_instant
+from sim_core.keys import (
+    Bounds,
+    Direction,
+    IfGiven,
+    NonNegative,
+    Place,
+    Positive,
+    Share,
+    Specification,
+    SpecificationError,
+    ValueProblem,
+)
 
 GRAVITY_MPS2 = 9.80665  # standard gravity; weight and buoyancy use the same, so floatation does not depend on it
 FEWEST_COMPONENTS = 8
@@ -17,10 +29,11 @@ class Water(Specification):
     """The still water."""
 
     density_kgpm3: Positive = 997.8
-    level_m: Annotated[float, "water surface above the local origin, up positive"] = -0.01
-    depth_m: Annotated[float, Bounds(at_least=0.1, at_most=12_000), "water depth, used by waves and rangefinders"] = (
-        20.0
-    )
+    level_m: Annotated[float, "water surface above the local origin, up positive; with a tide: its mean level"] = -0.01
+    depth_m: Annotated[
+        float, Bounds(at_least=0.1, at_most=12_000), "water depth at level_m, used by waves and rangefinders"
+    ] = 20.0
+    tide: Annotated[TideSpec | None, IfGiven(), "heights added to level_m; null: no tide"] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +56,7 @@ class CurrentSpec(Specification):
     channel_bank_exponent: Annotated[
         Positive, "steepness of the decrease; a larger value concentrates it near the banks"
     ] = 4.0
+    tide: Annotated[TidalStreamSpec | None, IfGiven(), "tidal stream added to the current; null: none"] = None
 
     @property
     def mean_ne_mps(self) -> tuple[float, float]:
@@ -155,3 +169,22 @@ class EnvironmentSpec(Specification):
         Bounds(at_least=0, at_most=0.5),
         "share of a lidar's light in the water that suspended particles scatter back",
     ] = 0.05
+    start_utc: Annotated[
+        str | None,
+        ValueProblem(problem_of_instant),
+        IfGiven(),
+        "UTC at the start of the run, for tides, such as 2026-03-01T06:00:00Z",
+    ] = None
+
+    def check(self) -> None:
+        level, stream = self.water.tide, self.current.tide
+        for group, tide in (("water", level), ("current", stream)):
+            if self.start_utc is None and tide is not None and tide.needs_start:
+                raise SpecificationError(
+                    (group, "tide"), "needs environment.start_utc; add it in UTC, such as 2026-03-01T06:00:00Z"
+                )
+        if stream is not None and stream.peak_mps is not None and level is None:
+            raise SpecificationError(
+                ("current", "tide", "follows"),
+                f"= {stream.follows} needs environment.water.tide; add it, or give current.tide.constituents",
+            )

@@ -104,7 +104,7 @@ def mixed_waves(before: WaveField | FlatWater, after: WaveField | FlatWater, sha
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transition:
-    """Transition from one environment to another in the same water. It begins at start_s of simulation time."""
+    """Transition to another environment of the same water and tide. It begins at start_s of simulation time."""
 
     before: Environment
     after: Environment
@@ -128,6 +128,7 @@ class Transition:
             before.current if self._keeps_current else MixedCurrent(before.current, after.current, share),
             before.waves if before.waves is after.waves else mixed_waves(before.waves, after.waves, share),
             before.wind if self._keeps_wind else MixedAir(before.wind, after.wind, share),
+            before.tide,
         )
 
     def begun(self, state: EnvironmentState, vessels: int, rng: Generator) -> EnvironmentState:

@@ -240,6 +240,8 @@ class HullSurface:
     """Elevation above the still level, (N, S), up positive."""
     over_hull: Array
     """Means over the points of each hull, (N, 15). The properties below are its parts."""
+    tide_m: float = 0.0
+    """Height of the still level above its mean."""
 
     @property
     def orbital_ned_mps(self) -> Array:

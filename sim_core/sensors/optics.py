@@ -111,7 +111,7 @@ class WaterSeen:
     @classmethod
     def around(cls, environment: Environment, time_s: float, pos_ned_m: NDArray[float64]) -> WaterSeen:
         """Return the water about pos_ned_m (3,) at time_s."""
-        level_down_m, waves, middle = -environment.water.level_m, environment.waves, pos_ned_m[:2]
+        level_down_m, waves, middle = -environment.level_m(time_s), environment.waves, pos_ned_m[:2]
         if not isinstance(waves, WaveField):
             none = np.zeros(0, float32)
             return cls(level_down_m, 0.0, middle.astype(float32), none, none, none)

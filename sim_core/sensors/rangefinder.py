@@ -23,6 +23,8 @@ _ASIDE = 0.2  # horizontal share of the beam direction above which hulls matter
 
 HullsAround = Callable[[float], Walls]
 """Returns the sides of other vessels within a range."""
+TideNow = Callable[[], float]
+"""Returns the height of the still water above its mean level now, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +40,8 @@ class Rangefinder:
     """Range to the nearest object along the beam, with noise, see RangefinderSpec.
 
     In `water`, the beam reaches the level bed at bed_down_m (down coordinate) and walls. In `air`, it reaches the still
-    surface at surface_down_m and walls. On a level plane, the point of the beam nearest to the vertical gives the
-    range. On walls, the middle of the beam gives it. Limits of the unit are not applied.
+    surface, with its mean level at surface_down_m, and walls. On a level plane, the point of the beam nearest to the
+    vertical gives the range. On walls, the middle of the beam gives it. Limits of the unit are not applied.
     """
 
     spec: RangefinderSpec
@@ -48,6 +50,8 @@ class Rangefinder:
     walls: Walls = OPEN_WATER
     hulls: HullsAround | None = None
     """Hulls of other vessels now, within a range of the vessel; None for no others."""
+    tide_m: TideNow | None = None
+    """None without a tide."""
     _position: Array = field(init=False, repr=False, compare=False)
     _direction: Array = field(init=False, repr=False, compare=False)
     _half_beam: float = field(init=False, repr=False, compare=False)
@@ -85,7 +89,9 @@ class Rangefinder:
 
     def _to_plane_m(self, origin_ned_m: Array, ray_ned: Array) -> Array:
         """Return the (N,) range along the part of the beam nearest to the vertical; 0 for a unit beyond the plane."""
-        plane_down_m = self.bed_down_m if self.spec.through == "water" else self.surface_down_m
+        plane_down_m = self.bed_down_m
+        if self.spec.through == "air":
+            plane_down_m = self.surface_down_m - (0.0 if self.tide_m is None else self.tide_m())
         height_m = np.maximum(plane_down_m - origin_ned_m[:, 2], 0.0)
         tilt_rad = np.arccos(np.clip(ray_ned[:, 2], -1.0, 1.0))
         cosine = np.cos(np.maximum(tilt_rad - self._half_beam, 0.0))

@@ -45,7 +45,9 @@ class WindVane:
     share_at: Callable[[Array], Array] = np.ones_like
     """Returns the wind speed at (N,) heights above the still water, relative to the air velocity given to `measure`."""
     level_m: float = 0.0
-    """Level of the still water."""
+    """Mean level of the still water."""
+    tide_m: Callable[[], float] | None = None
+    """Returns the height of the still water above its mean level now; None without a tide."""
     _cross: Array = field(init=False, repr=False, compare=False)
     _gain: float = field(init=False, repr=False, compare=False)
     _speed: Digitiser = field(init=False, repr=False, compare=False)
@@ -67,7 +69,8 @@ class WindVane:
         self, state: WindVaneState, truth: Kinematics, air_ned_mps: Array, rng: Generator
     ) -> tuple[WindVaneState, WindSample]:
         """Take one sample in air that moves with air_ned_mps (N, 3)."""
-        height_m = -self.level_m - truth.pos_ned_m[:, 2] - truth.rot_ned_frd[:, 2] @ self.spec.position_frd_m
+        level_m = self.level_m if self.tide_m is None else self.level_m + self.tide_m()
+        height_m = -level_m - truth.pos_ned_m[:, 2] - truth.rot_ned_frd[:, 2] @ self.spec.position_frd_m
         relative_ned = air_ned_mps * self.share_at(height_m)[:, None] - truth.vel_ned_mps
         past_frd = (relative_ned[:, None] @ truth.rot_ned_frd)[:, 0] - truth.gyro_frd_radps @ self._cross
         felt = past_frd[:, :2]

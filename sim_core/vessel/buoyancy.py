@@ -131,7 +131,7 @@ class RoundHulls:
     def _cosine(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
         """Return the (N, S) height of each strip's axis above the surface in radii."""
         cosine: Array = down_frd @ self.minus_axes_in_radii
-        cosine -= (surface.point_elevation_m + (pos_ned_m[:, 2:] + self.level_m)) * self.per_radius
+        cosine -= (surface.point_elevation_m + (pos_ned_m[:, 2:] + (self.level_m + surface.tide_m))) * self.per_radius
         return cosine
 
 
@@ -245,7 +245,7 @@ class SectionHulls:
         """Return the (N, S, C + 1) depth of the corners below the surface."""
         depth = np.concatenate((down_frd, surface.slope_frd[:, 1:2]), axis=1) @ self.depth
         above = surface.point_elevation_m
-        at_strip = 0.5 * (above[:, ::2] + above[:, 1::2]) + (pos_ned_m[:, 2:] + self.level_m)
+        at_strip = 0.5 * (above[:, ::2] + above[:, 1::2]) + (pos_ned_m[:, 2:] + (self.level_m + surface.tide_m))
         corners: Array = depth.reshape(*at_strip.shape, -1) + at_strip[:, :, None]
         return corners
 

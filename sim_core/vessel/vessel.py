@@ -121,14 +121,14 @@ class Vessel:
         return replace(self, wave_forces=wave_forces, acceleration_per_term=acceleration_per_term)
 
 
-def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
+def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array, tide_m: float = 0.0) -> VesselState:
     """Return vessels afloat at (N, 2) positions and (N,) headings with their still-water heel and trim, engines
-    stopped.
+    stopped. tide_m: height of the still water above its mean level.
     """
     vessels = len(north_east_m)
     pos_ned_m = np.empty((vessels, 3))
     pos_ned_m[:, :2] = north_east_m
-    pos_ned_m[:, 2] = vessel.rest.depth_m - vessel.level_m
+    pos_ned_m[:, 2] = vessel.rest.depth_m - (vessel.level_m + tide_m)
     euler_rad = np.empty((vessels, 3))
     euler_rad[:, :2] = vessel.rest.heel_rad, vessel.rest.trim_rad
     euler_rad[:, 2] = yaw_rad

@@ -55,13 +55,19 @@ class Triangles:
     """Indices of triangles that are too large for cells."""
 
     @classmethod
-    def from_meshes(cls, meshes: Sequence[tuple[str, Mesh]], water_down_m: float) -> Triangles:
-        """Select the triangles of named meshes that a hull in this water can reach."""
+    def from_meshes(
+        cls, meshes: Sequence[tuple[str, Mesh]], water_down_m: float, tide_m: tuple[float, float] = (0.0, 0.0)
+    ) -> Triangles:
+        """Select the triangles of named meshes that a hull in this water can reach.
+
+        tide_m: lowest and highest level of the water above water_down_m.
+        """
+        lowest_down_m, highest_down_m = (water_down_m - height_m for height_m in tide_m)
         names = tuple(dict.fromkeys(name for name, _ in meshes))
         corners = np.concatenate([np.empty((0, 3, 3)), *(mesh.vertices_m[mesh.faces] for _, mesh in meshes)])
         what = np.repeat([names.index(name) for name, _ in meshes], [len(mesh.faces) for _, mesh in meshes])
         down = corners[:, :, 2]
-        kept = (down.min(axis=1) < water_down_m + ABOUT_WATER_M) & (down.max(axis=1) > water_down_m - ABOUT_WATER_M)
+        kept = (down.min(axis=1) < lowest_down_m + ABOUT_WATER_M) & (down.max(axis=1) > highest_down_m - ABOUT_WATER_M)
         corners, what = corners[kept], what[kept].astype(np.intp)
         low, high = corners.min(axis=1), corners.max(axis=1)
         first = np.floor(low[:, :2] / CELL_M).astype(np.intp)

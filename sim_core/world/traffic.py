@@ -152,7 +152,7 @@ class ScriptedVessel:
     outline: Outline
     """Outline for contact."""
     down_m: float
-    """Down coordinate of the still water."""
+    """Down coordinate of the mean level of the still water."""
 
     @classmethod
     def from_spec(cls, name: str, spec: TrafficSpec, water_level_m: float = 0.0) -> ScriptedVessel:
@@ -183,14 +183,14 @@ class ScriptedVessel:
         return cls(name, track, mesh, plan_m, outline, -water_level_m)
 
 
-def scripted_motion(vessels: Sequence[ScriptedVessel], time_s: float) -> Kinematics:
-    """Return the motion of T vessels, upright on the still water."""
+def scripted_motion(vessels: Sequence[ScriptedVessel], time_s: float, tide_m: float = 0.0) -> Kinematics:
+    """Return the motion of T vessels, upright on the still water. tide_m: its height above the mean level."""
     count = len(vessels)
     place, velocity, change, euler, gyro, turning = np.zeros((6, count, 3))
     for row, vessel in enumerate(vessels):
         (north_m, east_m), heading, speed_mps, rate_radps = vessel.track.at(time_s)
         ahead = np.array([math.cos(heading), math.sin(heading)])
-        place[row] = north_m, east_m, vessel.down_m
+        place[row] = north_m, east_m, vessel.down_m - tide_m
         velocity[row, :2] = speed_mps * ahead
         change[row, :2] = speed_mps * rate_radps * np.array([-ahead[1], ahead[0]])
         euler[row, 2], gyro[row, 2] = heading, rate_radps

@@ -25,7 +25,7 @@ from tests.bench.bench_logs import timed, xitl
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.record.mcap_file import McapFile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import LinkState, MotionEstimate, MotorCommand, TaskTiming
+from xitl_cli.record.topics import LinkReport, MotionEstimate, MotorCommand, TaskTiming
 
 RUNS = 5
 POINTS = 9000
@@ -75,7 +75,7 @@ def write(path: Path, size_bytes: int, cloud: bool = True) -> None:
                 stamp_ns,
             )
         if tick % ticks_per_s == 0:
-            recorder.write(stamp_ns, LinkState("sensors", tick, tick))
+            recorder.write(stamp_ns, LinkReport("sensors", tick, tick))
             recorder.write(stamp_ns, TaskTiming("LC", "control", 50.0, tick, 0))
             if tick % (60 * ticks_per_s) == 0:
                 recorder.log(stamp_ns, 6, "bench", "one minute more")

@@ -16,7 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mav
 from script_host import GNSS, HANDSHAKE, IMU, INS, SCRIPT, Script, interpreter
 
-from agent.fcu.gps_time import EPOCH_UNIX_S, LEAP_S
+from agent.navigation.gps_time import EPOCH_UNIX_S, LEAP_S
 
 UNIX_S = 1_781_234_567.25
 WEEK_NS = 7 * 86_400 * 10**9

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
-from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mission import MissionItem, make_mission
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle.mission_progress import MissionProgress
+from agent.navigation.geodetic import LocalProjection
 from agent.wire import dialect as mav
 
 CAPTURES = Path(__file__).parents[1] / "data" / "captures"

@@ -21,6 +21,10 @@ LAZY_ON_BOARD = {"serial", "can"}  # pyserial and python-can: only where that tr
 SIM_CORE_AT_IMPORT = {"numpy", "sim_core"}
 SIM_CORE_LAZY = {"scipy", "pygeomag", "embreex", "trimesh"}
 LOGS = "xitl_cli/logs/"
+WITHOUT_FCU = tuple(
+    f"agent/{folder}/" for folder in ("board", "bridges", "companion", "mavlink", "navigation", "timing", "wire")
+)
+"""Packages that serve any autopilot: they do not know the embedded one."""
 ImportStatement = ast.Import | ast.ImportFrom
 
 
@@ -51,8 +55,8 @@ def imports_of(found: Iterable[tuple[ImportStatement, bool]], path: str) -> Iter
                 yield Import(path, node.lineno, alias.name.partition(".")[0], lazy, alias.name)
             continue
         name = path.partition("/")[0] if node.level else (node.module or "").partition(".")[0]
-        if node.level or node.module == "xitl_cli":  # what is imported may be a module
-            parent = ".".join(Path(path).parts[: -node.level]) if node.level else "xitl_cli"
+        if node.level or node.module in ("agent", "xitl_cli"):  # what is imported may be a module
+            parent = ".".join(Path(path).parts[: -node.level]) if node.level else str(node.module)
             module = f"{parent}.{node.module}" if node.level and node.module else parent
             for alias in node.names:
                 yield Import(path, node.lineno, name, lazy, f"{module}.{alias.name}")
@@ -66,6 +70,10 @@ def imports_in(source: str, path: str) -> list[Import]:
 
 def within_logs(module: str) -> bool:
     return module == "xitl_cli.logs" or module.startswith("xitl_cli.logs.")
+
+
+def within_fcu(module: str) -> bool:
+    return module == "agent.fcu" or module.startswith("agent.fcu.")
 
 
 def plugin_of(module: str) -> str:
@@ -100,6 +108,8 @@ def breaches(package: str, found: list[Import]) -> list[str]:
             said.append(f"{where}: {package} knows nothing of it")
         elif one.path.startswith(LOGS) and one.package == "xitl_cli" and not within_logs(one.module):
             said.append(f"{one.path}:{one.line}: imports {one.module}: the logs know nothing else of xitl_cli")
+        elif within_fcu(one.module) and one.path.startswith(WITHOUT_FCU):
+            said.append(f"{one.path}:{one.line}: imports {one.module}: only the agent's own autopilot needs it")
         elif (plugin := plugin_of(one.module)) and plugin != plugin_of(one.path.replace("/", ".")):
             said.append(f"{one.path}:{one.line}: imports {one.module}: only the plug-in {plugin} imports its modules")
         elif package == "agent" and not one.path.startswith("agent/companion/"):
@@ -130,6 +140,10 @@ def test_imports_keep_the_rule(package: str) -> None:
         ("agent", "agent/x.py", "import serial"),
         ("agent", "agent/x.py", "if True:\n    from can import Bus"),
         ("agent", "agent/companion/x.py", "def f():\n    import sim_core"),
+        ("agent", "agent/bridges/x.py", "from agent.fcu.parameters import Parameters"),
+        ("agent", "agent/bridges/x.py", "from agent import fcu"),
+        ("agent", "agent/navigation/x.py", "def f():\n    import agent.fcu.mission"),
+        ("agent", "agent/companion/x.py", "from ..fcu import mission"),
         ("sim_core", "sim_core/x.py", "from agent.wire import link"),
         ("sim_core", "sim_core/x.py", "import scipy.signal"),
         ("sim_core", "sim_core/x.py", "def f():\n    import xitl_cli"),
@@ -152,6 +166,8 @@ def test_the_rule_catches(package: str, path: str, source: str) -> None:
         ("agent/x.py", "from . import wire\nimport socket\nfrom agent.wire import link"),
         ("agent/x.py", "def open():\n    import serial\n    import can"),
         ("agent/companion/x.py", "import numpy"),
+        ("agent/bridges/x.py", "from agent.navigation.estimator import Estimator"),
+        ("agent/roles/x.py", "from agent.fcu.parameters import Parameters"),
         (
             "xitl_cli/logs/x.py",
             "from xitl_cli.logs.model.table import Table\nimport agent.wire",

@@ -11,6 +11,7 @@ import numpy as np
 
 import xitl
 from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.tide import make_tide
 from sim_core.environment.waves import WaveField, jonswap, realise_waves
 from sim_core.vessel.sections import hull_shape
 from tools.pictures.browser import fewer_colours
@@ -101,6 +102,29 @@ def seas(workplace: Workplace, path: Path) -> None:
         spectrum.legend()
 
     figure(path, draw, panels=2)
+
+
+def tide(workplace: Workplace, path: Path) -> None:
+    """Level and stream of the profile of docs/seas.md over 12 hours."""
+    page = (Path(__file__).parents[2] / "docs/seas.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n# harbour\.yaml\n(.*?)```", page, re.DOTALL)
+    environment = xitl.load_profile(workplace.file("harbour.yaml", text)).environment
+    moving = make_tide(environment)
+    time_s = np.linspace(0.0, 12 * 3600.0, 600)
+    level_m = [environment.water.level_m + moving.height_m(each) for each in time_s]
+    stream_mps = [moving.stream_mps(each) for each in time_s]
+
+    def draw(axes: Any) -> None:
+        axes.plot(time_s / 3600.0, level_m, color=BLUE)
+        axes.set(xlim=(0, 12), xticks=range(0, 13, 2), xlabel="hours since the start")
+        axes.set_ylabel("level of the water (m)", color=BLUE)
+        along = axes.twinx()
+        along.plot(time_s / 3600.0, stream_mps, color=AMBER)
+        along.axhline(0.0, color=GREY, linewidth=0.8)
+        along.set_ylabel("stream, flood positive (m/s)", color=AMBER)
+        along.grid(False)
+
+    figure(path, draw)
 
 
 def position_error(recording: Path) -> tuple[Any, Any]:

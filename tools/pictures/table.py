@@ -61,6 +61,7 @@ PICTURES: dict[str, Maker] = {
     "vehicles.png": plots.vehicles,
     "own-site.png": plots.own_site,
     "seas.png": plots.seas,
+    "tide.png": plots.tide,
     "faults.png": plots.faults,
     "fleet.png": plots.fleet,
     "perception.png": plots.perception,

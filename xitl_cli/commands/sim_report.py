@@ -7,11 +7,14 @@ from typing import Any
 
 from rich.console import Console
 
+from agent.bridges.counts import BridgeCounts
 from agent.machine import EMULATED
 from xitl_cli.commands.terminal import say, show_facts, show_rows
 from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.signals.real_time import not_real_time
+from xitl_cli.record.topics import LinkReport
 from xitl_cli.run.core import directory
+from xitl_cli.run.core.reports import NodeReport, troubles
 from xitl_cli.run.session import Result
 
 _MORE = (directory.DATAFLASH, directory.ULOG, directory.MISSION, directory.MAP, directory.TRAJECTORY, directory.TRUTH)
@@ -339,15 +342,6 @@ _TIMES = {
     "time_to_motion_s": "under way",
 }
 _SENT = {"imu_out": "inertial", "solution_out": "of motion", "gnss_out": "of satellites"}
-_TROUBLE = {
-    "unsent": "not taken",
-    "world_resent": "asked for again",
-    "world_lost": "missed",
-    "restarts": "restarts of it",
-    "junk": "bytes not understood",
-    "mavlink_lost": "MAVLink lost",
-    "script_dropped": "dropped by its script",
-}
 
 
 def autopilot_rows(section: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
@@ -374,7 +368,7 @@ def _bridge(counts: dict[str, int]) -> str:
     words = [f"frames in: {', '.join(sent)}" if sent else "no frames in", f"{counts['outputs_in']} outputs back"]
     if counts["world_rate"]:
         words.append(f"world at {counts['world_rate']} Hz")
-    words += [f"{counts[key]} {word}" for key, word in _TROUBLE.items() if counts[key]]
+    words += [f"{counts[key]} {word}" for key, word in troubles(BridgeCounts).items() if counts[key]]
     return "\n".join((words[0], ", ".join(words[1:])))
 
 
@@ -392,26 +386,12 @@ def _scheduler(scheduler: dict[str, Any], clock: str, agent: dict[str, int]) -> 
     return text + f"\nthe agent missed {agent['missed']} of {agent['cycles']} cycles"
 
 
-_ODD = {
-    "gaps": "gaps",
-    "late": "late",
-    "repeated": "repeated",
-    "unsent": "unsent",
-    "refused": "refused",
-    "impaired": "lost on purpose",
-}
 _HOST_END = {
     "losses": "breaks of the line",
     "errors": "bus errors",
     "incomplete": "transfers with a hole",
     "malformed": "malformed frames",
     "foreign": "foreign frames",
-}
-_NODE = {
-    "log_dropped": "records of its log not written",
-    "stations_missed": "things ground stations missed",
-    "events_lost": "sentences lost",
-    "controller_failures": "failures of the controller",
 }
 
 
@@ -444,7 +424,7 @@ def details(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if actuators is not None and actuators["age_us"]["max"]:
         yield "commands", _actuators(actuators)
     for link in summary["links"]:
-        odd = [f"{link[key]} {words}" for key, words in _ODD.items() if link[key]]
+        odd = [f"{link[key]} {words}" for key, words in troubles(LinkReport).items() if link[key]]
         odd += [
             f"{count} {_HOST_END[key]} here" for key, count in link["host_end"].items() if count and key in _HOST_END
         ]
@@ -463,7 +443,7 @@ def _node(node: dict[str, Any]) -> str:
     for key, text in (("memory_mib", "{:.0f} MiB"), ("cpu_percent", "CPU {:.0f} %"), ("temperature_c", "{:.0f} °C")):
         if node[key] is not None:
             words.append(text.format(node[key]))
-    words += [f"{node[key]} {text}" for key, text in _NODE.items() if node[key]]
+    words += [f"{node[key]} {text}" for key, text in troubles(NodeReport).items() if node[key]]
     return ", ".join(word for word in words if word)
 
 

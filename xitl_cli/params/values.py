@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
-from agent.fcu.parameters import TABLE, Parameter
+from agent.fcu.parameters import TABLE
 from agent.mavlink.exchange import Target
+from agent.mavlink.parameter_rows import Parameter
 from agent.mavlink.parameters import same_value
 from xitl_cli.errors import UserError
 from xitl_cli.params.vehicle import connect

@@ -22,6 +22,7 @@ from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.schema.agents import EXTERNAL, FIND
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
+from xitl_cli.profile.tide_file import with_tide_file
 
 _ANY_FILE: tuple[KeyPath, ...] = (
     ("driver", "file"),
@@ -29,6 +30,7 @@ _ANY_FILE: tuple[KeyPath, ...] = (
     ("sensors", "recorded", "file"),
     ("autopilot", "signing_key_file"),
     ("autopilot", "link_key_file"),
+    ("environment", "water", "tide", "file"),
 )
 
 _NO_FILE = (EXTERNAL, FIND)
@@ -93,10 +95,10 @@ def load_with_origins(name: str, overrides: Iterable[str] = (), parts: Iterable[
 def prepared(entry: Entry) -> Entry:
     """Prepare a composed profile for reading.
 
-    Paths become absolute, mission files are read, places become metres, and null faults are removed. Raises
-    ProfileError for an invalid mission file or place.
+    Paths become absolute, files of missions and tides are read, places become metres, and null faults are removed.
+    Raises ProfileError for an invalid file or place.
     """
-    entry = with_mission_files(with_absolute_paths(_without_null_faults(entry)))
+    entry = with_tide_file(with_mission_files(with_absolute_paths(_without_null_faults(entry))))
     return with_places_in_metres(entry, entry.origin.source)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from sim_core.keys import AmongVessels, key_annotations, marks
+from sim_core.keys import AmongVessels, IfGiven, key_annotations, marks
 from xitl_cli.profile.files.entry import Entry, KeyPath, dotted
 from xitl_cli.profile.files.yaml_file import parse_yaml, plain_scalar
 from xitl_cli.profile.schema import Profile
@@ -62,18 +62,21 @@ def _groups(profile: Profile) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """Convert to mappings, tuples and scalars.
 
-    Keys for a vessel among several are left out when they have their defaults.
+    Keys for a vessel among several, and keys marked `IfGiven`, are left out when they have their defaults.
     """
     if is_dataclass(value) and not isinstance(value, type):
         marked, spec = key_annotations(type(value)), fields(value)
         return {
             key.name: _plain(own)
             for key in spec
-            if (own := getattr(value, key.name)) != key.default or AmongVessels not in marks(marked.get(key.name))
+            if (own := getattr(value, key.name)) != key.default or not _LEFT_OUT & set(marks(marked.get(key.name)))
         }
     if isinstance(value, dict):
         return {key: _plain(one) for key, one in value.items()}
     return tuple(map(_plain, value)) if isinstance(value, tuple) else value
+
+
+_LEFT_OUT = {AmongVessels, IfGiven}
 
 
 def _present(values: dict[str, Any]) -> dict[str, Any]:

@@ -38,6 +38,7 @@ from xitl_cli.record.topics import (
     MotorCommand,
     Topic,
     body_frame,
+    message_type,
     topic_name,
     vessel_name,
 )
@@ -69,8 +70,8 @@ _COMPANION_FIELDS = attrgetter(
 
 
 def _values_of(record: type) -> Callable[[Any], tuple[Any, ...]]:
-    """The values of a record's fields, in order."""
-    names = [field.name for field in fields(record)]
+    """The values of a record's columns, in order."""
+    names = [field.name for field in message_type(record).fields]
     read = attrgetter(*names)
     return read if len(names) > 1 else lambda one: (read(one),)
 
@@ -237,7 +238,7 @@ class Recorder:
         self._topics.watch(topic, seen)
 
     def write(self, stamp_ns: int, record: Any) -> None:
-        """Write a record of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkState, FaultEvent, ...
+        """Write a record of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkReport, FaultEvent, ...
 
         Records of an added topic are written in the same way.
         """

@@ -1,20 +1,22 @@
 """The topics of a recording: names, message types, fields, rates and meanings, declared once.
 
 A class below is a message, its annotations are the fields: ROS 2 types from `cdr`, unit and frame in the name, what is
-left to say beside the type. Those that are dataclasses are written as they are (`Recorder.write`), the others by a
-method of the recorder. `TOPICS` is the table. From it come encoders, the definitions in the file and the tables of
-docs/recording.md (`make pages`).
+left to say beside the type. A report is declared once: the same fields are the entry of summary.json. Counters of a
+bridge are declared in agent/bridges/counts.py. Those that are dataclasses are written as they are (`Recorder.write`),
+the others by a method of the recorder. `TOPICS` is the table. From it come encoders, the definitions in the file and
+the tables of docs/recording.md (`make pages`).
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.bridges.counts import BridgeCounts
 from xitl_cli.record.cdr import (
     SEPARATOR,
     Bool,
@@ -103,6 +105,16 @@ class EnvironmentMessage:
     current_ned_mps: Float64x3
     wind_ned_mps: Float64x3
     surface_elevation_m: Float64
+
+
+@dataclass(frozen=True, slots=True)
+class TideState:
+    """The tide."""
+
+    level_m: Annotated[Float64, "still water above the local origin, up"]
+    height_m: Annotated[Float64, "still water above its mean level"]
+    rise_mps: Float64
+    stream_mps: Annotated[Float64, "away from banks, positive with the flood, negative with the ebb"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,26 +210,70 @@ class MavlinkFrameMessage:
     frame: Bytes
 
 
+SENDER, RECEIVER = "sender", "receiver"
+
+
+def counted(end: str, trouble: str = "", key: str = "") -> dict[str, str]:
+    """Return the metadata of a count of frames, which is None until its end of the link reports it.
+
+    end: `SENDER` or `RECEIVER`, the end that counts. key: name of the count there, by default the name of the field:
+    the host's LinkCounters have `KEY`, XITL_NODE_STATUS has `frames_KEY`. trouble: words after the number in the report
+    of a run, for a count that a sound run leaves at 0.
+    """
+    return {"end": end, "key": key, "trouble": trouble}
+
+
 @dataclass(frozen=True, slots=True)
-class LinkState:
-    """Counts of one direction of a link since the run started, as in LinkReport; None until the other end reports, and
-    in the end where the two ends could not agree.
+class LinkReport:
+    """Counts of one direction of a link since the run started, and its latency.
+
+    A row of the topic `/links` and of `links` in summary.json. Each annotated field is a column and, apart from the
+    latencies, a key. Counts of the other end are None until it reports them. They are None in the end if the two ends
+    could not agree.
     """
 
-    name: Annotated[String, "as in `links[]` of the summary: `sensors`, `standby actuators`"]
-    sent: Int64 | None
-    received: Int64 | None
-    lost: Int64 | None = None
-    gaps: Int64 | None = None
-    late: Int64 | None = None
-    repeated: Int64 | None = None
-    dropped: Int64 | None = None
-    unsent: Int64 | None = None
-    refused: Int64 | None = None
-    impaired: Int64 | None = None
+    name: Annotated[
+        String, "`sensors` (to the agent) or `actuators` (from it); other links add their name: `standby actuators`"
+    ]
+    sent: Annotated[Int64, "frames handed to the transport"] | None
+    received: Annotated[Int64, "valid frames, including repeated ones"] | None
+    lost: Annotated[Int64, "sent and never received: sent = received − repeated + lost"] | None = None
+    gaps: Annotated[Int64, "frames that the receiver misses"] | None = field(
+        default=None, metadata=counted(RECEIVER, "gaps", key="lost")
+    )
+    late: Annotated[Int64, "out of order"] | None = field(default=None, metadata=counted(RECEIVER, "late"))
+    repeated: Annotated[Int64, "received twice"] | None = field(default=None, metadata=counted(RECEIVER, "repeated"))
+    dropped: Annotated[Int64, "damaged, unknown, or of another host"] | None = field(
+        default=None, metadata=counted(RECEIVER)
+    )
+    unsent: Annotated[Int64, "not accepted by the sender's transport"] | None = field(
+        default=None, metadata=counted(SENDER, "unsent")
+    )
+    refused: Annotated[Int64, "wrong signature, or not from the host or the agent of the run"] | None = field(
+        default=None, metadata=counted(RECEIVER, "refused")
+    )
+    impaired: Annotated[Int64, "dropped by an injected fault, part of `lost`"] | None = field(
+        default=None, metadata=counted(SENDER, "lost on purpose")
+    )
     latency_p50_s: Float64 | None = None
     latency_p99_s: Float64 | None = None
     latency_max_s: Float64 | None = None
+    host_end: dict[str, int] = field(default_factory=dict)
+    """Other counters of the host's transport, by name. The receiving direction reports them. No column."""
+
+    def section(self) -> dict[str, Any]:
+        """Return a row of `links`."""
+        report: type = type(self)
+        names = [column.name for column in message_type(report).fields if not column.name.startswith("latency_")]
+        dropped, unsent = names.index("dropped"), names.index("unsent")
+        names[dropped], names[unsent] = "unsent", "dropped"  # the order of format 1 of summary.json
+        latency_us = {key: _us(getattr(self, f"latency_{key}_s")) for key in ("p50", "p99", "max")}
+        return {name: getattr(self, name) for name in names} | {"host_end": self.host_end, "latency_us": latency_us}
+
+
+def _us(duration_s: float | None) -> float | None:
+    """Return whole nanoseconds, given in seconds, in µs."""
+    return None if duration_s is None else round(duration_s * 1e9) / 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,13 +295,19 @@ class NodeState:
 
 
 @dataclass(frozen=True, slots=True)
-class TakeoverEvent:
-    """One agent replaced another."""
+class TakeoverReport:
+    """One agent replaced another: a row of the topic `/takeovers` and of `takeovers` in summary.json."""
 
     from_node: String
     to_node: String
     silent_s: Float64
     step: Annotated[Float64, "largest change of a motor command in the exchange that switched"]
+    at_s: float = 0.0
+    """Simulation time. No column, because it is the stamp of the message."""
+
+    def section(self) -> dict[str, Any]:
+        """Return a row of `takeovers`."""
+        return {"at_s": self.at_s} | asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,33 +380,6 @@ class AisReport:
     navigational_status: Int64 | None = None
     name: String = ""
     callsign: String = ""
-
-
-@dataclass(frozen=True, slots=True)
-class BridgeCounts:
-    """Counters of a bridge to another autopilot: those of XITL_BRIDGE_STATUS."""
-
-    imu_out: Int64
-    solution_out: Int64
-    gnss_out: Int64
-    unsent: Int64
-    world_in: Int64
-    world_resent: Int64
-    world_lost: Int64
-    restarts: Int64
-    outputs_in: Int64
-    commands_in: Int64
-    junk: Int64
-    mavlink_in: Int64
-    mavlink_lost: Annotated[Int64, "by sequence numbers, so modulo 256"]
-    mavlink_dropped: Int64
-    mavlink_passed: Int64
-    mavlink_out: Int64
-    script_in: Int64
-    script_out: Int64
-    script_dropped: Int64
-    world_rate: Int64
-    connected: Int64
 
 
 # Timing
@@ -489,11 +524,12 @@ class Topic:
         """Of a ROS 2 message. Raises ValueError for one of foxglove's."""
         if self.fields is None:
             raise ValueError(f"{self.name} is not a ROS 2 topic")
-        return _message_type(self.fields)
+        return message_type(self.fields)
 
 
 @cache
-def _message_type(fields: type) -> MessageType:
+def message_type(fields: type) -> MessageType:
+    """Of the class with the fields of a message."""
     return MessageType(fields)
 
 
@@ -508,7 +544,10 @@ _TABLE = (
           "autopilot reports it, 1e6 for unknown variances",
           OdometryMessage),
     Topic("/environment", "xitl_msgs/msg/Environment", "10 Hz",
-          "current and wind (NED) at the vessel, surface elevation", EnvironmentMessage),
+          "current and wind (NED) at the vessel, elevation of the surface by tide and waves", EnvironmentMessage),
+    Topic("/environment/tide", "xitl_msgs/msg/Tide", "1 Hz, with a tide",
+          "level of the still water, its rate, and speed of the tidal stream", TideState,
+          per_vessel=False, from_start=False),
     Topic("/battery", "xitl_msgs/msg/Battery", "10 Hz, with `vehicle.battery`",
           "voltage and current of the battery, used charge", BatteryMessage, from_start=False),
     Topic("/environment/waves", "xitl_msgs/msg/Waves", "at each change by an operator, 2 Hz during the change",
@@ -530,14 +569,14 @@ _TABLE = (
           "bridge, also in lockstep at 1 Hz; for PS1: number of the step, its start, and simulation "
           "time", ClockExchange),
     Topic("/links", "xitl_msgs/msg/Link", "1 Hz",
-          "counts and latencies of each direction of each link so far; the last row equals the summary", LinkState),
+          "counts and latencies of each direction of each link so far; the last row equals the summary", LinkReport),
     Topic("/nodes", "xitl_msgs/msg/Node", "as the agent sends it",
           "machine, kernel, processor time, load, memory and temperature of a board", NodeState),
     Topic("/bridge", "xitl_msgs/msg/Bridge", "1 Hz, another autopilot only",
           "counters of the bridge so far: received frames by kind, returned outputs, lost and repeated frames",
           BridgeCounts),
     Topic("/takeovers", "xitl_msgs/msg/Takeover", "each",
-          "a standby agent takes over from a silent one", TakeoverEvent),
+          "a standby agent takes over from a silent one", TakeoverReport),
     Topic("/autopilot/events", "xitl_msgs/msg/AutopilotEvent", "each",
           "the autopilot changes its mode, arms or disarms, or one of its failsafes acts", AutopilotEvent),
     Topic("/faults", "xitl_msgs/msg/Fault", "each",

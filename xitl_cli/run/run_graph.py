@@ -19,7 +19,8 @@ from xitl_cli.profile.schema.graph import COMPLETE
 from xitl_cli.run.core.directory import PROFILE, SUMMARY
 
 if TYPE_CHECKING:
-    from xitl_cli.run.core.reports import LinkReport, NodeReport, Traffic
+    from xitl_cli.record.topics import LinkReport
+    from xitl_cli.run.core.reports import NodeReport, Traffic
     from xitl_cli.run.nodes.bridge import AutopilotReport
 
 
@@ -129,7 +130,7 @@ def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentTraffi
     counts = autopilot.bridge
     ways_in = ("script_in",) if profile.autopilot.bridge.sensors == "hil" else ("imu_out", "solution_out", "gnss_out")
     to_agent, from_agent = dict(bridge.to_agent), dict(bridge.from_agent)
-    if not any(counts.get(way) for way in ways_in):
+    if counts is None or not any(getattr(counts, way) for way in ways_in):
         to_agent = {number: count for number, count in to_agent.items() if number not in SENSORS}
     if not bridge.efforts:
         from_agent.pop(ACTUATORS, None)  # neutral commands from the bridge itself

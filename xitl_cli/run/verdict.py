@@ -15,8 +15,8 @@ from xitl_cli.logs.signals.real_time import (
     worst,
     worst_link,
 )
-from xitl_cli.record.topics import AutopilotEvent, PaceReport, TaskTiming
-from xitl_cli.run.core.reports import ClockReport, Ending, FaultReport, LinkReport
+from xitl_cli.record.topics import AutopilotEvent, LinkReport, PaceReport, TaskTiming
+from xitl_cli.run.core.reports import ClockReport, Ending, FaultReport
 
 HOST, COMPANION = "PS1", "HC"
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, NamedTuple, Protocol, Union
 
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import CRITICAL, NOTICE, EventQueue, StateEstimate
+from agent.fcu.vehicle_state import CRITICAL, NOTICE, EventQueue
+from agent.navigation.measurements import StateEstimate
 
 if TYPE_CHECKING:
     from types import ModuleType

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
+from agent.navigation.geodetic import LocalProjection
 
 _GRAVITY_MPS2 = 9.80665
 _CRAB_LIMIT = math.tan(math.radians(50.0))  # limit of the integral's part

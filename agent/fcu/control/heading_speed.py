@@ -13,7 +13,7 @@ from typing import NamedTuple
 from agent.fcu.control.controller import Demand, Order
 from agent.fcu.control.guidance import wrap_angle
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import StateEstimate
+from agent.navigation.measurements import StateEstimate
 
 
 class SteeringGains(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from agent.fcu.parameters import RC_CHANNELS, Parameters
-from agent.fcu.vehicle_state import ArmingProblem
+from agent.navigation.measurements import ArmingProblem
 
 CHANNELS = 18
 NONE = (0,) * CHANNELS

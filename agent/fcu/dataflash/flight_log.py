@@ -16,16 +16,14 @@ from agent.fcu.control.heading_speed import ground_speed_mps
 from agent.fcu.dataflash import records
 from agent.fcu.dataflash.format import FORMATS, FORMATS_IN_LOCKSTEP, header
 from agent.fcu.dataflash.writer import LogWriter, Opener
-from agent.fcu.geodetic import Home, LocalProjection
-from agent.fcu.gps_time import GpsTime
 from agent.fcu.mission import MissionItem, MissionSequence
 from agent.fcu.parameters import TABLE, Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.autopilot import LOOP_HZ, Autopilot
-from agent.fcu.vehicle_state import (
-    INFO,
-    WARNING,
-    Actuators,
+from agent.fcu.vehicle_state import INFO, WARNING, Actuators
+from agent.navigation.geodetic import Home, LocalProjection
+from agent.navigation.gps_time import GpsTime
+from agent.navigation.measurements import (
     BarometerMeasurement,
     GnssMeasurement,
     ImuMeasurement,

@@ -9,12 +9,11 @@ from agent.fcu.control.allocation import pulse_width_us
 from agent.fcu.control.guidance import GuidanceOutput
 from agent.fcu.control.manual_control import Sticks
 from agent.fcu.dataflash.format import FORMATS
-from agent.fcu.estimation.position_filter import EstimateVariances, InnovationRatios
-from agent.fcu.geodetic import Home, LocalProjection
-from agent.fcu.gps_time import GpsTime
 from agent.fcu.mission import MissionItem
-from agent.fcu.vehicle_state import (
-    Actuators,
+from agent.fcu.vehicle_state import Actuators
+from agent.navigation.geodetic import Home, LocalProjection
+from agent.navigation.gps_time import GpsTime
+from agent.navigation.measurements import (
     BarometerMeasurement,
     GnssMeasurement,
     ImuMeasurement,
@@ -22,6 +21,7 @@ from agent.fcu.vehicle_state import (
     StateEstimate,
     Vector3,
 )
+from agent.navigation.position_filter import EstimateVariances, InnovationRatios
 from agent.timing.tasks import TaskMiss, TaskStats, quantile_us
 
 _IMU, _GPS, _GPA, _MAG, _BARO = (FORMATS[name].pack for name in ("IMU", "GPS", "GPA", "MAG", "BARO"))

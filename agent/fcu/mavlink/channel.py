@@ -16,13 +16,13 @@ from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, TelemetryStr
 from agent.fcu.mavlink.traffic import TrafficReports
 from agent.fcu.parameters import SYSTEM_ID, TABLE
 from agent.fcu.vehicle.autopilot import Autopilot
-from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.mavlink.commands import CommandServer, StatusTextSender
 from agent.mavlink.exchange import Messages
 from agent.mavlink.ftp_server import FtpServer
 from agent.mavlink.logs import LogServer
 from agent.mavlink.missions import FENCE, MISSION, MissionServer, Plan
 from agent.mavlink.parameters import ParameterServer
+from agent.navigation.measurements import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.wire import dialect as mav
 
 _TYPES = {row.name: row.type for row in TABLE}

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any, Callable
 
-from agent.fcu.geodetic import position_problem
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.reports import origin
 from agent.fcu.mavlink.telemetry import TelemetryStreams
@@ -14,6 +13,7 @@ from agent.fcu.mission import COMMANDS
 from agent.fcu.vehicle import modes
 from agent.mavlink.commands import FORCE_ARM, FORCE_DISARM, Answer, Command, command_ack
 from agent.mavlink.exchange import Messages
+from agent.navigation.geodetic import position_problem
 from agent.wire import dialect as mav
 
 _CHANGE_MODE = 1  # param2 of DO_REPOSITION

@@ -7,19 +7,11 @@ from collections.abc import Sequence
 from typing import Callable, Protocol
 
 from agent.fcu.dataflash.stored_logs import StoredLogs
-from agent.fcu.gps_time import GpsTime
 from agent.fcu.mavlink.traffic import TrafficTable
 from agent.fcu.vehicle.autopilot import Autopilot
-from agent.fcu.vehicle_state import (
-    ERROR,
-    WARNING,
-    Actuators,
-    BarometerMeasurement,
-    Event,
-    GnssMeasurement,
-    ImuMeasurement,
-    MagnetometerMeasurement,
-)
+from agent.fcu.vehicle_state import ERROR, WARNING, Actuators, Event
+from agent.navigation.gps_time import GpsTime
+from agent.navigation.measurements import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.timing.tasks import TaskStats
 
 _MOST_WAITING = 128

@@ -12,10 +12,10 @@ from typing import Any, Callable
 
 import agent
 from agent.fcu.control.allocation import pulse_width_us
-from agent.fcu.geodetic import STANDARD_GRAVITY_MPS2
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.vehicle import modes, navigation
 from agent.fcu.vehicle.mission_progress import COMPLETE, UNDER_WAY
+from agent.navigation.geodetic import STANDARD_GRAVITY_MPS2
 from agent.wire import dialect as mav
 
 Report = Callable[[MavlinkHub, int], Any]

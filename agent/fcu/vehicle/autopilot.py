@@ -15,10 +15,7 @@ from agent.fcu.control.allocation import ThrustAllocator
 from agent.fcu.control.controller import STILL, ControllerGuard, Demand, MakeController, Motors, Order
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
 from agent.fcu.control.manual_control import ManualControl
-from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.fence import Fence, FenceBreach
-from agent.fcu.geodetic import LocalProjection
-from agent.fcu.gps_time import GpsTime
 from agent.fcu.mission import MissionSequence
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
@@ -26,17 +23,12 @@ from agent.fcu.vehicle.commands import OperatorCommands
 from agent.fcu.vehicle.failsafes import FailsafeHandler
 from agent.fcu.vehicle.navigation import GuidedTarget, ModeInput, Navigator
 from agent.fcu.vehicle.servos import ServoOutputs
-from agent.fcu.vehicle_state import (
-    CRITICAL,
-    INFO,
-    NOTICE,
-    WARNING,
-    Actuators,
-    ArmingProblem,
-    EventQueue,
-    VehicleState,
-)
+from agent.fcu.vehicle_state import CRITICAL, INFO, NOTICE, WARNING, Actuators, EventQueue, VehicleState
 from agent.mavlink.modes import ROVER_MODES
+from agent.navigation.estimator import Estimator
+from agent.navigation.geodetic import LocalProjection
+from agent.navigation.gps_time import GpsTime
+from agent.navigation.measurements import ArmingProblem
 
 LOOP_HZ = 50
 _LOOP_S = 1.0 / LOOP_HZ

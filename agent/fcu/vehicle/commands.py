@@ -9,9 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Callable
 
 from agent.fcu.control.manual_control import ManualControl
-from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.fence import Fence, FenceError, FenceItem
-from agent.fcu.geodetic import Home, position_problem
 from agent.fcu.mission import (
     AUX_FUNCTION,
     FENCE_ENABLE,
@@ -35,6 +33,8 @@ from agent.fcu.vehicle.navigation import (
 )
 from agent.fcu.vehicle.servos import ServoOutputs
 from agent.fcu.vehicle_state import INFO, NOTICE, EventQueue, VehicleState
+from agent.navigation.estimator import Estimator
+from agent.navigation.geodetic import Home, position_problem
 
 _LOW, _MIDDLE, _HIGH = range(3)  # positions of an auxiliary switch
 _FENCE, _MISSION_RESET, _CLEAR_MISSION, _DISARM, _ARM_DISARM = 11, 24, 58, 81, 153  # RCx_OPTION

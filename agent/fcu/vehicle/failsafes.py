@@ -6,13 +6,14 @@ import math
 from typing import Callable
 
 from agent.fcu.control.manual_control import ManualControl
-from agent.fcu.estimation.estimator import Estimator
-from agent.fcu.estimation.position_filter import InnovationRatios
 from agent.fcu.fence import Fence
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.navigation import Navigator
-from agent.fcu.vehicle_state import CRITICAL, NOTICE, WARNING, ArmingProblem, EventQueue, VehicleState
+from agent.fcu.vehicle_state import CRITICAL, NOTICE, WARNING, EventQueue, VehicleState
+from agent.navigation.estimator import Estimator
+from agent.navigation.measurements import ArmingProblem
+from agent.navigation.position_filter import InnovationRatios
 
 _FENCE_EVERY = 10  # cycles
 _FURTHER_OUT_M = 20.0  # the fence acts again this much farther out

@@ -27,7 +27,6 @@ from agent.fcu.control.guidance import (
     make_leg,
     wrap_angle,
 )
-from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.mission import (
     CHANGE_SPEED,
     COMMANDS,
@@ -52,6 +51,7 @@ from agent.fcu.mission import (
     MissionSequence,
 )
 from agent.fcu.vehicle_state import INFO, NOTICE, WARNING
+from agent.navigation.geodetic import Home, LocalProjection
 
 NOT_STARTED, UNDER_WAY, COMPLETE = range(3)
 LEAST_SPEED_MPS = 0.05  # least speed that a mission can set: -1, -2 and 0 keep the present speed

@@ -18,12 +18,13 @@ from agent.fcu.control.guidance import (
     wrap_angle,
 )
 from agent.fcu.control.manual_control import Sticks
-from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.mission import MissionSequence, make_mission, waypoint
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.mission_progress import MissionProgress, Perform, UtcClock, no_date, passed_over
 from agent.fcu.vehicle.return_path import ReturnPath
-from agent.fcu.vehicle_state import EventQueue, StateEstimate
+from agent.fcu.vehicle_state import EventQueue
+from agent.navigation.geodetic import Home, LocalProjection
+from agent.navigation.measurements import StateEstimate
 
 POSITION, VELOCITY, COURSE, TURN = range(4)
 _MOST_MPS = 100.0

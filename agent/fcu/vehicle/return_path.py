@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle_state import INFO, WARNING, EventQueue
+from agent.navigation.geodetic import LocalProjection
 
 Point = tuple[float, float]
 

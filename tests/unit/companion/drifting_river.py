@@ -16,8 +16,8 @@ import numpy as np
 from agent.companion.obstacle_avoidance import ObstacleAvoidance
 from agent.companion.rigid_motion import quaternion_from_euler, rotation_matrix
 from agent.fcu.control.guidance import CourseOverGround, GuidanceGains, GuidanceState, follow_leg, make_leg, wrap_angle
-from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
+from agent.navigation.geodetic import LocalProjection
 from agent.wire import dialect as mav
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water, WaveSpec

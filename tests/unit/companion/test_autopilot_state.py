@@ -11,8 +11,8 @@ import pytest
 from agent.companion.autopilot_state import AutopilotState, heading_rad
 from agent.companion.pose_history import PoseHistory
 from agent.companion.rigid_motion import quaternion_from_euler, rotation_matrix
-from agent.fcu.geodetic import LocalProjection
 from agent.mavlink.modes import AUTO
+from agent.navigation.geodetic import LocalProjection
 from agent.wire import dialect as mav
 
 MS = 1_000_000

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from agent.companion.settings import TABLE, CompanionParameters, checked_parameter
-from agent.fcu.parameters import ParameterError
+from agent.mavlink.parameter_rows import ParameterError
 from agent.wire import dialect as mav
 from tests.golden import Golden
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from agent.bridges.counts import BridgeCounts
 from agent.wire import dialect
 from tests.golden import Golden
 from xitl_cli.commands.wdri import wdri
@@ -16,7 +17,8 @@ from xitl_cli.graph.measured import FROM_AGENT, TO_AGENT, AgentTraffic, measured
 from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile import load_profile, resolved_yaml
 from xitl_cli.profile.schema.graph import is_node_name
-from xitl_cli.run.core.reports import LinkReport, NodeReport
+from xitl_cli.record.topics import LinkReport
+from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.nodes.bridge import AutopilotReport, Milestones
 from xitl_cli.run.run_graph import graph_section, measured_run
 
@@ -39,7 +41,7 @@ def seen(nodes: str = "LS,LC,LA", kind: str = "virtual", **other: Any) -> AgentT
 
 
 def links(reports: list[LinkReport] | None = None) -> list[LinkReport]:
-    return reports or [LinkReport("sensors", 12, 12, 0, 0, 0), LinkReport("actuators", 9, 9, 0, 0, 0)]
+    return reports or [LinkReport("sensors", 12, 12, 0), LinkReport("actuators", 9, 9, 0)]
 
 
 def node(**values: Any) -> NodeReport:
@@ -133,7 +135,7 @@ def test_the_tables_name_messages_of_the_dialect_and_nodes_of_the_architecture()
 
 
 def test_frames_that_never_arrived_carried_nothing() -> None:
-    cut = [LinkReport("sensors", 12, 0, 12, 0, 0), LinkReport("actuators", 9, 9, 0, 0, 0)]
+    cut = [LinkReport("sensors", 12, 0, 12), LinkReport("actuators", 9, 9, 0)]
     assert section(reports=cut)["missing"] == ["D-LC", "PS1-LS"]
 
 
@@ -142,7 +144,8 @@ SAID_BY_THE_BRIDGE = {"tx": EVERYTHING["tx"], "rx": {ACTUATORS: 1, BRIDGE_WORDS:
 
 
 def bridged(heard: bool = True, **counts: int) -> AutopilotReport:
-    return AutopilotReport("ardupilot", milestones=Milestones(heartbeat_s=1.0 if heard else None), bridge=counts)
+    milestones = Milestones(heartbeat_s=1.0 if heard else None)
+    return AutopilotReport("ardupilot", milestones=milestones, bridge=BridgeCounts(**counts))
 
 
 def behind(
@@ -193,9 +196,9 @@ def test_an_autopilot_on_this_machine_is_no_board() -> None:
 def test_a_standby_counts_its_own_link() -> None:
     both = {"agent": {}, "standby": EVERYTHING}
     nodes = [node(estimates=0, efforts=0), node(link="standby")]
-    reports = [*links(), LinkReport("standby sensors", 1, 1, 0, 0, 0), LinkReport("standby actuators", 1, 1, 0, 0, 0)]
+    reports = [*links(), LinkReport("standby sensors", 1, 1, 0), LinkReport("standby actuators", 1, 1, 0)]
     assert section(traffic=both, nodes=nodes, reports=reports)["missing"] == []
-    reports[2] = LinkReport("standby sensors", 1, 0, 1, 0, 0)
+    reports[2] = LinkReport("standby sensors", 1, 0, 1)
     assert section(traffic=both, nodes=nodes, reports=reports)["missing"] == ["D-LC", "PS1-LS"]
 
 

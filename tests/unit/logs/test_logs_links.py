@@ -197,7 +197,11 @@ UNKNOWN = -1
 def test_the_counts_of_both_ends_come_before_what_the_receiver_misses(
     lost: list[int], gaps: list[int], said: str | None
 ) -> None:
-    counts = {count: [0, 0, 0] for count in links.COUNTS} | {"sent": [3000, 6000, 9000], "lost": lost, "gaps": gaps}
+    counts = {count: [0, 0, 0] for count in ("received", "repeated", "dropped", "impaired")} | {
+        "sent": [3000, 6000, 9000],
+        "lost": lost,
+        "gaps": gaps,
+    }
     table = MadeTable("/links", SECOND * np.arange(3), {"name": np.array(["sensors"] * 3), **counts})
     section = links.analyse(MadeLog(table, kind="mcap"))
     assert section is not None

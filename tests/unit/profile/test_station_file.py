@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pymavlink.mavparm import MAVParmDict
 
-from agent.fcu.parameters import ParameterError
+from agent.mavlink.parameter_rows import ParameterError
 from xitl_cli.params.values import ParameterSet, file_text, format_value
 from xitl_cli.profile.files.parameter_files import read_parameter_file
 from xitl_cli.profile.files.station_file import is_station_file, load_station_file, station_file_text

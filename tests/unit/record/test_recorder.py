@@ -14,6 +14,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
+from agent.bridges.counts import BridgeCounts
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
@@ -21,14 +22,13 @@ from xitl_cli.record.mcap_file import McapFile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import (
     ActuatorAge,
-    BridgeCounts,
     ClockExchange,
     FaultEvent,
-    LinkState,
+    LinkReport,
     MotionEstimate,
     MotorCommand,
     NodeState,
-    TakeoverEvent,
+    TakeoverReport,
     TaskMissEvent,
     TaskTiming,
 )
@@ -148,14 +148,14 @@ def test_what_a_board_and_its_link_report_reads_back(tmp_path: Path) -> None:
     )
     recorder.write(2, TaskMissEvent("LC", "control", 41, 10, 20, 30, 2))
     recorder.write(3, ClockExchange("LC", 7, 11, 12, 0.5, 0.25, -3.5, 1e-6, 2e-4, 3e-4, 1))
-    recorder.write(4, LinkState("standby sensors", 10, 8, 2, 1, 3, 4, 5, 6, 7, 9, 0.001, 0.002, 0.003))
-    recorder.write(5, LinkState("actuators", 10, None))
+    recorder.write(4, LinkReport("standby sensors", 10, 8, 2, 1, 3, 4, 5, 6, 7, 9, 0.001, 0.002, 0.003))
+    recorder.write(5, LinkReport("actuators", 10, None))
     recorder.write(6, ActuatorAge(100, 3, 2, 0.004, 0.005, 0.006))
     recorder.write(
         7, NodeState("agent", "LS,LC,LA", "real", "BeagleBone", "6.1-rt", "1.2", 31.5, 8.0, 0.3, 51.0, True, "rt")
     )
     recorder.write(8, NodeState("agent", "HC", "virtual", "x86_64", "6.1", "1.2"))
-    recorder.write(9, TakeoverEvent("agent", "standby", 0.31, 0.05))
+    recorder.write(9, TakeoverReport("agent", "standby", 0.31, 0.05))
     recorder.write(10, FaultEvent("link-cut", active=True))
     recorder.frame_sent(11, b"\xfd1", link="standby")
     recorder.frame_received(12, b"\xfd2", link="standby", sent_ns=9)

@@ -15,8 +15,8 @@ from tests.golden import Golden, line_with
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.topics import PaceReport, TaskTiming
-from xitl_cli.run.core.reports import Ending, LinkReport, NodeReport
+from xitl_cli.record.topics import LinkReport, PaceReport, TaskTiming
+from xitl_cli.run.core.reports import Ending, NodeReport
 from xitl_cli.run.nodes.display import LiveDisplay, PlainDisplay, RunStatus
 from xitl_cli.run.session import Result
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
@@ -40,7 +40,7 @@ def part(number: int, missed: int = 0) -> dict[str, Any]:
     track = {"mode": "AUTO", "armed": True, "north_m": 1.0, "east_m": 2.0, "heading_deg": 3.0, "speed_mps": 1.0}
     track |= {"path_m": 50.0, "speed_mean_mps": 1.5, "speed_max_mps": 2.0}
     task = TaskTiming("LC", "control", 50.0, 1000, missed)
-    link = LinkReport("sensors", 1000, 990, 10 if number == 1 else 0, 0, 0)
+    link = LinkReport("sensors", 1000, 990, 10 if number == 1 else 0)
     return merged([{"mission": mission, "track": track, "tasks": [task], "links": [link]}])
 
 

@@ -13,15 +13,13 @@ from rich.console import Console
 from tests.golden import Golden
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
-from xitl_cli.record.topics import PaceReport, TaskTiming
+from xitl_cli.record.topics import LinkReport, PaceReport, TakeoverReport, TaskTiming
 from xitl_cli.run.core.reports import (
     ActuatorReport,
     ClockReport,
     Ending,
     FaultReport,
-    LinkReport,
     NodeReport,
-    TakeoverReport,
 )
 from xitl_cli.run.core.statistics import Histogram
 from xitl_cli.run.nodes.bridge import AutopilotReport
@@ -63,9 +61,9 @@ def eventful() -> Sections:
     bins = (0, 0, 0, 0, 0, 700, 290, 8, 2, 0, 0, 0, 0, 0, 0, 0)
     return sections(
         links=[
-            LinkReport("sensors", 70_000, 69_990, 12, 0, 0, histogram(300_000, 900_000), 10, 0, 2, 0, 12),
-            LinkReport("actuators", 12_000, 12_000, 0, 0, 3, histogram(400_000), 0, 0, 0, 1, 0),
-            LinkReport("standby sensors", 70_000, None, None, 0, 0),
+            LinkReport("sensors", 70_000, 69_990, 12, 10, 0, 2, 0, 0, 0, 12, 0.0003, 0.0009, 0.0009),
+            LinkReport("actuators", 12_000, 12_000, 0, 0, 0, 0, 3, 0, 1, 0, 0.0004, 0.0004, 0.0004),
+            LinkReport("standby sensors", 70_000, None),
         ],
         tasks=[
             TaskTiming("PS1", "physics", 400.0, 80_000, 0, 0.00011, 0.00008, 0.0009),
@@ -94,7 +92,7 @@ def eventful() -> Sections:
             )
         ],
         actuators=ActuatorReport(histogram(4_000_000, 9_000_000), 7, 3),
-        takeovers=[TakeoverReport(31.2, "agent", "standby", 0.31, 0.05)],
+        takeovers=[TakeoverReport("agent", "standby", 0.31, 0.05, 31.2)],
         faults=[
             FaultReport("link-cut", "link", 40.0, 45.0, {"frames_lost_to_agent": 12}),
             FaultReport("drifting-clock", "agent", 20.0, None),
@@ -118,6 +116,7 @@ def test_the_summary_is_plain_json_with_everything_in_it() -> None:
     assert (sensors["sent"], sensors["received"], sensors["lost"]) == (70_000, 69_990, 12)
     assert (sensors["gaps"], sensors["late"], sensors["repeated"]) == (10, 0, 2)
     assert (sensors["refused"], sensors["impaired"]) == (0, 12)
+    assert sensors["latency_us"] == {"p50": 300.0, "p99": 900.0, "max": 900.0}
     control = summary["tasks"][1]
     # 700 of 1000 below 64 µs; 990 below 128 µs, the share of p99 exactly. The means and the maximum are as measured.
     assert (control["start_jitter_p50_us"], control["start_jitter_p99_us"]) == (64.0, 128.0)
@@ -129,6 +128,9 @@ def test_the_summary_is_plain_json_with_everything_in_it() -> None:
     assert clock["drift_error_ppm"] == 0.31
     assert (clock["drift_ppm"], clock["drift_std_ppm"], clock["steps"], clock["slope_s"]) == (79.98, 0.12, 1, 0.100008)
     assert summary["actuators"]["age_us"]["max"] == 9000.0
+    (takeover,) = summary["takeovers"]
+    assert takeover == {"at_s": 31.2, "from_node": "agent", "to_node": "standby", "silent_s": 0.31, "step": 0.05}
+    assert next(iter(takeover)) == "at_s"
     assert (summary["actuators"]["stale"], summary["actuators"]["longest_stale"]) == (7, 3)
     assert summary["takeovers"][0]["to_node"] == "standby"
     assert (summary["pace"]["slips"], summary["pace"]["slipped_s"], summary["pace"]["stalls"]) == (2, 3.4, 2)

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from tests.golden import Golden
-from xitl_cli.record.topics import AutopilotEvent, PaceReport, TaskTiming
-from xitl_cli.run.core.reports import ClockReport, Ending, FaultReport, LinkReport
+from xitl_cli.record.topics import AutopilotEvent, LinkReport, PaceReport, TaskTiming
+from xitl_cli.run.core.reports import ClockReport, Ending, FaultReport
 from xitl_cli.run.verdict import Verdict, judge, measured_figures, stop_text, why_text
 
 PHYSICS = TaskTiming("PS1", "physics", 400.0, 40_000, 14_400)
@@ -24,7 +24,7 @@ def verdict(**reports: Any) -> Verdict:
 
 
 def test_everything_that_makes_a_run_none_in_real_time_is_named(golden: Golden) -> None:
-    link = LinkReport("sensors", 10_000, 9000, 1000, 0, 0, impaired=600)
+    link = LinkReport("sensors", 10_000, 9000, 1000, impaired=600)
     found = verdict(
         tasks=[PHYSICS, CONTROL, ODOMETRY], links=[link], clocks=[STEPPED], pace=PaceReport(4, 24.0, 9, 24.7, 7.0)
     )

@@ -79,8 +79,8 @@ def test_the_surface_turns_as_the_plane_through_the_strips() -> None:
 
 def test_a_batch_larger_than_a_block_is_sampled_alike() -> None:
     many = FIELD.at_hull(POINTS).sample(TIME_S, np.tile(POS, (8, 1)), np.tile(ROT, (8, 1, 1)))
-    for field in fields(HullSurface):
-        np.testing.assert_allclose(getattr(many, field.name)[280:], getattr(SURFACE, field.name), atol=20 * TOLERANCE)
+    for name in ("point_elevation_m", "over_hull"):
+        np.testing.assert_allclose(getattr(many, name)[280:], getattr(SURFACE, name), atol=20 * TOLERANCE)
 
 
 def test_a_current_carries_the_pattern() -> None:

@@ -3,7 +3,7 @@ TSYN)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import spells
 
 LOSS_WARNING, LOSS_CRITICAL = 0.01, 0.2
-COUNTS = ("sent", "received", "lost", "gaps", "late", "repeated", "dropped", "unsent", "refused", "impaired")
+_BASIC = {"name", "sent", "received", "lost", "gaps", "repeated", "impaired"}
+"""Columns that the analysis needs. It shows all other counts that the recording has."""
 LATENCIES = ("latency_p50_s", "latency_p99_s", "latency_max_s")
 LATENCY_WARNING_S = 0.1
 _TROUBLES = {
@@ -30,11 +31,12 @@ _TROUBLES = {
 
 def count_section(log: Log, clock: LogClock) -> Section | None:
     table = log.tables.get("/links")
-    if table is None or not {"name", *COUNTS} <= set(table.columns):
+    if table is None or not set(table.columns) >= _BASIC:
         return None
+    counts = [name for name in table.columns if name not in ("stamp_ns", "name", *LATENCIES)]
     names = np.asarray(table.values("name"))
     links = {str(name): Selection(table, names == name) for name in dict.fromkeys(names.tolist())}
-    last = {name: _last_counts(link) for name, link in links.items()}
+    last = {name: _last_counts(link, counts) for name, link in links.items()}
     times = {name: {field: _latest(link, field) for field in LATENCIES} for name, link in links.items()}
     findings = [finding for name, link in links.items() for finding in _count_findings(name, link, last[name], clock)]
     known = {name: of for name in links if last[name]["lost"] is not None and (of := _sent_count(last[name]))}
@@ -51,10 +53,10 @@ def count_section(log: Log, clock: LogClock) -> Section | None:
             Fact(f"{key}_latency_p99_ms", f"{name}: 99 % take at most", _ms(times[name]["latency_p99_s"]), "ms"),
         ]
     rows: list[tuple[Value, ...]] = [
-        (name, *(last[name][count] for count in COUNTS), *(_ms(times[name][field]) for field in LATENCIES))
+        (name, *(last[name][count] for count in counts), *(_ms(times[name][field]) for field in LATENCIES))
         for name in links
     ]
-    columns = ("link", *COUNTS, "half take (ms)", "99 % take (ms)", "longest (ms)")
+    columns = ("link", *counts, "half take (ms)", "99 % take (ms)", "longest (ms)")
     return Section(
         "links",
         "Links",
@@ -65,10 +67,10 @@ def count_section(log: Log, clock: LogClock) -> Section | None:
     )
 
 
-def _last_counts(link: Table) -> dict[str, int | None]:
+def _last_counts(link: Table, names: Sequence[str]) -> dict[str, int | None]:
     """Last known value of each count. `lost` is None if the two ends did not agree in the end."""
     counts: dict[str, int | None] = {}
-    for count in COUNTS:
+    for count in names:
         values = np.asarray(link.values(count, raw=True))
         known = np.flatnonzero(values >= 0)
         counts[count] = int(values[known[-1]]) if len(known) else None
@@ -125,7 +127,7 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
             else "Look at the link's rate, cable or radio, and at what else ran on it then.",
         )
     for count, (what, step) in _TROUBLES.items():
-        number_of = counts[count] or 0
+        number_of = counts.get(count) or 0
         if number_of:
             share = number_of / max(of, 1)
             yield Finding(

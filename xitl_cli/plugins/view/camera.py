@@ -171,7 +171,7 @@ class Cameras:
         for number, looker in list(self._lookers.items()):
             vessel = instant.vessels.get(looker.subject)
             if number in clients and vessel is not None and looker.mode != FREE and _is_finite(vessel):
-                place = np.array([*vessel.position_enu_m[:2], self._scene.water.level_m + 0.1])
+                place = np.array([*vessel.position_enu_m[:2], self._scene.water.level_at_m(instant.time_s) + 0.1])
                 self._lead(clients[number], looker, place, _heading_rad(vessel.attitude_wxyz), now_s, elapsed_s)
 
     def _lead(

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from xitl_cli.plugins.view.model import ViewInstant
+from xitl_cli.plugins.view.model import SceneWater, ViewInstant
 from xitl_cli.profile.schema import RunProfile
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Controls:
     """Controls of a run beside its picture; each asks for an action with `act`.
 
     profiles: of each vessel. lockstep: it can stand still and keep a pace. faults: that can be switched, by vessel.
-    level_m: of the water. pace: times real time at first, None for as fast as it can. `refused` shows why something was
+    water: of the scene. pace: times real time at first, None for as fast as it can. `refused` shows why something was
     not done.
     """
 
@@ -54,12 +54,13 @@ class Controls:
         profiles: Sequence[RunProfile],
         lockstep: bool = True,
         faults: Mapping[str, Sequence[str]] | None = None,
-        level_m: float = 0.0,
+        water: SceneWater | None = None,
         pace: float | None = None,
     ) -> None:
         self._server = server
         self._act = act
-        self._level_m = level_m
+        self._water = water or SceneWater()
+        self._level_m = self._water.level_at_m(0.0)
         self._resting: dict[str, threading.Timer] = {}
         self._paused: bool | None = None
         self._vessel: Any = None
@@ -83,7 +84,8 @@ class Controls:
                 self._add_faults(faults or {})
 
     def update(self, instant: ViewInstant) -> None:
-        """Whether it stands still."""
+        """Whether it stands still, and the level of the water."""
+        self._level_m = self._water.level_at_m(instant.time_s)
         if self._state is not None and instant.paused != self._paused:
             self._paused = instant.paused
             pause, step, resume = self._state

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 MOST_POINTS = 30_000
 """Of one sensor's cloud: more would take a browser without a graphics card seconds."""
 TRACK_STEP_M = 0.3
+LEVEL_STEP_M = 0.01
+"""Change of the water level after which the water and the marks on it move."""
 TRACK_PIECE = 100
 TRACK_PIECES = 60
 SPIN_RADPS = 18.0
@@ -161,8 +163,9 @@ class SceneDrawing:
             for name in instant.vessels:
                 if name not in self._vessels:
                     self._vessels[name] = _VesselDrawing(self._server.scene, name, plain_vessel(), self.scene.water)
+            level_m = self.scene.water.level_at_m(instant.time_s)
             for name, vessel in instant.vessels.items():
-                self._vessels[name].draw(vessel, elapsed_s, self._tracks)
+                self._vessels[name].draw(vessel, elapsed_s, self._tracks, level_m)
             self._draw_bodies(instant.bodies)
             self._draw_passing(instant.drawings)
             if instant.vessels:
@@ -170,7 +173,7 @@ class SceneDrawing:
                 place = instant.vessels[first].position_enu_m
                 if instant.waves is not None and instant.waves is not self._water.waves:
                     self._water.change(instant.waves)
-                self._water.draw(instant.time_s, place[:2])
+                self._water.draw(instant.time_s, place[:2], level_m)
                 self._vessels[first].draw_streams(place, instant.wind_en_mps, instant.current_en_mps)
 
     def show_estimates(self, shown: bool) -> None:
@@ -269,8 +272,11 @@ class _WaterDrawing:
             self._node = self._add()
             self._node.color = colour
 
-    def draw(self, time_s: float, place_en_m: Array) -> None:
+    def draw(self, time_s: float, place_en_m: Array, level_m: float) -> None:
         middle = self._grid.middle(place_en_m)
+        if abs(level_m - self._level_m) >= LEVEL_STEP_M:
+            self._level_m = level_m
+            self._node.position = (*self._middle, level_m)
         if self._grid.waves is not None:
             self._node.vertices = self._grid.move(time_s, middle)
         if middle != self._middle and (
@@ -320,8 +326,8 @@ class _VesselDrawing:
         turning = shapes.propeller(thruster.diameter_m).mesh("propeller", (45, 48, 54))
         return _add_mesh(self._api, f"{self._path}/propellers/{number}", turning, position=thruster.place_flu_m)
 
-    def _draw_mission(self, places: Array) -> None:
-        if places is self._mission or np.array_equal(places, self._mission):
+    def _draw_mission(self, places: Array, moved: bool = False) -> None:
+        if not moved and (places is self._mission or np.array_equal(places, self._mission)):
             return
         for node in self._mission_nodes:
             node.remove()
@@ -348,7 +354,10 @@ class _VesselDrawing:
                 lines.append(_add_line(self._api, f"{path}/radius {number}", ring + place, MISSION, 1.0))
         self._mission_nodes = [*lines, *self._marks]
 
-    def draw(self, vessel: VesselInstant, elapsed_s: float, tracked: bool) -> None:
+    def draw(self, vessel: VesselInstant, elapsed_s: float, tracked: bool, level_m: float) -> None:
+        if abs(level_m - self._level_m) >= LEVEL_STEP_M:
+            self._level_m = level_m
+            self._draw_mission(self._mission, moved=True)
         _place(self._hull, vessel.position_enu_m, vessel.attitude_wxyz)
         self._draw_propellers(vessel.motors, elapsed_s)
         self._draw_estimate(vessel)

@@ -403,7 +403,7 @@ class LiveViewNode(RunNode):
         late = self._pace.task(self._profiles[0].clock.physics_rate_hz).missed
         vessels = {watch.name: watch.instant(now_ns, late) for watch in self._watches}
         if self._traffic:
-            motion = scripted_motion(self._traffic, now_ns * 1e-9)
+            motion = scripted_motion(self._traffic, now_ns * 1e-9, plant.vessels[0].tide_m())
             for row, vessel in enumerate(self._traffic):
                 place, attitude = _enu(motion, row)
                 speed = math.hypot(*motion.vel_ned_mps[row, :2].tolist())

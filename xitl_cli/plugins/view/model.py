@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.environment.tide import NO_TIDE, Tide
+
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 Faces = NDArray[np.uint32]
@@ -81,7 +83,7 @@ class SceneWater:
     """The water surface."""
 
     level_m: float = 0.0
-    """Height of the still water."""
+    """Mean level of the still water."""
     centre_en_m: tuple[float, float] = (0.0, 0.0)
     """Centre of the area of interest."""
     size_en_m: tuple[float, float] = (200.0, 200.0)
@@ -90,6 +92,11 @@ class SceneWater:
     """None if the waves are unknown or the water is flat."""
     bounded: bool = False
     """True if land bounds the water."""
+    tide: Tide = NO_TIDE
+
+    def level_at_m(self, time_s: float) -> float:
+        """Return the level of the still water at a time."""
+        return self.level_m + self.tide.height_m(time_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -53,9 +53,8 @@ class ViewProcess:
         self._cameras = Cameras(server, scene)
         self._controls: Controls | None = None
         if start.operated:
-            level_m = scene.water.level_m
-            faults = dict(start.faults)
-            self._controls = Controls(server, self.act, start.profiles, start.lockstep, faults, level_m, start.pace)
+            water, faults = scene.water, dict(start.faults)
+            self._controls = Controls(server, self.act, start.profiles, start.lockstep, faults, water, start.pace)
         self._add_options(start.dark)
         self._meshes: dict[int, SceneMesh] = {}
         self._passing: dict[str, DrawnEntity] = {}

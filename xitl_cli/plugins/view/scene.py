@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.random import default_rng
 
+from sim_core.environment.tide import make_tide
 from sim_core.environment.waves import WaveField, realise_waves
 from sim_core.frames import quat_to_matrix
 from xitl_cli.plugins.view import shapes
@@ -219,7 +220,8 @@ def _water(water: SceneWater, profiles: Sequence[RunProfile]) -> SceneWater:
         return water
     lead = profiles[0]
     level_m = lead.environment.water.level_m
-    return replace(water, level_m=level_m, waves=waves_of(lead), bounded=lead.world.river is not None)
+    bounded, tide = lead.world.river is not None, make_tide(lead.environment)
+    return replace(water, level_m=level_m, waves=waves_of(lead), bounded=bounded, tide=tide)
 
 
 def waves_of(profile: RunProfile) -> SceneWaves | None:

@@ -8,8 +8,9 @@ from urllib.parse import urlsplit
 
 from agent.companion.settings import checked_parameter
 from agent.fcu.mission import COMMANDS, MOST_ITEMS
-from agent.fcu.parameters import ParameterError, checked
+from agent.fcu.parameters import checked
 from agent.mavlink.modes import PX4_MODES
+from agent.mavlink.parameter_rows import ParameterError
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks.link import made_for_the_run, problem_of_link, problem_of_url
 from xitl_cli.profile.files.entry import KeyPath, shown

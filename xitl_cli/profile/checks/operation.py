@@ -10,7 +10,7 @@ from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.checks.world import is_directory, is_file
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.agents import DriverSpec
+from xitl_cli.profile.schema.agents import OWN_DRIVERS, DriverSpec
 from xitl_cli.profile.schema.profile import ground_stations_of
 
 SHORTEST_PULSE_US = 800
@@ -50,6 +50,8 @@ def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str
         yield from _follow(profile, driver, embedded)
     elif driver.kind == "ros":
         yield from _ros(profile, embedded)
+    elif driver.kind not in OWN_DRIVERS and autopilot is not None and not embedded:
+        yield kind, f"driver.kind = {driver.kind} commands an autopilot; use autopilot.kind: embedded"
     companion = profile.companion
     if companion is not None and not companion.is_ours and profile.autopilot is not None and profile.ros is None:
         yield ("companion", "kind"), "companion.kind = ros has no ROS to speak to; add ros: {enabled: true}"

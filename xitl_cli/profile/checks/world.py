@@ -19,6 +19,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """Yield a vessel that sinks, capsizes or is too stiff, missing files, and an invalid address."""
     if profile.vehicle is not None:
         yield from _unfit(profile.vehicle, profile)
+    yield from _short_table(profile)
     if profile.world is None:
         return
     for number, mesh in enumerate(profile.world.meshes):
@@ -47,6 +48,28 @@ def _unfit(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str
         yield ("vehicle", *error.path), f"vehicle.{error}"
     except ValueError as error:
         yield ("clock", "physics_rate_hz"), f"clock.physics_rate_hz = {rate_hz:g}: {error}"
+
+
+def _short_table(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Yield a tide's table that does not cover the run, and the lag of its stream."""
+    environment, clock = profile.environment, profile.clock
+    if environment is None or clock is None or environment.water.tide is None:
+        return
+    span_s = environment.water.tide.span_s(environment.start_utc)
+    if span_s is None:
+        return
+    stream = environment.current.tide
+    lag_s = 0.0 if stream is None else 60.0 * stream.lag_min
+    first_s, last_s = min(0.0, -lag_s), clock.duration_s + max(0.0, -lag_s)
+    table = ("environment", "water", "tide", "table")
+    if span_s[0] > first_s:
+        yield table, f"{'.'.join(table)} begins at {span_s[0]:g} s, and the run needs it from {first_s:g} s; add rows"
+    if span_s[1] < last_s:
+        yield (
+            table,
+            f"{'.'.join(table)} ends at {span_s[1]:g} s, and the run needs it to {last_s:g} s; add rows, or use a "
+            "smaller clock.duration_s",
+        )
 
 
 def is_directory(path: str) -> bool:

@@ -24,6 +24,12 @@ _RIVALS: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
         "items": ("file", "waypoints_ned_m"),
         "file": ("waypoints_ned_m", "items", "fence", "rally"),
     },
+    ("environment", "water", "tide"): {
+        "constituents": ("table", "file"),
+        "table": ("constituents", "file"),
+        "file": ("constituents", "table"),
+    },
+    ("environment", "current", "tide"): {"constituents": ("peak_mps", "lag_min"), "peak_mps": ("constituents",)},
     ("mission", "start"): {
         **dict.fromkeys(("north_m", "east_m"), _DEGREES),
         **dict.fromkeys(_DEGREES[:2], ("north_m", "east_m", *_DEGREES[2:])),

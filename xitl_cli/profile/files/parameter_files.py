@@ -5,8 +5,9 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
-from agent.fcu.parameters import ParameterError, checked, checked_parm, load_parm
+from agent.fcu.parameters import checked, checked_parm
 from agent.files import read_text
+from agent.mavlink.parameter_rows import ParameterError, load_parm
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.station_file import SUFFIX, is_station_file, load_station_file
 from xitl_cli.shipped import firmware_params_dir

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 
-from agent.fcu.parameters import ParameterError
 from agent.mavlink.exchange import Target
+from agent.mavlink.parameter_rows import ParameterError
 
 SUFFIX = ".params"
 COLUMNS = ("Vehicle-Id", "Component-Id", "Name", "Value", "Type")

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from functools import partial
+from typing import Annotated, Literal, get_args
 
 from sim_core.keys import (
     AmongVessels,
     Bounds,
     Direction,
     Items,
+    MoreChoices,
     NonNegative,
     Place,
     Positive,
     Specification,
     SpecificationError,
 )
+from xitl_cli.registry import DRIVERS, names
 
 Runs = Literal["in-process", "process", "board"]
 Channels = Annotated[tuple[Annotated[int, Bounds(at_least=1, at_most=32)], ...], Items(1)]
 NeutralPulse = Annotated[float, Bounds(at_least=800, at_most=2200)]
 PulseSpan = Annotated[float, Bounds(above=0, at_most=1000)]
 RcChannel = Annotated[int, Bounds(at_least=1, at_most=18)]
+OwnDriver = Literal["mission", "ground-station", "script", "replay", "follow", "ros", "none"]
+OWN_DRIVERS: tuple[str, ...] = get_args(OwnDriver)
 RcPulse = Annotated[int, Bounds(at_least=0, at_most=2200)]
 Timeout = Annotated[float, Bounds(above=0, at_most=600)]
 Silence = Annotated[float, Bounds(at_least=1, at_most=600)]
@@ -197,9 +202,11 @@ class DriverSpec(Specification):
     """Source of the commands to the vessel or its autopilot."""
 
     kind: Annotated[
-        Literal["mission", "ground-station", "script", "replay", "follow", "ros", "none"],
+        OwnDriver,
         "ground-station: the vessel's state is frozen until a ground station arms it; follow: follows another "
-        "vessel; ros: only ROS nodes, see [ros.md](ros.md)",
+        "vessel; ros: only ROS nodes, see [ros.md](ros.md); another name: the driver of a package, see "
+        "[plugins.md](plugins.md)",
+        MoreChoices(partial(names, DRIVERS)),
     ] = "none"
     stay: Annotated[bool, "with a ground station: continue after its mission has ended"] = False
     script: Annotated[tuple[ScriptStep, ...], "steps in order of time"] = ()

@@ -54,11 +54,12 @@ Part = Iterator[tuple[str, Node, tuple[str, ...]]]
 def _driver(profile: ProfileGroups) -> Part:
     if profile.driver is None or profile.driver.kind == "none":
         return
+    orders = _ORDERS.get(profile.driver.kind, "a driver of another package gives the orders")
     if _autopilot_kind(profile) == "none":
-        does = {**_ORDERS, "mission": "steers the mission from the true state"}[profile.driver.kind]
+        does = "steers the mission from the true state" if profile.driver.kind == "mission" else orders
         yield "D", _node(does), ("PS1", "M")  # motor commands to the vessel and into the recording
     else:
-        yield "D", _node(_ORDERS[profile.driver.kind]), ("LC",)  # mission and commands
+        yield "D", _node(orders), ("LC",)  # mission and commands
 
 
 def _simulator(profile: ProfileGroups) -> Part:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from typing import Any
 
-from xitl_cli.registry import NODES, PluginError, load, package_of
+from xitl_cli.registry import DRIVERS, NODES, PluginError, load, names, package_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +19,10 @@ class GroupsByName:
     group: Callable[[str], type]
 
 
-def node_keys(name: str) -> type[Any]:
-    """The keys of a plug-in's node. Raises PluginError when the plug-in is missing or cannot be used."""
+def plugin_keys(name: str) -> type[Any]:
+    """The keys of a plug-in's node or driver. Raises PluginError when the plug-in is missing or cannot be used."""
+    if name in names(DRIVERS) and name not in names(NODES):
+        return _driver_keys(name)
     kind = load(NODES, name)
     if not (hasattr(kind, "keys") and hasattr(kind, "make") and hasattr(kind, "topics")):
         problem = f"registers {type(kind).__name__} in {NODES}, which is not xitl_cli.plugin.NodeKind"
@@ -29,3 +31,10 @@ def node_keys(name: str) -> type[Any]:
     else:
         return kind.keys
     raise PluginError(f"{name}: the plug-in of {package_of(NODES, name)} {problem}; correct it")
+
+
+def _driver_keys(name: str) -> type[Any]:
+    keys = getattr(load(DRIVERS, name), "keys", None)
+    if isinstance(keys, type) and is_dataclass(keys):
+        return keys
+    raise PluginError(f"{name}: the driver of {package_of(DRIVERS, name)} has no keys; leave the group out")

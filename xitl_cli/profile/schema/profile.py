@@ -15,7 +15,7 @@ from xitl_cli.profile.schema.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.graph import NodeGraph
 from xitl_cli.profile.schema.live import LiveSpec
-from xitl_cli.profile.schema.plugins import GroupsByName, node_keys
+from xitl_cli.profile.schema.plugins import GroupsByName, plugin_keys
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.view import ViewSpec
@@ -82,7 +82,7 @@ class Profile(Specification):
     faults: Annotated[dict[str, FaultSpec] | None, "by name"] = None
     plugins: Annotated[
         dict[str, Any] | None,
-        GroupsByName(node_keys),
+        GroupsByName(plugin_keys),
         "nodes of other packages, by the name of the plug-in: [plugins.md](plugins.md); the package has their keys; "
         "null removes one that is inherited",
     ] = None

@@ -63,6 +63,7 @@ class Place(IntEnum):
     SCRIPTED_VESSELS = auto()
     AIS = auto()
     ENCOUNTERS = auto()
+    TIDE = auto()
     LAUNCHING = auto()
     PACE = auto()
     SHOWING = auto()

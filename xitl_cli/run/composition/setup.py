@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sim_core.environment.tide import NO_TIDE
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.live_output import LiveOutput
@@ -63,6 +64,10 @@ class RunSetup:
     def has_river(self) -> bool:
         """Whether something may drift in the water."""
         return has_waterway(self.profile) or self.operated()
+
+    def has_tide(self) -> bool:
+        """Whether the water has a tide or a tidal stream."""
+        return self.plant.simulation.environment.tide is not NO_TIDE
 
     def is_fleet(self) -> bool:
         """Whether the run has a fleet and its traffic."""

@@ -11,11 +11,11 @@ from typing import Any
 from numpy.random import default_rng
 
 from xitl_cli.errors import UserError
-from xitl_cli.plugin import NodeContext, NodeKind
+from xitl_cli.plugin import DriverContext, NodeContext, NodeKind
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import check_added_topic
 from xitl_cli.record.topics import Topic
-from xitl_cli.registry import NODES, load, package_of
+from xitl_cli.registry import NODES, load, names, package_of
 from xitl_cli.run.composition.parts import Need, Part, Parts, Place, made_parts, part
 from xitl_cli.run.composition.setup import VesselSetup
 from xitl_cli.run.core.faults import FaultSchedule
@@ -31,15 +31,15 @@ from xitl_cli.run.nodes.bridge import BridgeNode
 from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.display import StatusSource
-from xitl_cli.run.nodes.drivers import VehicleDriver, make_driver
+from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.estimate_rate import EstimateRate
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.nodes.findings import FindingsNode, findings_from_profile
-from xitl_cli.run.nodes.follow import FollowDriver
 from xitl_cli.run.nodes.mission import MissionNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.operated_control import OperatedControl
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
+from xitl_cli.run.nodes.plugin_driver import driver_of
 from xitl_cli.run.nodes.plugin_nodes import PluginNode
 from xitl_cli.run.nodes.recorders import LinkRecorder, SensorRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode
@@ -118,6 +118,7 @@ def autopilot(setup: VesselSetup, bridge: BridgeNode | None) -> AutopilotNode:
         plant.hulls,
         setup.run.workers,
         lambda: plant.simulation.environment.wind,
+        plant.tide_m,
     )
     if bridge is not None:
         node.heard.subscribe(bridge.handle)
@@ -128,14 +129,10 @@ def autopilot(setup: VesselSetup, bridge: BridgeNode | None) -> AutopilotNode:
 def _driver(
     setup: VesselSetup, bridge: BridgeNode | None, commands: AutopilotCommands, agent: AgentConnection
 ) -> VehicleDriver:
-    profile, frame, follow = setup.profile, local_frame(setup.profile.site), setup.profile.driver.follow
-    if profile.driver.kind == "follow" and follow is not None:
-        mission, arm_s = profile.mission, profile.autopilot.arm_timeout_s
-        driver: VehicleDriver = FollowDriver(
-            commands, frame, follow, setup.run.voices, profile.vessel, mission.speed_mps, arm_s
-        )
-    else:
-        driver = make_driver(profile, commands, frame, setup.run.stations.of(profile.vessel).told, setup.others)
+    profile, frame, run = setup.profile, local_frame(setup.profile.site), setup.run
+    addresses = run.stations.of(profile.vessel).told
+    keys = profile.plugins.get(profile.driver.kind)
+    driver = driver_of(DriverContext(profile, commands, frame, keys, addresses, setup.others, run.voices))
     return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
 
 
@@ -205,7 +202,7 @@ def perception(setup: VesselSetup, companion: CompanionNode | None) -> Perceptio
 @part(Place.FINDINGS, when=VesselSetup.has_companion)
 def findings(setup: VesselSetup, autopilot: AutopilotNode, companion: CompanionNode) -> FindingsNode:
     bodies = setup.plant.bodies if setup.in_fleet() else None
-    node = findings_from_profile(setup.profile, setup.run.scenery, bodies)
+    node = findings_from_profile(setup.profile, setup.run.scenery, bodies, setup.plant.tide_m)
     companion.heard.subscribe(node.handle)
     autopilot.heard.subscribe(node.handle_autopilot)
     return node
@@ -259,7 +256,8 @@ def estimate_rate(setup: VesselSetup, autopilot: AutopilotNode) -> EstimateRate 
 @part(Place.SENSORS, when=VesselSetup.records_sensors)
 def sensors(setup: VesselSetup) -> SensorRecorder:
     plant = setup.plant
-    return SensorRecorder(setup.profile, setup.seeds, plant.hulls, lambda: plant.simulation.environment.wind)
+    air = lambda: plant.simulation.environment.wind  # noqa: E731
+    return SensorRecorder(setup.profile, setup.seeds, plant.hulls, air, plant.tide_m)
 
 
 @part(Place.ROS_COMPANION, when=VesselSetup.has_ros_companion)
@@ -333,6 +331,8 @@ def _plugin_parts(setup: VesselSetup) -> list[Part]:
     parts: list[Part] = []
     topics: list[Topic] = []
     for name, keys in setup.profile.plugins.items():
+        if name == setup.profile.driver.kind and name not in names(NODES):
+            continue
         kind: NodeKind = load(NODES, name)
         for topic in kind.topics:
             try:

@@ -21,6 +21,7 @@ from xitl_cli.run.nodes.recorders import PaceRecorder
 from xitl_cli.run.nodes.river import RiverNode, river_from_profile
 from xitl_cli.run.nodes.scripted import ScriptedRecorder
 from xitl_cli.run.nodes.stations import StationAddresses
+from xitl_cli.run.nodes.tide import TideNode
 from xitl_cli.run.nodes.vessel_orders import VesselOrders
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
 from xitl_cli.run.operator.steering import Steering
@@ -99,6 +100,11 @@ def encounters(setup: RunSetup) -> EncounterNode:
     return EncounterNode(setup.plant, setup.plant.need_fleet(), distance_m, rate_hz)
 
 
+@part(Place.TIDE, when=RunSetup.has_tide)
+def tide(setup: RunSetup) -> TideNode:
+    return TideNode(setup.profiles, setup.plant)
+
+
 @part(Place.PACE)
 def pace(setup: RunSetup) -> PaceRecorder:
     return PaceRecorder(setup.profile.clock)
@@ -109,7 +115,7 @@ def stations(setup: RunSetup) -> StationAddresses:
     return setup.stations
 
 
-WORLD_PARTS = (display, river, operator, scripted_vessels, ais, encounters, pace, stations)
+WORLD_PARTS = (display, river, operator, scripted_vessels, ais, encounters, tide, pace, stations)
 
 
 def _live_part(node: RunNode) -> Part:
@@ -125,5 +131,5 @@ def _attached(node: RunNode, operator: OperatorNode | None) -> RunNode:
 
 
 def _scripted_report(plant: Plant, vessel: ScriptedVessel) -> SelfReport:
-    now_ns = plant.state.time_ns
-    return report_from_motion(now_ns, scripted_motion([vessel], now_ns * 1e-9))
+    now_ns, tide_m = plant.state.time_ns, plant.vessels[0].tide_m()
+    return report_from_motion(now_ns, scripted_motion([vessel], now_ns * 1e-9, tide_m))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from enum import Enum
 from typing import Any
 
@@ -42,53 +42,6 @@ class Progress:
 
 
 @dataclass(frozen=True, slots=True)
-class LinkReport:
-    """One direction of a link over a whole run. Counts of the other end are None until it has reported them."""
-
-    name: str
-    """`sensors` (to the agent) or `actuators` (from it). Other links than `agent` add their name: `standby sensors`."""
-    sent: int | None
-    received: int | None
-    lost: int | None
-    """Frames sent and never received."""
-    unsent: int | None
-    """Frames that the sender's transport did not accept."""
-    dropped: int
-    """Damaged or unknown frames."""
-    latency: Histogram = field(default_factory=Histogram)
-    gaps: int | None = None
-    """Frames that the receiver misses, see `SequenceMonitor`."""
-    late: int | None = None
-    """Frames out of order."""
-    repeated: int | None = None
-    """Frames received twice."""
-    refused: int | None = None
-    """Frames without a valid signature, or from another sender than the other end."""
-    impaired: int | None = None
-    """Frames that an injected fault dropped for good. They are part of `lost`."""
-    host_end: dict[str, int] = field(default_factory=dict)
-    """Other counters of the host's transport, by name. The receiving direction reports them."""
-
-    def section(self) -> dict[str, Any]:
-        """Return a row of `links`."""
-        return {
-            "name": self.name,
-            "sent": self.sent,
-            "received": self.received,
-            "lost": self.lost,
-            "gaps": self.gaps,
-            "late": self.late,
-            "repeated": self.repeated,
-            "unsent": self.unsent,
-            "dropped": self.dropped,
-            "refused": self.refused,
-            "impaired": self.impaired,
-            "host_end": self.host_end,
-            "latency_us": _quantiles_us(self.latency),
-        }
-
-
-@dataclass(frozen=True, slots=True)
 class ClockReport:
     """A node's clock against the host's at the end of a run. A value is None when nothing was measured."""
 
@@ -119,6 +72,11 @@ class ClockReport:
         return asdict(self)
 
 
+def _reported(trouble: str = "") -> dict[str, Any]:
+    """Return the metadata of a count that XITL_NODE_STATUS has under the same name. trouble: as in `counted`."""
+    return {"reported": True, "trouble": trouble}
+
+
 @dataclass(frozen=True, slots=True)
 class NodeReport:
     """Report of a machine in the loop about itself. A value is None when the machine does not report it."""
@@ -139,17 +97,17 @@ class NodeReport:
     processors: int | None = None
     temperature_c: float | None = None
     cpu_percent: float | None = None
-    estimates: int = 0
+    estimates: int = field(default=0, metadata=_reported())
     """Estimates that the node's control used."""
-    efforts: int = 0
+    efforts: int = field(default=0, metadata=_reported())
     """Efforts that the node's actuation allocated."""
-    log_dropped: int = 0
+    log_dropped: int = field(default=0, metadata=_reported("records of its log not written"))
     """Records for which the node's log had no space."""
-    stations_missed: int = 0
+    stations_missed: int = field(default=0, metadata=_reported("things ground stations missed"))
     """Messages that ground stations did not get, or sent in vain."""
-    events_lost: int = 0
+    events_lost: int = field(default=0, metadata=_reported("sentences lost"))
     """Sentences that were not read in time."""
-    controller_failures: int = 0
+    controller_failures: int = field(default=0, metadata=_reported("failures of the controller"))
     """Steps at which the user's controller raised or gave no usable answer."""
 
     def section(self) -> dict[str, Any]:
@@ -173,21 +131,6 @@ class ActuatorReport:
 
 
 @dataclass(frozen=True, slots=True)
-class TakeoverReport:
-    """A takeover of one agent by another at `at_s`; see TakeoverEvent."""
-
-    at_s: float
-    from_node: str
-    to_node: str
-    silent_s: float
-    step: float
-
-    def section(self) -> dict[str, Any]:
-        """Return a row of `takeovers`."""
-        return asdict(self)
-
-
-@dataclass(frozen=True, slots=True)
 class FaultReport:
     """An injected fault: the interval in which it was active, and counts of its effects."""
 
@@ -206,6 +149,14 @@ class FaultReport:
 
 Traffic = dict[str, dict[str, dict[int, int]]]
 """Frames that crossed each link: by link (`agent`), by direction (`tx` to the agent, `rx` from it), by message id."""
+
+
+def troubles(report: type) -> dict[str, str]:
+    """Return the counters of a report that a sound run leaves at 0: the words after the number, by key of the summary.
+
+    report: LinkReport, NodeReport or BridgeCounts.
+    """
+    return {each.name: each.metadata["trouble"] for each in fields(report) if each.metadata.get("trouble")}
 
 
 def task_section(task: TaskTiming) -> dict[str, Any]:

@@ -22,11 +22,12 @@ from agent.wire.transport import Transport
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import LinkReport
 from xitl_cli.run.core.faults import FaultsInForce
 from xitl_cli.run.core.node import RunContext
-from xitl_cli.run.core.reports import LinkReport, NodeReport
+from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.links.inbox import OWN_IDS, AgentInbox
-from xitl_cli.run.links.link_accounts import link_state, node_report
+from xitl_cli.run.links.link_accounts import node_report
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import Plans, set_parameters, upload_plan
 
@@ -86,47 +87,6 @@ def companion_terms(profile: RunProfile) -> AgentTerms:
         says="word",
         speaks="is heard",
     )
-
-
-def _silent_error(peer: str, who: str, seconds: float, sim_s: float) -> UserError:
-    """Return the error for an agent that sent nothing for this time."""
-    return UserError(
-        f"{peer}: {who} stopped answering and was silent for {seconds:.3g} s, at {sim_s:.2f} s of simulation time; "
-        "look at its log, its power and the cable"
-    )
-
-
-def _restarted_error(peer: str, who: str, sim_s: float) -> UserError:
-    """Return the error for an agent that answers but has no run."""
-    return UserError(
-        f"{peer}: {who} answers but has no run on, at {sim_s:.2f} s of simulation time: it was started anew; look at "
-        "its log for why it ended, then run again"
-    )
-
-
-def _taken_over_error(peer: str, who: str, sim_s: float) -> UserError:
-    """Return the error for an agent that has the run of another host."""
-    return UserError(
-        f"{peer}: {who} has another run on, at {sim_s:.2f} s of simulation time: another host has started it; give "
-        "each host an agent of its own, and the link a key (--link-key), then run again"
-    )
-
-
-def _not_understood_error(terms: AgentTerms, link: Link) -> UserError | None:
-    """Return the error for data without a valid frame, or None when nothing arrived."""
-    where = link.transport.peer
-    if link.refused_signature:
-        return UserError(
-            f"{where}: {terms.who} answers, but not signed with {terms.key}.link_key_file = {terms.link_key_file}; "
-            "start it with --link-key and the same key, or leave it out here"
-        )
-    if link.counters.dropped:
-        baud = "; or the baud rates differ" if link.transport.name == "serial" else ""
-        return UserError(
-            f"{where}: what answers there is not understood by this host; install the same release of xitl on "
-            f"both{baud}"
-        )
-    return None
 
 
 TICK_REPEAT_S = 0.5
@@ -261,7 +221,7 @@ class AgentConnection:
         say_hello = partial(self._send_run, dialect.XITL_RUN_COMMAND_HELLO)
         self._say_until(lambda: self.inbox.view.status is not None, say_hello, HELLO_INTERVAL_S, timeout_s, peer.check)
         if self.inbox.view.status is None:
-            raise self._not_understood() or peer.unreachable(timeout_s)
+            raise self._not_understood_error() or peer.unreachable(timeout_s)
         protocol = self.inbox.view.status.protocol
         if protocol != PROTOCOL:
             raise UserError(
@@ -331,8 +291,16 @@ class AgentConnection:
         """Return the error for a run that is no longer active on the agent; None while it is."""
         if self.inbox.view.status is None or self._has_our_run():
             return None
-        error = _taken_over_error if self.inbox.view.status.running else _restarted_error
-        return error(self.peer.transport.peer, self._who, self._sim_s())
+        peer, at = self.peer.transport.peer, f"at {self._sim_s():.2f} s of simulation time"
+        if self.inbox.view.status.running:
+            return UserError(
+                f"{peer}: {self._who} has another run on, {at}: another host has started it; give each host an agent "
+                "of its own, and the link a key (--link-key), then run again"
+            )
+        return UserError(
+            f"{peer}: {self._who} answers but has no run on, {at}: it was started anew; look at its log for why it "
+            "ended, then run again"
+        )
 
     # In the run
 
@@ -487,10 +455,26 @@ class AgentConnection:
         """Return the error for a run that cannot continue without the agent."""
         if self._why_silent is not None:
             return self._why_silent(seconds, self._sim_s())
-        return _silent_error(self.peer.transport.peer, self._who, seconds, self._sim_s())
+        return UserError(
+            f"{self.peer.transport.peer}: {self._who} stopped answering and was silent for {seconds:.3g} s, at "
+            f"{self._sim_s():.2f} s of simulation time; look at its log, its power and the cable"
+        )
 
-    def _not_understood(self) -> UserError | None:
-        return _not_understood_error(self._terms, self.link)
+    def _not_understood_error(self) -> UserError | None:
+        """Return the error for data without a valid frame, or None when nothing arrived."""
+        terms, where = self._terms, self.link.transport.peer
+        if self.link.refused_signature:
+            return UserError(
+                f"{where}: {terms.who} answers, but not signed with {terms.key}.link_key_file = "
+                f"{terms.link_key_file}; start it with --link-key and the same key, or leave it out here"
+            )
+        if self.link.counters.dropped:
+            baud = "; or the baud rates differ" if self.link.transport.name == "serial" else ""
+            return UserError(
+                f"{where}: what answers there is not understood by this host; install the same release of xitl on "
+                f"both{baud}"
+            )
+        return None
 
     def apply_faults(self, sim_ns: int, faults: FaultsInForce | None) -> None:
         """Activate new faults, and repeat the agent's part once a second. None: no change."""
@@ -592,7 +576,7 @@ class AgentConnection:
     def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
         """Record the state of the link so far."""
         for report in self.links():
-            recorder.write(stamp_ns, link_state(report))
+            recorder.write(stamp_ns, report)
 
     def node(self) -> NodeReport | None:
         """Return the agent's report of its machine, or None when it never sent one."""

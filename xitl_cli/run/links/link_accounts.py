@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 from agent.wire import dialect
-from agent.wire.link import Link, LinkCounters
-from xitl_cli.record.topics import LinkState, NodeState
-from xitl_cli.run.core.reports import LinkReport, NodeReport
+from agent.wire.link import Link
+from xitl_cli.record.topics import RECEIVER, SENDER, LinkReport, NodeState
+from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.core.statistics import Histogram
 from xitl_cli.run.links.link_timing import LinkTiming
 
@@ -63,61 +65,32 @@ class LinkAccounts:
         `impaired`: frames that the host dropped. `status`: the latest, or None.
         """
         counters = self.link.counters
-        return (
-            self._to_agent(prefix, counters, impaired, status, timing.sensors),
-            self._from_agent(prefix, counters, status, timing.actuators),
-        )
 
-    def _to_agent(
-        self, prefix: str, counters: LinkCounters, impaired: int, status: Any, latency: Histogram
-    ) -> LinkReport:
-        if status is None:
-            return LinkReport(
-                f"{prefix}sensors", counters.sent, None, None, counters.unsent, 0, latency, impaired=impaired
-            )
-        received, lost, sent = status.frames_received, status.frames_lost, counters.sent
-        if self._final is not None:
+        def host(name: str) -> int | None:
+            return impaired if name == "impaired" else getattr(counters, name)
+
+        def agent(name: str) -> int | None:
+            return None if status is None else getattr(status, f"frames_{name}")
+
+        counted = _counts(sender=host, receiver=agent)
+        sent, received, lost = host("sent"), agent("received"), counted["gaps"]
+        if status is not None and self._final is not None:
             sent = self._final_sent
-            lost = max(sent - (received - status.frames_repeated), 0)
+            lost = max(sent - (status.frames_received - status.frames_repeated), 0)
         elif self.over:
             received = lost = None
-        return LinkReport(
-            name=f"{prefix}sensors",
-            sent=sent,
-            received=received,
-            lost=lost,
-            unsent=counters.unsent,
-            dropped=status.frames_dropped,
-            latency=latency,
-            gaps=status.frames_lost,
-            late=status.frames_late,
-            repeated=status.frames_repeated,
-            refused=status.frames_refused,
-            impaired=impaired,
-        )
+        to_agent = LinkReport(f"{prefix}sensors", sent, received, lost, **counted, **_latencies(timing.sensors))
 
-    def _from_agent(self, prefix: str, counters: LinkCounters, status: Any, latency: Histogram) -> LinkReport:
-        sent: int | None = None
-        lost: int | None = counters.lost
-        received, repeated = self.heard - self._base_heard, counters.repeated - self._base_repeated
+        counted = _counts(sender=agent, receiver=host)
+        counted["repeated"] = repeated = counters.repeated - self._base_repeated
+        sent, received, lost = None, self.heard - self._base_heard, counted["gaps"]
         if self._final is not None and self._base is not None:
             sent = self._sent_by_agent()
             lost = max(sent - (received - repeated), 0)
         elif self.over:
             lost = None
-        return LinkReport(
-            name=f"{prefix}actuators",
-            sent=sent,
-            received=received,
-            lost=lost,
-            unsent=None if status is None else status.frames_unsent,
-            dropped=counters.dropped,
-            latency=latency,
-            gaps=counters.lost,
-            late=counters.late,
-            repeated=repeated,
-            refused=counters.refused,
-            impaired=None if status is None else status.frames_impaired,
+        return to_agent, LinkReport(
+            f"{prefix}actuators", sent, received, lost, **counted, **_latencies(timing.actuators)
         )
 
     def _sent_by_agent(self) -> int:
@@ -127,25 +100,27 @@ class LinkAccounts:
         return counted + (numbers - counted + 128) % 256 - 128 + 1
 
 
-def link_state(report: LinkReport) -> LinkState:
-    """Return a report as a record."""
-    p50_ns, p99_ns = report.latency.quantile_ns(0.5), report.latency.quantile_ns(0.99)
-    return LinkState(
-        name=report.name,
-        sent=report.sent,
-        received=report.received,
-        lost=report.lost,
-        gaps=report.gaps,
-        late=report.late,
-        repeated=report.repeated,
-        dropped=report.dropped,
-        unsent=report.unsent,
-        refused=report.refused,
-        impaired=report.impaired,
-        latency_p50_s=None if p50_ns is None else p50_ns * 1e-9,
-        latency_p99_s=None if p99_ns is None else p99_ns * 1e-9,
-        latency_max_s=report.latency.max_ns * 1e-9 if report.latency.count else None,
-    )
+_End = Callable[[str], "int | None"]
+"""Returns a count of one end of a link by its name, None if the end has not reported it."""
+
+
+def _counts(sender: _End, receiver: _End) -> dict[str, Any]:
+    """Return the counters of LinkReport by name, each from the end that counts it."""
+    ends = {SENDER: sender, RECEIVER: receiver}
+    return {
+        counter.name: ends[counter.metadata["end"]](counter.metadata["key"] or counter.name)
+        for counter in fields(LinkReport)
+        if counter.metadata
+    }
+
+
+def _latencies(latency: Histogram) -> dict[str, Any]:
+    p50_ns, p99_ns = latency.quantile_ns(0.5), latency.quantile_ns(0.99)
+    return {
+        "latency_p50_s": None if p50_ns is None else p50_ns * 1e-9,
+        "latency_p99_s": None if p99_ns is None else p99_ns * 1e-9,
+        "latency_max_s": latency.max_ns * 1e-9 if latency.count else None,
+    }
 
 
 _NO_TEMPERATURE = 32767
@@ -174,12 +149,7 @@ def node_report(link: str, info: Any, status: Any) -> NodeReport:
         processors=info.processors or None,
         temperature_c=_temperature_c(status),
         cpu_percent=_cpu_percent(status),
-        estimates=status.estimates,
-        efforts=status.efforts,
-        log_dropped=status.log_dropped,
-        stations_missed=status.stations_missed,
-        events_lost=status.events_lost,
-        controller_failures=status.controller_failures,
+        **{count.name: getattr(status, count.name) for count in fields(NodeReport) if count.metadata},
     )
 
 

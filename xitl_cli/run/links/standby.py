@@ -10,8 +10,7 @@ from math import copysign
 from agent.mavlink.modes import ROVER_MODE_NUMBERS
 from xitl_cli.profile.schema.agents import StandbySpec
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import TakeoverEvent
-from xitl_cli.run.core.reports import TakeoverReport
+from xitl_cli.record.topics import TakeoverReport
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.links.connection import WARNING, AgentConnection
@@ -173,14 +172,14 @@ class Redundancy:
         motors = self._ramp.next(self.active.inbox.command.motors)
         if switch is not None:
             silent_s, step = switch.silent_ns * 1e-9, self._ramp.largest
-            self._keep(sim_ns, recorder, TakeoverEvent(before.name, self.active.name, silent_s, step))
+            self._keep(sim_ns, recorder, TakeoverReport(before.name, self.active.name, silent_s, step, sim_ns * 1e-9))
         speaks = time.monotonic_ns() - self.active.inbox.command_ns < SPEAKS_NS
         for number, agent in enumerate(self._agents):
             if agent is not self.active and agent.gone is None:
                 self._followers[number].update(sim_ns, self._view, speaks)
         return motors
 
-    def _keep(self, sim_ns: int, recorder: Recorder, takeover: TakeoverEvent) -> None:
+    def _keep(self, sim_ns: int, recorder: Recorder, takeover: TakeoverReport) -> None:
         recorder.write(sim_ns, takeover)
         recorder.log(
             sim_ns,
@@ -188,6 +187,4 @@ class Redundancy:
             "run",
             f"{takeover.to_node} takes over from {takeover.from_node}, silent for {takeover.silent_s:.2f} s",
         )
-        self.takeovers.append(
-            TakeoverReport(sim_ns * 1e-9, takeover.from_node, takeover.to_node, takeover.silent_s, takeover.step)
-        )
+        self.takeovers.append(takeover)

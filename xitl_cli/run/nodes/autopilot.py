@@ -13,7 +13,7 @@ import numpy as np
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from sim_core.environment.wind import Air
-from sim_core.sensors.rangefinder import HullsAround
+from sim_core.sensors.rangefinder import HullsAround, TideNow
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.record.topics import ActuatorAge, MotionEstimate
@@ -60,7 +60,7 @@ class AutopilotNode(ControlNode):
 
     `make_driver`: creates the node that commands the autopilot over its first agent. `interrupted`: returns True when
     the user asked to stop; called during the wait for an answer. supervision: see there. workers: run the first agent
-    if it would otherwise be in this process. air: as in make_sensing.
+    if it would otherwise be in this process. air, tide_m: as in make_sensing.
 
     heard: route to subscribe to the messages of the active agent. driver: runs before this node.
     """
@@ -76,6 +76,7 @@ class AutopilotNode(ControlNode):
         hulls: HullsAround | None = None,
         workers: AgentWorkers | None = None,
         air: Callable[[], Air] | None = None,
+        tide_m: TideNow | None = None,
     ) -> None:
         self.heard = MessageRoute()
         self.ticking = ExchangePart(self._tick)
@@ -86,7 +87,7 @@ class AutopilotNode(ControlNode):
         self._interrupted = interrupted
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
-        self._sensing = make_sensing(profile, seeds, hulls, air)
+        self._sensing = make_sensing(profile, seeds, hulls, air, tide_m)
         self._recorded = profile.sensors is not None and profile.sensors.recorded is not None  # another vessel
         self.agents = [self._connection(name) for name in autopilot_links(profile)]
         first, standby = self.agents[0], profile.autopilot.standby

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.bridges.counts import BridgeCounts
 from agent.mavlink.commands import version_text
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
@@ -25,7 +26,7 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
+from xitl_cli.record.topics import MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.launch.ardupilot import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.launch.px4 import Px4Launch
@@ -155,8 +156,8 @@ class AutopilotReport:
     vehicle: str = ""
     """As the autopilot reports it; empty without a report."""
     milestones: Milestones = field(default_factory=Milestones)
-    bridge: dict[str, int] = field(default_factory=dict)
-    """Counts of XITL_BRIDGE_STATUS by name; empty without that message."""
+    bridge: BridgeCounts | None = None
+    """The latest counts of the bridge; None before the first."""
     program: str | None = None
     """Program that the run started; None for an autopilot that the user started."""
     log: bool = False
@@ -181,7 +182,7 @@ class AutopilotReport:
             "time_to_ready_s": times.ready_s,
             "time_to_arm_s": times.armed_s,
             "time_to_motion_s": times.motion_s,
-            "bridge": self.bridge or None,
+            "bridge": None if self.bridge is None else asdict(self.bridge),
             "log": self.log,
             "clock": None if self.real_clock is None else "real" if self.real_clock else "simulated",
             "utc_offset_s": self.utc_offset_s,
@@ -241,7 +242,7 @@ class BridgeNode(RunNode):
         self._process: FirmwareProcess | None = None
         self._agent: AgentConnection | None = None
         self._view: AgentView | None = None
-        self._status: Any = None
+        self._counts: BridgeCounts | None = None
         self._recorder: Recorder | None = None
         self._now_ns: Callable[[], int] = lambda: 0
         self._version = ""
@@ -313,9 +314,9 @@ class BridgeNode(RunNode):
         if self._clock is not None:
             self._clock.handle(message)
         if number == dialect.MAVLINK_MSG_ID_XITL_BRIDGE_STATUS:
-            self._status = message
+            self._counts = BridgeCounts.of_message(message)
             if self._recorder is not None:
-                self._recorder.write(self._now_ns(), BridgeCounts(**_counts(message)))
+                self._recorder.write(self._now_ns(), self._counts)
         elif number == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             self._version = version_text(message)
         elif number == dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -346,7 +347,7 @@ class BridgeNode(RunNode):
             self.milestones.update(sim_ns, self._view, self._agent.inbox.command, step.motion)
             if self._view.heard:
                 self._clock.update(sim_ns)
-        if self._status is None and sim_ns > NO_BRIDGE_NS:
+        if self._counts is None and sim_ns > NO_BRIDGE_NS:
             raise UserError(
                 "autopilot.link: the agent there is no bridge, it runs an autopilot of its own; start it with "
                 "--role bridge, or use autopilot.kind: embedded"
@@ -360,7 +361,7 @@ class BridgeNode(RunNode):
         """Raise UserError when the autopilot restarted during a mission, because no driver would arm it again."""
         if self.milestones.armed_s is None or self._view is None or self._profile.driver.kind != "mission":
             return
-        restarts = 0 if self._status is None else self._status.restarts
+        restarts = 0 if self._counts is None else self._counts.restarts
         if self._restarts is None:
             self._restarts = restarts
         elif restarts > self._restarts and not self._view.armed:
@@ -460,19 +461,13 @@ class BridgeNode(RunNode):
             firmware=self._version,
             vehicle=self._vehicle,
             milestones=self.milestones,
-            bridge=_counts(self._status),
+            bridge=self._counts,
             program=None if self._launch is None else str(self._launch.program),
             log=self._log is not None,
             scheduler=None if self._log is None or autopilot.kind == "px4" else scheduler_record(self._log),
             real_clock=None if self._launch is None else autopilot.firmware_build == "linux",
             utc_offset_s=None if self._clock is None else self._clock.utc_offset_s,
         )
-
-
-def _counts(status: Any) -> dict[str, int]:
-    if status is None:
-        return {}
-    return {name: int(getattr(status, name)) for name in status.get_fieldnames() if name != "time_usec"}
 
 
 def _vehicle(mav_type: int) -> str:

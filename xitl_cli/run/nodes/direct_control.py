@@ -17,11 +17,12 @@ from agent.fcu.control.controller import (
 )
 from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
-from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import MissionItem, make_mission
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.mission_progress import COMPLETE, MissionProgress
-from agent.fcu.vehicle_state import EventQueue, StateEstimate
+from agent.fcu.vehicle_state import EventQueue
+from agent.navigation.geodetic import LocalProjection
+from agent.navigation.measurements import StateEstimate
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile

@@ -14,8 +14,8 @@ from agent.mavlink.modes import MISSION_MODE, shown_mode
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
+from xitl_cli.plugin import DriverContext, DriverKind
 from xitl_cli.profile.missions.ground_station_files import waypoints_text
-from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
 from xitl_cli.run.core import directory
@@ -96,34 +96,6 @@ class NoDriver(VehicleDriver):
 def nobody() -> str:
     """Return an empty text: the vessel waits for no other."""
     return ""
-
-
-def make_driver(
-    profile: RunProfile,
-    commands: AutopilotCommands,
-    frame: LocalFrame,
-    ground_stations: tuple[str, ...] = (),
-    others: Callable[[], str] = nobody,
-) -> VehicleDriver:
-    """Return the driver that the profile selects. `ground_stations`: addresses at which stations may connect.
-
-    others: returns a text with the vessels to wait for; empty when this vessel may set out.
-
-    Raises UserError when the driver's file cannot be played.
-    """
-    driver, course = profile.driver, Course(tuple(profile.mission.course), profile.mission.jumps)
-    if driver.kind == "mission":
-        return MissionDriver(commands, course, profile.autopilot.arm_timeout_s, others)
-    if driver.kind == "ground-station":
-        return GroundStationDriver(commands, frame, ground_stations, driver.stay)
-    if driver.kind == "ros":
-        return RosDriver(commands, frame, driver.arms, profile.autopilot.arm_timeout_s, others)
-    if driver.kind == "script":
-        return ScriptDriver(commands, frame, driver.script, course)
-    if driver.kind == "replay":
-        schedule = schedule_from_file(profile)
-        return ReplayDriver(commands, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s, others)
-    return NoDriver(commands, course)
 
 
 READY_TIMEOUT_S = 60.0
@@ -521,3 +493,46 @@ class RosDriver(VehicleDriver):
         waits_for = "" if self._departure is None else self._departure.waits_for
         completed = self._under_way
         return replace(self._mission.progress(), waits_for=waits_for, finished=self._ended, completed=completed)
+
+
+def _mission(context: DriverContext) -> VehicleDriver:
+    arm_s = context.profile.autopilot.arm_timeout_s
+    return MissionDriver(context.commands, _course(context), arm_s, context.others)
+
+
+def _ground_station(context: DriverContext) -> VehicleDriver:
+    stay = context.profile.driver.stay
+    return GroundStationDriver(context.commands, context.frame, context.ground_stations, stay)
+
+
+def _ros(context: DriverContext) -> VehicleDriver:
+    arms, arm_s = context.profile.driver.arms, context.profile.autopilot.arm_timeout_s
+    return RosDriver(context.commands, context.frame, arms, arm_s, context.others)
+
+
+def _script(context: DriverContext) -> VehicleDriver:
+    return ScriptDriver(context.commands, context.frame, context.profile.driver.script, _course(context))
+
+
+def _replay(context: DriverContext) -> VehicleDriver:
+    """Raises UserError when the driver's file cannot be played."""
+    profile = context.profile
+    schedule, channels = schedule_from_file(profile), profile.driver.replay.rc_channels
+    return ReplayDriver(context.commands, schedule, channels, profile.autopilot.arm_timeout_s, context.others)
+
+
+def _none(context: DriverContext) -> VehicleDriver:
+    return NoDriver(context.commands, _course(context))
+
+
+def _course(context: DriverContext) -> Course:
+    mission = context.profile.mission
+    return Course(tuple(mission.course), mission.jumps)
+
+
+MISSION = DriverKind(_mission)
+GROUND_STATION = DriverKind(_ground_station)
+ROS = DriverKind(_ros)
+SCRIPT = DriverKind(_script)
+REPLAY = DriverKind(_replay)
+NONE = DriverKind(_none)

@@ -235,14 +235,17 @@ class FindingsNode(RunNode):
 
 
 def findings_from_profile(
-    profile: RunProfile, scenery: Scenery, others: Callable[[], Bodies] | None = None
+    profile: RunProfile,
+    scenery: Scenery,
+    others: Callable[[], Bodies] | None = None,
+    tide_m: Callable[[], float] = lambda: 0.0,
 ) -> FindingsNode:
     """Return the findings for the companion of the profile, with the truth of its world.
 
-    others: as in ObstacleScore.
+    others, tide_m: as in ObstacleScore.
     """
     sensors, vessel = profile.sensors, profile.vehicle
     looks = sensors is not None and sensors.lidar is not None
     standing = scenery.caster() if looks else None
-    score = ObstacleScore((vessel.length_m, vessel.width_m), standing, scenery.water_down_m, others)
+    score = ObstacleScore((vessel.length_m, vessel.width_m), standing, scenery.water_down_m, others, tide_m)
     return FindingsNode(local_frame(profile.site), score, profile.clock.physics_rate_hz, scenery.boom)

@@ -11,6 +11,7 @@ import numpy as np
 from agent.wire.dialect import MAV_SEVERITY_NOTICE as NOTICE
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core.geodesy import LocalFrame
+from xitl_cli.plugin import DriverContext, DriverKind
 from xitl_cli.profile.schema.agents import FollowSpec
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import Progress
@@ -144,3 +145,14 @@ class FollowDriver(VehicleDriver):
             },
             "warnings": warnings,
         }
+
+
+def _follow(context: DriverContext) -> VehicleDriver:
+    profile, follow = context.profile, context.profile.driver.follow
+    assert follow is not None
+    assert context.voices is not None
+    speed_mps, arm_s = profile.mission.speed_mps, profile.autopilot.arm_timeout_s
+    return FollowDriver(context.commands, context.frame, follow, context.voices, profile.vessel, speed_mps, arm_s)
+
+
+FOLLOW = DriverKind(_follow)

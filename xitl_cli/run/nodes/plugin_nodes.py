@@ -21,96 +21,41 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class PluginNode(RunNode):
-    """The node of a plug-in.
+class PluginGuard:
+    """Calls the code of a plug-in. who: names the plug-in, `plugins.NAME (package version)`.
 
-    An exception of the plug-in becomes PluginNodeError, and its traceback goes into the recording. The node is not
-    called again, except to close it. A UserError of the plug-in is passed on. Failures after the run are warnings of
-    the summary.
+    An exception of the plug-in becomes PluginNodeError, and its traceback goes into the recording. A UserError of the
+    plug-in is passed on. Failures after the run are warnings of the summary.
     """
 
-    def __init__(self, name: str, make: Callable[[], Any], topics: Sequence[Topic] = ()) -> None:
+    def __init__(self, name: str, who: str) -> None:
+        self.now_ns = 0
+        self.failed = False
+        self.recorder: Recorder | None = None
+        self.warnings: list[str] = []
         self._name = name
-        self._topics = topics
-        self._recorder: Recorder | None = None
-        self._now_ns = 0
-        self._failed = False
-        self._warnings: list[str] = []
-        node = self._guarded("when it was made", make)
-        if not isinstance(node, RunNode):
-            raise PluginNodeError(
-                f"{self._who}: its make returned {type(node).__name__}, which is not a RunNode; correct the plug-in"
-            )
-        self._node = node
+        self._who = who
 
-    def prepare(self) -> None:
-        self._guarded("before the run", self._node.prepare)
-
-    def begin(self, context: RunContext) -> None:
-        self._recorder = context.recorder
-        for topic in self._topics:
-            context.recorder.add_topic(topic)
-        self._guarded("at the start", self._node.begin, context)
-
-    def sense(self, step: RunStep) -> None:
-        self._now_ns = step.now_ns
-        self._guarded("", self._node.sense, step)
-
-    def exchange(self, step: RunStep) -> None:
-        self._guarded("", self._node.exchange, step)
-
-    def record(self, step: RunStep) -> None:
-        if not self._failed:
-            self._guarded("", self._node.record, step)
-
-    def links(self) -> Sequence[Link]:
-        return self._guarded("", self._node.links)
-
-    def receive(self, timeout_s: float) -> None:
-        self._guarded("", self._node.receive, timeout_s)
-
-    def end(self) -> None:
-        if not self._failed:
-            self._guarded("at the end", self._node.end)
-
-    def close(self) -> None:
-        self._after_the_run("when it was closed", self._node.close)
-
-    def save(self, folder: Path) -> None:
-        if not self._failed:
-            self._after_the_run("when it saved its files", self._node.save, folder)
-
-    def report(self) -> dict[str, Any]:
-        """plugins: the report of each plug-in's node by name."""
-        report = None if self._failed else self._after_the_run("in its report", self._reported)
-        return {"plugins": {self._name: report}, "warnings": list(self._warnings)}
-
-    def _reported(self) -> Any:
-        return json.loads(json.dumps(self._node.report(), allow_nan=False))
-
-    @property
-    def _who(self) -> str:
-        return f"plugins.{self._name} ({package_of(NODES, self._name)})"
-
-    def _guarded(self, when: str, call: Callable[P, T], *arguments: P.args, **keywords: P.kwargs) -> T:
-        """Raises PluginNodeError for an exception of the plug-in."""
+    def call(self, when: str, call: Callable[P, T], *arguments: P.args, **keywords: P.kwargs) -> T:
+        """Return the result of the call. Raises PluginNodeError for an exception of the plug-in."""
         try:
             return call(*arguments, **keywords)
         except UserError:
-            self._failed = True
+            self.failed = True
             raise
         except Exception as problem:
-            self._failed = True
-            if self._recorder is not None:
+            self.failed = True
+            if self.recorder is not None:
                 text = "".join(traceback.format_exception(problem))
-                self._recorder.log(self._now_ns, ERROR, f"plugins.{self._name}", text)
-            raise PluginNodeError(self._sentence(when or f"at {self._now_ns * 1e-9:.2f} s", problem)) from problem
+                self.recorder.log(self.now_ns, ERROR, self._name, text)
+            raise PluginNodeError(self._sentence(when or f"at {self.now_ns * 1e-9:.2f} s", problem)) from problem
 
-    def _after_the_run(self, when: str, call: Callable[P, T], *arguments: P.args, **keywords: P.kwargs) -> T | None:
+    def after_the_run(self, when: str, call: Callable[P, T], *arguments: P.args, **keywords: P.kwargs) -> T | None:
+        """Return the result of the call, None when it fails; the failure is a warning."""
         try:
             return call(*arguments, **keywords)
         except Exception as problem:  # noqa: BLE001  the run is over, and its summary keeps this
-            self._warnings.append(self._sentence(when, problem))
+            self.warnings.append(self._sentence(when, problem))
             return None
 
     def _sentence(self, when: str, problem: Exception) -> str:
@@ -120,3 +65,67 @@ class PluginNode(RunNode):
         file = f"{path.parent.name}/{path.name}" if path.name == "__init__.py" else path.name
         why = f"{reason}, {file}:{last.lineno}"
         return f"{self._who} failed {when} ({why}); correct the plug-in or take it out of the profile"
+
+
+class PluginNode(RunNode):
+    """The node of a plug-in.
+
+    After an exception of the plug-in, the node is not called again, except to close it. See PluginGuard.
+    """
+
+    def __init__(self, name: str, make: Callable[[], Any], topics: Sequence[Topic] = ()) -> None:
+        who = f"plugins.{name} ({package_of(NODES, name)})"
+        self._name = name
+        self._topics = topics
+        self._guard = PluginGuard(f"plugins.{name}", who)
+        node = self._guard.call("when it was made", make)
+        if not isinstance(node, RunNode):
+            raise PluginNodeError(
+                f"{who}: its make returned {type(node).__name__}, which is not a RunNode; correct the plug-in"
+            )
+        self._node = node
+
+    def prepare(self) -> None:
+        self._guard.call("before the run", self._node.prepare)
+
+    def begin(self, context: RunContext) -> None:
+        self._guard.recorder = context.recorder
+        for topic in self._topics:
+            context.recorder.add_topic(topic)
+        self._guard.call("at the start", self._node.begin, context)
+
+    def sense(self, step: RunStep) -> None:
+        self._guard.now_ns = step.now_ns
+        self._guard.call("", self._node.sense, step)
+
+    def exchange(self, step: RunStep) -> None:
+        self._guard.call("", self._node.exchange, step)
+
+    def record(self, step: RunStep) -> None:
+        if not self._guard.failed:
+            self._guard.call("", self._node.record, step)
+
+    def links(self) -> Sequence[Link]:
+        return self._guard.call("", self._node.links)
+
+    def receive(self, timeout_s: float) -> None:
+        self._guard.call("", self._node.receive, timeout_s)
+
+    def end(self) -> None:
+        if not self._guard.failed:
+            self._guard.call("at the end", self._node.end)
+
+    def close(self) -> None:
+        self._guard.after_the_run("when it was closed", self._node.close)
+
+    def save(self, folder: Path) -> None:
+        if not self._guard.failed:
+            self._guard.after_the_run("when it saved its files", self._node.save, folder)
+
+    def report(self) -> dict[str, Any]:
+        """plugins: the report of each plug-in's node by name."""
+        report = None if self._guard.failed else self._guard.after_the_run("in its report", self._reported)
+        return {"plugins": {self._name: report}, "warnings": list(self._guard.warnings)}
+
+    def _reported(self) -> Any:
+        return json.loads(json.dumps(self._node.report(), allow_nan=False))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from agent.wire.codec import Packer
 from sim_core.environment.wind import Air
-from sim_core.sensors.rangefinder import HullsAround
+from sim_core.sensors.rangefinder import HullsAround, TideNow
 from sim_core.simulation import elevation_m
 from sim_core.vessel.battery import COULOMB_PER_AH
 from xitl_cli.profile.schema import RunProfile
@@ -65,7 +65,7 @@ class TruthRecorder(RunNode):
 class SensorRecorder(RunNode):
     """Records the sensor data of a vessel without an autopilot, in the frames that an autopilot would get.
 
-    hulls, air: as in make_sensing.
+    hulls, air, tide_m: as in make_sensing.
     """
 
     def __init__(
@@ -74,8 +74,9 @@ class SensorRecorder(RunNode):
         seeds: Seeds,
         hulls: HullsAround | None = None,
         air: Callable[[], Air] | None = None,
+        tide_m: TideNow | None = None,
     ) -> None:
-        self._sensing = make_sensing(profile, seeds, hulls, air)
+        self._sensing = make_sensing(profile, seeds, hulls, air, tide_m)
         self._packer = Packer(HOST_SYSTEM_ID, HOST_COMPONENT_ID)
 
     def begin(self, context: RunContext) -> None:

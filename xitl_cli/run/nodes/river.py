@@ -196,14 +196,15 @@ def river_from_profile(profile: RunProfile, seeds: Seeds, plant: Plant, progress
     debris, mission = profile.world.debris, profile.mission
     start = (mission.start.north_m, mission.start.east_m)
     legs = MissionLegs([start, *mission.course_ned_m])
-    current = simulation.environment.current  # the mean current, for the plan
+    environment = simulation.environment  # its mean current, for the plan
     encounters = DebrisEncounters(
         draw_encounters(debris.encounters, legs.length_m, default_rng(seeds.sequence("encounters"))),
         legs,
         mission.speed_mps,
-        lambda place: current.velocity_ned_mps(np.zeros(1), place),
+        lambda place: environment.current_ned_mps(np.zeros(1), plant.state.time_ns * 1e-9, place),
         waterway,
-        simulation.environment.water,
+        environment.water,
+        plant.vessels[0].tide_m,
     )
     port = None if debris.control is None else LaunchPort(debris.control)
     return RiverNode(plant, encounters, port, profile.recording.scene, progress)

@@ -18,7 +18,7 @@ class ScriptedRecorder(RunNode):
     """Records state, odometry and pose of each scripted vessel on topics with its name."""
 
     def __init__(self, fleet: Fleet, physics_rate_hz: float, truth_rate_hz: float, drawn: bool) -> None:
-        self._vessels = fleet.traffic
+        self._vessels, self._tide = fleet.traffic, fleet.environment.tide
         self._every = round(physics_rate_hz / truth_rate_hz)
         self._drawn = drawn
         self._recorders: list[Recorder] = []
@@ -31,7 +31,8 @@ class ScriptedRecorder(RunNode):
     def record(self, step: RunStep) -> None:
         if step.number % self._every:
             return
-        motion = scripted_motion(self._vessels, step.now_ns * 1e-9)
+        now_s = step.now_ns * 1e-9
+        motion = scripted_motion(self._vessels, now_s, self._tide.height_m(now_s))
         for row, recorder in enumerate(self._recorders):
             recorder.truth(step.now_ns, _row(motion, row), NO_ROTORS)
 

@@ -11,7 +11,7 @@ from numpy.random import default_rng
 
 from sim_core.environment.current import make_current
 from sim_core.environment.environment import Environment
-from sim_core.environment.spec import EnvironmentSpec, WaveSpec
+from sim_core.environment.spec import CurrentSpec, EnvironmentSpec, WaveSpec
 from sim_core.environment.transition import Transition
 from sim_core.environment.waves import FlatWater, WaveField, realise_waves
 from sim_core.environment.wind import make_wind
@@ -56,6 +56,8 @@ class EnvironmentChanges:
                 f"waves: significant_height_m = {group.significant_height_m:g} does nothing while spectrum is none; "
                 "give spectrum: jonswap too"
             )
+        if isinstance(group, CurrentSpec) and group.tide != self.asked.current.tide:
+            raise ActionError("current: tide cannot change during a run; leave it out")
         return group
 
     def ask(self, name: str, group: Specification) -> None:
@@ -98,7 +100,7 @@ class EnvironmentChanges:
         if asked.waves != reached.waves:
             drawn = default_rng(self._seeds.sequence("waves"))
             waves = _carried_on(realise_waves(asked.waves, asked.water, drawn, self._first_current), self._currents)
-        return before, Environment(now.water, current, waves, wind)
+        return before, Environment(now.water, current, waves, wind, now.tide)
 
 
 def _carried_on(waves: WaveField | FlatWater, currents: Sequence[tuple[Array, float]]) -> WaveField | FlatWater:

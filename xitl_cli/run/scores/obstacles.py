@@ -26,9 +26,10 @@ _AFLOAT_DOWN_M = 0.3
 class ObstacleScore:
     """Call `see` with the truth some ten times a second, `hear` with every XITL_OBSTACLE, and `report` at the end.
 
-    hull_m: length and width of the vessel. standing: rays at all fixed objects, None without any. water_down_m: level
-    of the water. others: bodies that rays hit, first debris and then the hulls of other vessels; None without any. A
-    track of another hull is not a false one. Tracks are in the autopilot's local NED with the origin origin_ne_m.
+    hull_m: length and width of the vessel. standing: rays at all fixed objects, None without any. water_down_m: mean
+    level of the water. others: bodies that rays hit, first debris and then the hulls of other vessels; None without
+    any. tide_m: returns the height of the water above its mean level now. A track of another hull is not a false one.
+    Tracks are in the autopilot's local NED with the origin origin_ne_m.
     """
 
     def __init__(
@@ -37,11 +38,12 @@ class ObstacleScore:
         standing: RayCaster | None = None,
         water_down_m: float = 0.0,
         others: Callable[[], Bodies] | None = None,
+        tide_m: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self.origin_ne_m: tuple[float, float] = (0.0, 0.0)
         self._half_m = (0.5 * hull_m[0], 0.5 * hull_m[1])
         self._standing = standing
-        self._water_down_m = water_down_m
+        self._water_down_m, self._tide_m = water_down_m, tide_m
         self._others = others
         self._debris: DebrisState | None = None
         self._place_ne_m, self._yaw_rad = np.zeros(2), 0.0
@@ -110,7 +112,8 @@ class ObstacleScore:
             return False
         offsets = np.linspace(-_STANDING_M, _STANDING_M, _GRID)
         north, east = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
-        origin = np.column_stack([north, east, np.full(len(north), self._water_down_m - _ABOVE_M)])
+        surface_down_m = self._water_down_m - self._tide_m()
+        origin = np.column_stack([north, east, np.full(len(north), surface_down_m - _ABOVE_M)])
         origin[:, :2] += place_ne_m
         down = np.tile(np.array((0.0, 0.0, 1.0), dtype=np.float32), (len(origin), 1))
         range_m = self._standing.cast(origin.astype(np.float32), down).range_m

@@ -16,7 +16,7 @@ from sim_core.sensors.gnss import Gnss
 from sim_core.sensors.imu import Imu
 from sim_core.sensors.magnetometer import Magnetometer
 from sim_core.sensors.odometry import Odometry
-from sim_core.sensors.rangefinder import HullsAround, ObstacleScanner, Rangefinder
+from sim_core.sensors.rangefinder import HullsAround, ObstacleScanner, Rangefinder, TideNow
 from sim_core.sensors.wind_vane import WindVane
 from sim_core.world.structures import upright_walls
 from xitl_cli.profile.schema import RunProfile
@@ -116,14 +116,19 @@ class SensorSuite:
 
 
 def make_sensing(
-    profile: RunProfile, seeds: Seeds, hulls: HullsAround | None = None, air: Callable[[], Air] | None = None
+    profile: RunProfile,
+    seeds: Seeds,
+    hulls: HullsAround | None = None,
+    air: Callable[[], Air] | None = None,
+    tide_m: TideNow | None = None,
 ) -> SensorSuite:
     """Return all channels to the profile's agents.
 
     hulls: of other vessels in the world, None without any. air: air over the water now, None for the profile's.
+    tide_m: height of the still water above its mean level now, None without a tide.
     """
     assert profile.sensors is not None
-    further = list(_further_channels(profile, seeds, local_frame(profile.site), hulls, air))
+    further = list(_further_channels(profile, seeds, local_frame(profile.site), hulls, air, tide_m))
     return SensorSuite(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
 
 
@@ -133,13 +138,14 @@ def _further_channels(
     frame: LocalFrame,
     hulls: HullsAround | None,
     air: Callable[[], Air] | None,
+    tide_m: TideNow | None,
 ) -> Iterator[Channel]:
     """Yield the optional sensors of a profile, and the truth for an autopilot with its own simulated sensors."""
     assert profile.sensors is not None
     sensors, water, physics_hz = profile.sensors, profile.environment.water, profile.clock.physics_rate_hz
     walls = upright_walls(profile.world.log_boom, profile.world.dam, -water.level_m)
     for number, rangefinder in enumerate(sensors.rangefinders):
-        unit = Rangefinder(rangefinder, water.depth_m - water.level_m, -water.level_m, walls, hulls)
+        unit = Rangefinder(rangefinder, water.depth_m - water.level_m, -water.level_m, walls, hulls, tide_m)
         rng = default_rng(seeds.sequence(f"rangefinder {number}"))
         yield SensorChannel(unit, rng, physics_hz, sensor_messages.distance_sensor(number, rangefinder))
     messages = sensors.messages
@@ -163,7 +169,7 @@ def _further_channels(
                 wind = steady if air is None else air()
                 return wind.share(height_m) / wind.share(areas_m)
 
-            mast = WindVane(sensors.wind_vane, against_areas, water.level_m)
+            mast = WindVane(sensors.wind_vane, against_areas, water.level_m, tide_m)
             vane = VaneChannel(mast, default_rng(seeds.sequence("wind vane")), physics_hz)
             yield vane
         yield TruthChannel(round(physics_hz / profile.clock.exchange_rate_hz), vane)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from agent.fcu.gps_time import GpsTime
+from agent.navigation.gps_time import GpsTime
 from agent.wire import dialect
 from sim_core.sensors.barometer import BarometerSample
 from sim_core.sensors.gnss import GnssSample

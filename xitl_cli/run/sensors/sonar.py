@@ -144,11 +144,11 @@ def make_sonar(
     """
     assert profile.sensors is not None
     assert profile.sensors.sonar is not None
-    settings, water = profile.sensors.sonar, profile.environment.water
+    settings, level_m = profile.sensors.sonar, profile.environment.water.level_m
     caster = scenery.caster()
 
     def below_of(state: SimulationState) -> Below:
-        surface_down_m = -water.level_m - float(elevation_m(plant.simulation, state)[0])
+        surface_down_m = -level_m - float(elevation_m(plant.simulation, state)[0])
         return Below(caster, surface_down_m, plant.bodies())
 
     port = None if settings.serve is None else Ping360Port(settings.serve)

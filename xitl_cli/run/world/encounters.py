@@ -95,7 +95,8 @@ class MissionLegs:
 
 
 class DebrisEncounters:
-    """The encounters of one run. `current_ned_mps`: returns the mean current (1, 3) at a place (1, 3).
+    """The encounters of one run. `current_ned_mps`: returns the mean current (1, 3) at a place (1, 3). `tide_m`:
+    returns the height of the still water above its mean level now.
 
     no_room: encounters that were left out because of a fixed object at the meeting place.
     """
@@ -108,13 +109,14 @@ class DebrisEncounters:
         current_ned_mps: Callable[[Array], Array],
         waterway: Waterway,
         water: Water,
+        tide_m: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._left = list(encounters)
         self._legs = legs
         self._speed_mps = speed_mps
         self._current_ned_mps = current_ned_mps
         self._waterway = waterway
-        self._water, self._water_down_m = water, -water.level_m
+        self._water, self._tide_m = water, tide_m
         self.no_room = 0
 
     def due(self, now_ns: int, place_ne_m: Point, target: int | None) -> list[Launch]:
@@ -155,7 +157,10 @@ class DebrisEncounters:
         place, (standing, bed) = np.array([[north_m, east_m]]), (self._waterway.standing, self._waterway.bed)
         if len(standing) and standing.distance_m(place).min() < 0.0:
             return False
-        return bed is None or bool(bed.bed_down_m(place)[0] > self._water_down_m)
+        return bed is None or bool(bed.bed_down_m(place)[0] > self._water_down_m())
+
+    def _water_down_m(self) -> float:
+        return -(self._water.level_m + self._tide_m())
 
     def _has_room(self, places_ne_m: Array, body: Body) -> NDArray[bool_]:
         """(P,): whether the body would float freely at (P, 2) places."""
@@ -165,5 +170,5 @@ class DebrisEncounters:
         if len(standing):
             free &= standing.distance_m(places_ne_m).min(axis=1) > around_m
         if bed is not None:
-            free &= bed.bed_down_m(places_ne_m) - self._water_down_m > body.draught_m + CLEAR_M
+            free &= bed.bed_down_m(places_ne_m) - self._water_down_m() > body.draught_m + CLEAR_M
         return free

@@ -187,6 +187,10 @@ class PlantView:
             self._moved_to, self._motion = state, fleets.kinematics_of(simulation, state, self.number)
         return self._motion
 
+    def tide_m(self) -> float:
+        """Return the height of the still water above its mean level now."""
+        return self.simulation.environment.tide.height_m(self._plant.state.time_ns * 1e-9)
+
     def bodies(self) -> Bodies:
         """Return the moving bodies that rays can hit now: drifting bodies, and the hulls of all other vessels."""
         simulation, state = self._plant.simulation, self._plant.state

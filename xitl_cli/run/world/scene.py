@@ -81,6 +81,11 @@ def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.Sce
     return messages.SceneUpdate(entities=entities)
 
 
+def make_water_scene(profiles: Sequence[RunProfile], tide_m: float) -> messages.SceneUpdate:
+    """Return the water at another level, to replace the water drawn before. tide_m: above the mean level."""
+    return messages.SceneUpdate(entities=[_water(profiles, tide_m)])
+
+
 def make_mission_scene(profile: RunProfile, places_ne_m: Sequence[tuple[float, float]]) -> messages.SceneUpdate:
     """Return another mission to replace the profile's: the start, then the waypoints."""
     return messages.SceneUpdate(entities=[_mission(profile, places_ne_m)])
@@ -219,7 +224,7 @@ def _deck(vehicle: VesselSpec) -> messages.CubePrimitive:
     )
 
 
-def _water(profiles: Sequence[RunProfile]) -> messages.SceneEntity:
+def _water(profiles: Sequence[RunProfile], tide_m: float = 0.0) -> messages.SceneEntity:
     profile = profiles[0]
     places = []
     for each in profiles:
@@ -230,7 +235,7 @@ def _water(profiles: Sequence[RunProfile]) -> messages.SceneEntity:
     low, high = np.min(places, axis=0), np.max(places, axis=0)
     north, east = ((low + high) / 2).tolist()
     extent = (high - low + 2 * _WATER_MARGIN_M).tolist()
-    level = profile.environment.water.level_m
+    level = profile.environment.water.level_m + tide_m
     surface = messages.CubePrimitive(
         pose=_pose((east, north, level - 0.05)), size=messages.Vector3(x=extent[1], y=extent[0], z=0.01), color=_WATER
     )

@@ -13,6 +13,7 @@ from numpy.random import default_rng
 
 from sim_core import fleet as fleets
 from sim_core.environment.environment import Environment
+from sim_core.environment.tide import make_tide
 from sim_core.fleet import Fleet, FleetState
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
@@ -102,10 +103,13 @@ def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
     """Return the waterway; open water when the profile has neither contact nor debris."""
     if not has_waterway(profile):
         return OPEN_WATER
+    tide_m = make_tide(profile.environment).bounds_m
+    lowest_down_m, highest_down_m = (scenery.water_down_m - height_m for height_m in tide_m)
     parts = [] if scenery.boom is None else scenery.boom.capsules(scenery.water_down_m)
     for number, solid in enumerate(scenery.boxes):
         middle_down_m, height_m = float(solid.centre_m[2]), float(solid.size_m[2])
-        if abs(middle_down_m - scenery.water_down_m) >= 0.5 * height_m + NEAR_SURFACE_M:
+        nearest_down_m = min(max(middle_down_m, highest_down_m), lowest_down_m)
+        if abs(middle_down_m - nearest_down_m) >= 0.5 * height_m + NEAR_SURFACE_M:
             continue
         heading_rad = math.atan2(solid.rotation[1, 0], solid.rotation[0, 0])
         name = "dam" if profile.world.dam is not None and number == 0 else "building"
@@ -113,7 +117,7 @@ def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
         parts.append(box_capsules(name, (north, east), (float(solid.size_m[0]), float(solid.size_m[1])), heading_rad))
     launches = sorted((launch_from(launch) for launch in profile.world.debris.launches), key=lambda each: each.at_ns)
     contact = profile.world.contact
-    triangles = Triangles.from_meshes(scenery.felt, scenery.water_down_m) if contact else NO_TRIANGLES
+    triangles = Triangles.from_meshes(scenery.felt, scenery.water_down_m, tide_m) if contact else NO_TRIANGLES
     return Waterway(Capsules.joined(parts), scenery.bed, tuple(launches), contact, triangles)
 
 

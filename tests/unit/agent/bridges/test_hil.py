@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as public
 from agent.bridges.hil import ABSENT_NS, SILENT_NS, HilMessages
 from agent.bridges.injector import InjectorError
 from agent.bridges.vehicle_link import SAMPLES_WAITING, VehicleLink
-from agent.fcu.gps_time import EPOCH_UNIX_S, LEAP_S, START_OF_RUNS_S
+from agent.navigation.gps_time import EPOCH_UNIX_S, LEAP_S, START_OF_RUNS_S
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message, Packer

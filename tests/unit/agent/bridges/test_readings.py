@@ -27,7 +27,7 @@ from agent.bridges.readings import (
     receiver_fix_from,
 )
 from agent.bridges.vectornav import VectorNav, sentence
-from agent.fcu.gps_time import SECOND_NS, WEEK_S, GpsTime
+from agent.navigation.gps_time import SECOND_NS, WEEK_S, GpsTime
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message, Packer

@@ -11,10 +11,10 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.vehicle.autopilot import Autopilot
-from agent.fcu.vehicle_state import (
-    Actuators,
+from agent.fcu.vehicle_state import Actuators
+from agent.navigation.estimator import Estimator
+from agent.navigation.measurements import (
     BarometerMeasurement,
     GnssMeasurement,
     ImuMeasurement,

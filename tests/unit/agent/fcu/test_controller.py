@@ -16,7 +16,7 @@ from agent.fcu.control.heading_speed import HeadingSpeedController
 from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
-from agent.fcu.vehicle_state import StateEstimate
+from agent.navigation.measurements import StateEstimate
 
 ROOT = Path(__file__).parents[4]
 EXAMPLE = f"{ROOT}/examples/sliding_mode_heading.py:SlidingModeHeading"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from boat import ALT_M, DECLINATION_RAD, FIELD_NED_GAUSS, GRAVITY_MPS2, LAT_DEG, LON_DEG, STEP_NS, Boat
 
-from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
+from agent.navigation.estimator import Estimator
+from agent.navigation.measurements import GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.gnss import Gnss

@@ -10,7 +10,7 @@ from python39 import strict_zip
 
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.autopilot import Autopilot
-from agent.fcu.vehicle_state import GnssMeasurement, ImuMeasurement
+from agent.navigation.measurements import GnssMeasurement, ImuMeasurement
 
 
 def disarmed() -> Autopilot:

@@ -6,11 +6,11 @@ import pytest
 from boat import LAT_DEG, LON_DEG, degrees
 from steered_boat import SteeredBoat
 
-from agent.fcu.estimation.position_filter import InnovationRatios
 from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.failsafes import FailsafeMonitor
+from agent.navigation.position_filter import InnovationRatios
 
 SECOND = 1_000_000_000
 AFAR = make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(500.0, 0.0))])

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from steered_boat import SteeredBoat
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, Fence, FenceError, FenceItem
-from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
+from agent.navigation.geodetic import Home, LocalProjection
 
 FRAME = LocalProjection(LAT_DEG, LON_DEG, 0.0)
 HOME = Home(LAT_DEG, LON_DEG, 0.0)

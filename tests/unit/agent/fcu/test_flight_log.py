@@ -35,17 +35,14 @@ from agent.fcu.dataflash.flight_log import FlightLog
 from agent.fcu.dataflash.format import FORMATS, header
 from agent.fcu.dataflash.records import gnss, health
 from agent.fcu.dataflash.writer import fixed_log_opener, numbered_log_opener
-from agent.fcu.estimation.position_filter import InnovationRatios
-from agent.fcu.gps_time import GpsTime
 from agent.fcu.mission import change_speed, make_mission, waypoint
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.autopilot import Autopilot
-from agent.fcu.vehicle_state import (
-    Actuators,
-    GnssMeasurement,
-    ImuMeasurement,
-)
+from agent.fcu.vehicle_state import Actuators
+from agent.navigation.gps_time import GpsTime
+from agent.navigation.measurements import GnssMeasurement, ImuMeasurement
+from agent.navigation.position_filter import InnovationRatios
 from agent.timing.tasks import TaskMiss, TaskStats
 from tests.patience import wait_until
 

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
-from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.mission import (
     COMMANDS,
     FOREVER,
@@ -30,6 +29,7 @@ from agent.fcu.mission import (
 )
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.mission_progress import COMPLETE, MissionProgress
+from agent.navigation.geodetic import Home, LocalProjection
 
 FRAME = LocalProjection(-8.8, -63.95, 50.0)
 GAINS = GuidanceGains.from_parameters(Parameters())

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from python39 import pairwise, strict_zip
 
 from agent.fcu.control.guidance import GuidanceGains, GuidanceInput
-from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import (
     CHANGE_SPEED,
     COMMANDS,
@@ -36,6 +35,7 @@ from agent.fcu.mission import (
 )
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.mission_progress import CONDITIONS, STAGE_BEGINNINGS, MissionProgress, until_time_of_day_s
+from agent.navigation.geodetic import LocalProjection
 
 FRAME = LocalProjection(-8.8, -63.95, 50.0)
 GAINS = GuidanceGains.from_parameters(Parameters())

@@ -9,10 +9,10 @@ from boat import LAT_DEG, LON_DEG, Boat, degrees
 from steered_boat import SteeredBoat
 
 from agent.fcu.control.guidance import GuidanceGains, GuidanceInput, StationKeeping
-from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
+from agent.navigation.geodetic import LocalProjection
 
 CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]
 

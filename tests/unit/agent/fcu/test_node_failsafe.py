@@ -10,7 +10,7 @@ from node_host import LOCKSTEP, MS, REALTIME, START, Host, of, texts
 
 from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.vehicle import modes
-from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
+from agent.navigation.measurements import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.wire import dialect as mav
 
 AHEAD_NS = 5_000_000_000  # the agent's clock against the sensors' in real time

@@ -14,8 +14,9 @@ from steered_boat import SteeredBoat
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, FenceItem
 from agent.fcu.mission import COMMANDS, MissionItem, change_speed, item_problem, jump, make_mission, waypoint
-from agent.fcu.parameters import REAL32, TABLE
+from agent.fcu.parameters import TABLE
 from agent.fcu.vehicle import modes
+from agent.mavlink.parameter_rows import REAL32
 
 ANY = st.floats() | st.sampled_from([0.0, 1.0, -1.0, 3.0, LAT_DEG, LON_DEG])
 NEAR = st.floats(-100.0, 100.0)

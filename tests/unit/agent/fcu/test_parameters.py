@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from python39 import strict_zip
 
-from agent.fcu.parameters import SYSTEM_ID, TABLE, ParameterError, Parameters, load_parm
+from agent.fcu.parameters import SYSTEM_ID, TABLE, Parameters
+from agent.mavlink.parameter_rows import ParameterError, load_parm
 from tests.golden import Golden
 
 FIRMWARE_PARAMS = Path(__file__).parents[4] / "firmware_params"

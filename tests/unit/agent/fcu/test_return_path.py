@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from python39 import pairwise
 
-from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.return_path import ReturnPath, thinned
 from agent.fcu.vehicle_state import EventQueue
+from agent.navigation.geodetic import LocalProjection
 
 FRAME = LocalProjection(-8.8, -63.95, 50.0)
 SECOND = 1_000_000_000

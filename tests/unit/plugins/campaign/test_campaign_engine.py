@@ -35,6 +35,19 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> CampaignPlan:
     return read_plan(path)
 
 
+def test_a_plan_has_axes_of_a_tide(tmp_path: Path) -> None:
+    tide = "constituents: [{name: M2, amplitude_m: 1.5, phase_deg: 20}]"
+    environment = (
+        f"{{start_utc: 2026-03-01, water: {{tide: {{{tide}}}}}, current: {{tide: {{flood_deg: 0, peak_mps: 1}}}}}}"
+    )
+    (tmp_path / "sea.yaml").write_text(f"extends: mitl\nenvironment: {environment}\n", encoding="utf-8")
+    path = tmp_path / "tides.yaml"
+    key = "environment.water.tide.constituents.0.amplitude_m"
+    axes = f"{{{key}: [0.5, 2.0], environment.current.tide.peak_mps: [0.2, 0.8]}}"
+    path.write_text(TEXT.replace("mitl", "sea.yaml").replace("{environment.wind.mean_mps: [0, 4, 8]}", axes))
+    assert len(list(read_plan(path).points())) == 16
+
+
 class ImaginedWorkers:
     """Runs that end at once, in an order of their own. becomes: what a run does at each attempt, None for its death."""
 

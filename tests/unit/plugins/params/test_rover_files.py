@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from agent.fcu.parameters import parm_lines
+from agent.mavlink.parameter_rows import parm_lines
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.setup import parameter_file_values
 from xitl_cli.run.links.vessel_gains import vessel_gains

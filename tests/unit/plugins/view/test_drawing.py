@@ -8,12 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim_core.environment.spec import EnvironmentSpec, Water
+from sim_core.environment.tide import make_tide
+from sim_core.environment.tide_spec import ConstituentSpec, TideSpec
 from xitl_cli.plugins.view import shapes
 from xitl_cli.plugins.view.drawing import GUIDED, MISSION, REACHED, SceneDrawing, stream_arrows
 from xitl_cli.plugins.view.model import (
     BodyInstant,
     SceneThruster,
     SceneVessel,
+    SceneWater,
     SceneWaves,
     VesselInstant,
     ViewInstant,
@@ -207,6 +211,19 @@ def test_water_takes_up_waves_that_somebody_raises_and_lies_flat_again(drawing: 
     assert not np.array_equal(np.asarray(node(drawing, "/water").vertices)[:, 2], heights)
     draw(drawing, 2.0, AT_START, waves=NO_WAVES)
     assert not np.asarray(node(drawing, "/water").vertices)[:, 2].any()
+
+
+def test_water_and_mission_rise_with_the_tide(server: viser.ViserServer) -> None:
+    server.scene.reset()
+    keys = TideSpec(constituents=(ConstituentSpec("quick", 2.0, 90.0, speed_degph=360.0),))
+    water = SceneWater(level_m=0.1, tide=make_tide(EnvironmentSpec(water=Water(tide=keys))))
+    drawing = DrawingOnServer(server, ViewScene("test", vessels={"": BOAT}, water=water))
+    draw(drawing, 0.0, AT_START)
+    assert node(drawing, "/water").position[2] == pytest.approx(0.1)
+    before_m = float(node(drawing, "/missions/vessel/waypoint 1").position[2])
+    draw(drawing, 900.0, AT_START)
+    assert node(drawing, "/water").position[2] == pytest.approx(2.1)
+    assert node(drawing, "/missions/vessel/waypoint 1").position[2] == pytest.approx(before_m + 2.0)
 
 
 def test_a_drawing_of_a_moment_is_replaced_and_removed(drawing: DrawingOnServer) -> None:

@@ -44,6 +44,15 @@ def test_a_shape_is_turned_then_moved() -> None:
     assert turned.vertices_m.mean(axis=0) == pytest.approx([10.0, 0.0, 0.0], abs=1e-6)
 
 
+def test_the_water_of_a_scene_has_the_tide_of_its_profile() -> None:
+    tide = "environment.water.tide={constituents: [{name: quick, amplitude_m: 2, phase_deg: 0, speed_degph: 180}]}"
+    profile = load_profile("sitl", [tide]).runnable()
+    update = make_scene([profile], Scenery(profile))
+    water = make_view_scene("sitl", read_scene_updates(update.encode()), [profile]).water
+    level_m = profile.environment.water.level_m
+    assert [water.level_at_m(time_s) for time_s in (0.0, 3600.0)] == pytest.approx([level_m + 2.0, level_m - 2.0])
+
+
 def test_the_scene_of_a_run_is_read_back() -> None:
     profile = load_profile("sitl").runnable()
     scene = make_view_scene("sitl", read_scene_updates(make_scene([profile], Scenery(profile)).encode()), [profile])

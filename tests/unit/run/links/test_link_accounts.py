@@ -17,7 +17,7 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.inbox import AgentInbox
-from xitl_cli.run.links.link_accounts import LinkAccounts, link_state
+from xitl_cli.run.links.link_accounts import LinkAccounts
 from xitl_cli.run.links.link_timing import LockstepTiming
 from xitl_cli.run.links.peer import AgentOptions, InProcessAgent
 
@@ -243,13 +243,12 @@ def test_without_an_answer_to_the_stop_what_arrived_stays_unknown(pair: Pair) ->
     assert (actuators.sent, actuators.received) == (None, 11)
 
 
-def test_the_record_says_the_same(pair: Pair) -> None:
+def test_a_report_has_the_latency_in_seconds_and_its_section_in_microseconds(pair: Pair) -> None:
     pair.start()
     pair.talk(10)
-    report = pair.stop()[0]
-    state = link_state(report)
-    for name in ("name", "sent", "received", "lost", "gaps", "late", "repeated", "dropped", "unsent", "refused"):
-        assert getattr(state, name) == getattr(report, name)
-    assert state.latency_p50_s is None
-    report.latency.add(2_000_000)
-    assert link_state(report).latency_max_s == pytest.approx(2e-3)
+    assert pair.stop()[0].section()["latency_us"] == {"p50": None, "p99": None, "max": None}
+    timing = LockstepTiming("LC")
+    timing.sensors.add(2_000_123)
+    report, _ = pair.accounts.reports("", 0, pair.status, timing)
+    assert report.latency_max_s == pytest.approx(2.000123e-3)
+    assert report.section()["latency_us"]["max"] == 2000.123

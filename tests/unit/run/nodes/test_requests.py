@@ -44,6 +44,14 @@ def exchange(operator: OperatorNode, plant: Plant) -> None:
     operator.exchange(RunStep(1, plant.state.time_ns, view, view.motion(), view.held))
 
 
+def test_a_current_changes_and_its_tide_does_not(parts: Parts) -> None:
+    operator, _ = parts
+    refused = operator.ask({"action": "current", "tide": {"flood_deg": 0, "peak_mps": 1}})
+    assert refused is not None
+    assert "tide cannot change during a run" in refused
+    assert operator.ask({"action": "current", "speed_mps": 0.4}) is None
+
+
 def test_a_launch_waits_for_the_exchange_and_is_known_before(parts: Parts) -> None:
     operator, plant = parts
     assert operator.waiting_launches == ()

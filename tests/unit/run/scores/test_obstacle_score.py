@@ -52,6 +52,15 @@ def test_tracks_of_nothing_are_false_until_they_are_of_something() -> None:
     assert score.report()["false"] == 2
 
 
+def test_a_rock_is_an_obstacle_at_low_water_alone() -> None:
+    rock = moved(box((4.0, 4.0, 1.0), CONCRETE), (-10.0, -20.0, 1.3))
+    for height_m, false in ((0.0, 1), (-1.0, 0)):
+        score = ObstacleScore(HULL_M, PrimitiveCaster([], [rock]), tide_m=lambda height_m=height_m: height_m)
+        score.see(np.zeros(3), 0.0, no_debris())
+        score.hear(news(-10.0, -20.0))
+        assert score.report()["false"] == false
+
+
 def test_what_stands_in_the_river_is_no_false_obstacle() -> None:
     pile = moved(box((1.0, 1.0, 6.0), CONCRETE), (10.0, -20.0, 0.0))
     under = moved(box((4.0, 4.0, 1.0), CONCRETE), (-10.0, -20.0, 3.0))

@@ -13,6 +13,7 @@ from numpy.random import default_rng
 from sim_core.environment.spec import Water
 from sim_core.world.debris import BodyKind, Launch, make_body
 from sim_core.world.plan import Capsules
+from sim_core.world.river import FlatBed
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile.schema.world import EncountersSpec as Keys
 from xitl_cli.run.world.encounters import DebrisEncounter, DebrisEncounters, MissionLegs, draw_encounters
@@ -92,6 +93,18 @@ def test_it_is_left_out_where_there_is_no_room() -> None:
     )
     assert met.due(0, (0.0, 0.0), 0) == []
     assert met.no_room == 1
+
+
+def test_a_low_tide_leaves_no_room() -> None:
+    """A trunk that floats above a bed at 1.5 m does not at 1.2 m below the mean level."""
+    trunk = DebrisEncounter(50.0, 50.0, 0.0, BodyKind.TRUNK, 5.0, 0.0)
+    river = Waterway(Capsules.joined(()), FlatBed(1.5))
+    for height_m, count in ((0.0, 1), (-1.2, 0)):
+        met = DebrisEncounters(
+            [trunk], MissionLegs(PLACES), SPEED_MPS, current(0.0, 0.0), river, WATER, lambda height_m=height_m: height_m
+        )
+        assert len(met.due(0, (0.0, 0.0), 0)) == count
+        assert met.afloat(0.0, 0.0)
 
 
 def test_nothing_comes_while_the_vessel_heads_nowhere_or_there_is_none() -> None:

@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from agent.fcu.estimation.inertial import StateCorrection
-from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import BarometerMeasurement, Vector3
+from agent.navigation.inertial import StateCorrection
+from agent.navigation.measurements import BarometerMeasurement, Vector3
+from agent.navigation.parameters import EstimatorParameters
 
 _STEP_LIMIT_S = 5.0
 _STEP_HZ = 100.0  # ArduPilot's process noises are per step of its filter
@@ -198,7 +198,7 @@ class PositionFilter:
     of a u-blox receiver. An axis gets its share of the variance.
     """
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: EstimatorParameters) -> None:
         self.configure(parameters)
         self.ratios = InnovationRatios()
         self._horizontal_ns: int | None = None
@@ -206,7 +206,7 @@ class PositionFilter:
         self._lasting_n = self._lasting_e = 0.0
         self.restart(_NO_FIX)
 
-    def configure(self, parameters: Parameters) -> None:
+    def configure(self, parameters: EstimatorParameters) -> None:
         """Apply noises and gates."""
         self._noise = AxisNoise(
             parameters["EK3_ACC_P_NSE"] ** 2 / _STEP_HZ,

@@ -13,14 +13,15 @@ The estimator holds state, unlike guidance and control, because a history at 200
 
 from __future__ import annotations
 
-from agent.fcu.estimation.attitude import (
+from agent.navigation.attitude import (
     AttitudeCorrection,
     InitialAlignment,
     TiltReference,
     heading_error_rad,
     turn_heading,
 )
-from agent.fcu.estimation.inertial import (
+from agent.navigation.geodetic import STANDARD_GRAVITY_MPS2, LocalProjection, normal_gravity_mps2
+from agent.navigation.inertial import (
     InertialHistory,
     InertialState,
     StateCorrection,
@@ -30,16 +31,7 @@ from agent.fcu.estimation.inertial import (
     propagate,
     shift_state,
 )
-from agent.fcu.estimation.position_filter import (
-    PRESSURE_RANGE_PA,
-    BarometerHeight,
-    EstimateVariances,
-    InnovationRatios,
-    PositionFilter,
-)
-from agent.fcu.geodetic import STANDARD_GRAVITY_MPS2, LocalProjection, normal_gravity_mps2
-from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import (
+from agent.navigation.measurements import (
     ArmingProblem,
     BarometerMeasurement,
     GnssMeasurement,
@@ -47,6 +39,14 @@ from agent.fcu.vehicle_state import (
     MagnetometerMeasurement,
     StateEstimate,
     Vector3,
+)
+from agent.navigation.parameters import EstimatorParameters
+from agent.navigation.position_filter import (
+    PRESSURE_RANGE_PA,
+    BarometerHeight,
+    EstimateVariances,
+    InnovationRatios,
+    PositionFilter,
 )
 
 _ZERO: Vector3 = (0.0, 0.0, 0.0)
@@ -79,7 +79,7 @@ class Estimator:
     imu_accepted: number of accepted IMU samples.
     """
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: EstimatorParameters) -> None:
         self.refused: dict[str, int] = {"imu": 0, "gnss": 0, "magnetometer": 0, "barometer": 0}
         self.restarts = 0
         self.imu_accepted = 0

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from agent.fcu.estimation.attitude import AttitudeCorrection
-from agent.fcu.estimation.inertial import InertialState
+from agent.navigation.attitude import AttitudeCorrection
+from agent.navigation.inertial import InertialState
 
 
 def tilt_rate_radps(north_rad: float, east_rad: float) -> tuple[float, ...]:

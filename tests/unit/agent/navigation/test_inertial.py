@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from agent.fcu.estimation.inertial import InertialState, euler, frd_to_ned, ned_to_frd, propagate, quaternion
-from agent.fcu.vehicle_state import ImuMeasurement
+from agent.navigation.inertial import InertialState, euler, frd_to_ned, ned_to_frd, propagate, quaternion
+from agent.navigation.measurements import ImuMeasurement
 
 ZERO = (0.0, 0.0, 0.0)
 

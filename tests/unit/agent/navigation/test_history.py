@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from agent.fcu.estimation.inertial import InertialHistory, InertialState, StateCorrection, propagate, shift_state
-from agent.fcu.vehicle_state import ImuMeasurement
+from agent.navigation.inertial import InertialHistory, InertialState, StateCorrection, propagate, shift_state
+from agent.navigation.measurements import ImuMeasurement
 
 ZERO = (0.0, 0.0, 0.0)
 START = InertialState(0, 1.0, *ZERO, 2.0, 0.0, 0.0, *ZERO, *ZERO, *ZERO, 0.0, 0.0)

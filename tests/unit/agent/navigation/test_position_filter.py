@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from agent.fcu.estimation.position_filter import (
+from agent.fcu.parameters import Parameters
+from agent.navigation.position_filter import (
     AxisCovariance,
     AxisNoise,
     PositionFilter,
     predict_covariance,
     update_covariance,
 )
-from agent.fcu.parameters import Parameters
 from sim_core.noise import sampled_gauss_markov
 
 SECOND = 1_000_000_000

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from agent.fcu.estimation.inertial import InertialState, frd_to_ned, ned_to_frd, quaternion
-from agent.fcu.vehicle_state import ImuMeasurement, Vector3
+from agent.navigation.inertial import InertialState, frd_to_ned, ned_to_frd, quaternion
+from agent.navigation.measurements import ImuMeasurement, Vector3
 
 _ZERO: Vector3 = (0.0, 0.0, 0.0)
 _BIAS_LIMIT_RADPS = math.radians(3.0)

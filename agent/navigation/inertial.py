@@ -9,7 +9,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from agent.fcu.vehicle_state import ImuMeasurement, Quaternion, Vector3
+from agent.navigation.measurements import ImuMeasurement, Quaternion, Vector3
 
 _LENGTH = 256
 _RECENT = 41  # 0.2 s at 200 Hz

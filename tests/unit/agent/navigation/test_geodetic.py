@@ -5,7 +5,7 @@ from __future__ import annotations
 import pymap3d
 import pytest
 
-from agent.fcu.geodetic import LocalProjection, normal_gravity_mps2
+from agent.navigation.geodetic import LocalProjection, normal_gravity_mps2
 
 
 @pytest.mark.parametrize(("lat", "lon"), [(-8.8, -63.95), (60.0, 179.999), (0.0, -179.9999)])

@@ -1,1 +1,0 @@
-"""LS: the estimator and its parts."""
