@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from tests import permitted_skips
+from tests import golden, permitted_skips
 from tests.recorded_run import FOLDER
 
 settings.register_profile("any machine", deadline=None)
@@ -61,8 +61,13 @@ ALL_ARE = r"(?m)^pytestmark = (?:\[[^]]*)?pytest\.mark\.%s\b"
 FOR_ALL_TESTS_OF_A_FILE = 'scope="module"'
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    golden.add_option(parser)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     permitted_skips.register(config)
+    golden.register(config, Path(__file__).parent)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell's background job has it ignored, and so has whatever it starts.
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -23,6 +23,7 @@ from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from tests.bench.bench_logs import timed, xitl
 from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.record.mcap_file import McapFile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import LinkReport, MotionEstimate, MotorCommand, TaskTiming
 
@@ -54,16 +55,15 @@ class Clock:
 def write(path: Path, size_bytes: int, cloud: bool = True) -> None:
     """A run in real time until the file is as large."""
     clock, random = Clock(), np.random.default_rng(1)
-    recorder = Recorder(path, "lz4")
-    recorder._file._now_s = clock  # a run takes this long
-    recorder._file._flushed_s = 0.0
-    clouds = recorder._file.ros_channel("/cloud", "xitl_msgs/msg/Cloud", _CLOUD) if cloud else None
+    file = McapFile(path, "lz4", now_s=clock)  # a run takes this long
+    recorder = Recorder(file)
+    clouds = file.ros_channel("/cloud", "xitl_msgs/msg/Cloud", _CLOUD) if cloud else None
     head = struct.Struct("<4siIII")
     points = [random.bytes(12 * POINTS) for _ in range(8)]
     frames = [b"\xfd" + random.bytes(54) for _ in range(64)]
     recorder.metadata("xitl", {"version": "0", "profile": "bench", "seed": "1", "started_utc": "2026-01-01T00:00:00"})
     tick, ticks_per_s = 0, FRAME_HZ
-    while recorder._file._file.tell() < size_bytes:
+    while path.stat().st_size < size_bytes:
         stamp_ns = tick * 1_000_000_000 // ticks_per_s
         clock.now_s = stamp_ns * 1e-9
         recorder.frame_sent(stamp_ns, frames[tick % len(frames)])

@@ -88,6 +88,8 @@ class Double:
         self.frame = 0
         self.asked_again = 0
         self.paused = threading.Event()
+        self.rests = threading.Event()
+        """It has noticed that it is paused."""
         self._pulses = pulses or {}
         self._newest: tuple[int, ...] = (1500,) * channels
         self._port = 0
@@ -113,8 +115,10 @@ class Double:
             sock.settimeout(0.02)
             while not self._stop.is_set():
                 if self.paused.is_set():
-                    time.sleep(0.005)
+                    self.rests.set()
+                    self._stop.wait(0.005)
                     continue
+                self.rests.clear()
                 sock.sendto(self.packet(), ("127.0.0.1", self._port))
                 sent_s = time.monotonic()
                 while not self._stop.is_set():

@@ -20,7 +20,7 @@ from agent.wire import dialect as mav
 from sim_core.sensors.magnetometer import local_field_ned_gauss
 from tests.ardupilot import Rover
 from tests.free_ports import free_port
-from tests.patience import PATIENCE_S, wait_until
+from tests.patience import let_pass, wait_until
 
 LAT_DEG, LON_DEG, ALT_M = -8.8, -63.95, 60.0
 ROLL, PITCH, YAW = (math.radians(angle) for angle in (5.0, -3.0, 40.0))
@@ -112,20 +112,19 @@ def run_in_real_time(vessel: Vessel, autopilot: Double | Real, until_s: float) -
         vessel.go_on()
         assert vessel.step < until_s * IMU_HZ, autopilot.seen
         if isinstance(autopilot, Double):
-            if not autopilot.greeted.is_set():
-                time.sleep(0.001)  # it is asked and answered meanwhile
+            autopilot.greeted.wait(0.001)  # it is asked and answered meanwhile
             keep_together(vessel.units[0], autopilot)
             continue
-        time.sleep(max(start_s + vessel.now_ns * 1e-9 - time.monotonic(), 0.0))
+        let_pass(max(start_s + vessel.now_ns * 1e-9 - time.monotonic(), 0.0))
 
 
 def keep_together(unit: Ahrs | JsonWorld, double: Double) -> None:
     """Wait until the double has read nearly all, so that no frame is dropped."""
-    until_s = time.monotonic() + PATIENCE_S
-    while unit.counts.imu_out - unit.counts.unsent - double.frames["inertial"] > 20:
-        unit.serve(0)
-        assert time.monotonic() < until_s, (double.frames, double.bad)
-        time.sleep(0.0005)
+    wait_until(
+        lambda: unit.serve(0) or unit.counts.imu_out - unit.counts.unsent - double.frames["inertial"] <= 20,
+        f"{double.frames} {double.bad}",
+        look_s=0.0005,
+    )
 
 
 def test_the_autopilot_sees_what_the_sensors_measure(unit: Ahrs, autopilot: Double | Real) -> None:

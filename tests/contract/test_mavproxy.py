@@ -17,7 +17,7 @@ import pytest
 from live_boat import Boat, boat
 
 from agent.fcu.parameters import TABLE
-from tests.patience import PATIENCE_S, wait_until
+from tests.patience import PATIENCE_S, let_pass, wait_until
 
 PROGRAM = Path(sys.executable).with_name("mavproxy.py")
 
@@ -115,7 +115,7 @@ def test_parameters_mission_mode_and_arming(tmp_path: Path) -> None:
         saved = tmp_path / "mav.parm"  # it tells before it writes
         wait_until(lambda: saved.exists() and len(saved.read_text().splitlines()) == len(TABLE))
         prompt.type("param set WP_SPEED 2")
-        time.sleep(1.0)
+        let_pass(1.0)  # MAVProxy sends a set once more after this time
         prompt.type("param fetch WP_SPEED")
         prompt.wait(r"WP_SPEED\s*=\s*2\.0")
 
@@ -144,7 +144,7 @@ def test_parameters_mission_mode_and_arming(tmp_path: Path) -> None:
                 break
             prompt.wait("Arm: ")
             assert time.monotonic() < until_s
-            time.sleep(2.5)  # MAVProxy does not print a text again sooner
+            let_pass(2.5)  # MAVProxy does not print a text again sooner
         prompt.wait("ARMED")
         prompt.type("mode AUTO")
         prompt.wait("Mode AUTO")

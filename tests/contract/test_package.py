@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from pythons import python
 
+from tests.golden import Golden
 from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.slow
@@ -104,10 +105,10 @@ def test_an_older_python_is_told(archive: Path, version: str) -> None:
     assert len(told.stderr.splitlines()) == 1
 
 
-def test_a_place_that_cannot_be_written_is_one_sentence() -> None:
+def test_a_place_that_cannot_be_written_is_one_sentence(golden: Golden) -> None:
     told = xitl("agent", "package", "--out", "/nonexistent/agent.pyz")
     assert told.returncode == 2
-    assert told.stderr.startswith("error: /nonexistent/agent.pyz: cannot be written (No such file or directory)")
+    golden("stderr", told.stderr)
 
 
 def test_ready_is_told_to_the_service_manager(archive: Path, tmp_path: Path) -> None:

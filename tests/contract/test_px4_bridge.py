@@ -26,7 +26,7 @@ from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from sim_core.geodesy import LocalFrame
 from tests.doubles.capture import MAVLINK, OUTPUTS, SENSORS, read_capture
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.run.links.agent_view import AgentView
 
 DATA = Path(__file__).parents[1] / "data" / "px4"
@@ -80,10 +80,7 @@ class Stamps(list[int]):
 
     def wait_for(self, count: int) -> None:
         """The real one is not overtaken before its outputs set the pace: it has the time of its own for that."""
-        until_s = time.monotonic() + PATIENCE_S
-        while len(self) < count:
-            assert time.monotonic() < until_s, f"{len(self)} samples of {count} were taken"
-            time.sleep(0.0)
+        wait_until(lambda: len(self) >= count, f"not all of {count} samples were taken", look_s=0.0)
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from agent.wire.transport import (
     UnknownHostError,
     open_transport,
 )
+from tests.golden import Golden
 from tests.patience import PATIENCE_S, wait_until
 
 
@@ -140,13 +141,11 @@ def test_the_descriptor_if_any_is_readable_with_bytes(pair: Ends) -> None:
 
 
 @pytest.mark.parametrize("scheme", LISTENING)
-def test_an_address_in_use_is_said_in_one_sentence(scheme: str) -> None:
+def test_an_address_in_use_is_said_in_one_sentence(scheme: str, golden: Golden) -> None:
     with open_transport(LISTENING[scheme], listen=True) as first:
         with pytest.raises(AddressInUseError) as caught:
             open_transport(first.address, listen=True)
-        assert str(caught.value) == (
-            f"{first.address}: the port is in use by another program; stop it or choose another port"
-        )
+        golden("error", caught.value, address=first.address)
     open_transport(first.address, listen=True).close()
 
 
@@ -201,9 +200,16 @@ class Strangers:
         take(self.listening, 1)
 
     def answered(self) -> list[bool]:
+        """Whether host and stranger get an answer. One of them does."""
         self.listening.send(b"answer")
-        time.sleep(0.01)
-        return [bool(self.host.receive()), bool(self.stranger.receive())]
+        heard = [False, False]
+
+        def came() -> bool:
+            heard[:] = [bool(self.host.receive()), bool(self.stranger.receive())]
+            return any(heard)
+
+        wait_until(came)
+        return heard
 
 
 @pytest.fixture
@@ -347,37 +353,37 @@ def test_udp_over_ipv6() -> None:
 
 
 @pytest.mark.parametrize(
-    ("url", "listen", "sentence"),
+    ("url", "listen"),
     [
-        ("", True, "(empty): not a transport URL; write it like udp://192.168.7.2:14660 (known: udp://"),
-        ("192.168.7.2:14660", True, "192.168.7.2:14660: not a transport URL; write it like udp://"),
-        ("smoke://hill", True, "smoke://hill: unknown scheme smoke://; use one of: udp://"),
-        ("udp://:14660", True, "udp://:14660: the host is missing; write it like udp://192.168.7.2:14660"),
-        ("udp://h", True, "udp://h: the port is missing; write it like udp://192.168.7.2:14660"),
-        ("udp://h:70000", True, "udp://h:70000: the port is not a number from 0 to 65535; write it like"),
-        ("udp://h:x", True, "udp://h:x: the port is not a number from 0 to 65535; write it like"),
-        ("udp://h:0", False, "udp://h:0: port 0 cannot be reached; give the port the other end listens on"),
-        ("udp://h:1/x", True, "udp://h:1/x: udp:// takes no path (x); write it like"),
-        ("udp://h:1?baud=9", True, "udp://h:1?baud=9: udp:// takes no query (baud=9); write it like"),
-        ("udp://me@h:1", True, "udp://me@h:1: udp:// takes no user (me); write it like"),
-        ("tcp://h", True, "tcp://h: the port is missing; write it like tcp://192.168.7.2:5760"),
-        ("tcp://h:1/x", False, "tcp://h:1/x: tcp:// takes no path (x); write it like"),
-        ("udp://[::1:5", True, "udp://[::1:5: Invalid IPv6 URL; write it like"),
+        ("", True),
+        ("192.168.7.2:14660", True),
+        ("smoke://hill", True),
+        ("udp://:14660", True),
+        ("udp://h", True),
+        ("udp://h:70000", True),
+        ("udp://h:x", True),
+        ("udp://h:0", False),
+        ("udp://h:1/x", True),
+        ("udp://h:1?baud=9", True),
+        ("udp://me@h:1", True),
+        ("tcp://h", True),
+        ("tcp://h:1/x", False),
+        ("udp://[::1:5", True),
     ],
 )
-def test_a_bad_url_is_said_in_one_sentence(url: str, listen: bool, sentence: str) -> None:
+def test_a_bad_url_is_said_in_one_sentence(url: str, listen: bool, golden: Golden) -> None:
     with pytest.raises(BadUrlError) as caught:
         open_transport(url, listen)
-    assert str(caught.value).startswith(sentence)
+    golden("error", caught.value)
 
 
-def test_an_address_that_is_not_ours() -> None:
-    with pytest.raises(
-        AddressUnavailableError, match=r"no interface of this machine has the address 192\.0\.2\.7; bring"
-    ):
+def test_an_address_that_is_not_ours(golden: Golden) -> None:
+    with pytest.raises(AddressUnavailableError) as refused:
         open_transport("udp://192.0.2.7:14660", listen=True)  # TEST-NET-1, RFC 5737
+    golden("error", refused.value)
 
 
-def test_a_host_name_that_nobody_knows() -> None:
-    with pytest.raises(UnknownHostError, match=r"the host name board\.invalid is not known; check its spelling"):
+def test_a_host_name_that_nobody_knows(golden: Golden) -> None:
+    with pytest.raises(UnknownHostError) as refused:
         open_transport("udp://board.invalid:14660", listen=False)  # RFC 2606
+    golden("error", refused.value)

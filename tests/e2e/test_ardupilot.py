@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from conftest import Xitl, assert_one_line_error, command, environment, summary
 
 from tests.ardupilot import find_ardurover
+from tests.patience import wait_until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.ardupilot]
 
@@ -121,16 +121,19 @@ def test_an_external_one_that_is_not_there_is_missed_with_its_address(xitl: Xitl
     assert_one_line_error(result, f"udp://127.0.0.1:{free_port}", "no autopilot asked for the world there in 2 s")
 
 
+def recorded_bytes(run: Path) -> int:
+    recording = run / "run.mcap"
+    return recording.stat().st_size if recording.exists() else 0
+
+
 def test_one_that_is_killed_under_way_ends_the_run_and_keeps_the_recording(tmp_path: Path) -> None:
     program = str(find_ardurover())
     words = ["sim", *SITL, "--firmware", program, "--out", "run"]
     with subprocess.Popen(
         command(*words), cwd=tmp_path, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        until_s = time.monotonic() + 60
-        while not ardurovers_of(tmp_path) and time.monotonic() < until_s:
-            time.sleep(0.05)
-        time.sleep(2.0)
+        wait_until(lambda: ardurovers_of(tmp_path))
+        wait_until(lambda: recorded_bytes(tmp_path / "run") > 10_000)
         for pid in ardurovers_of(tmp_path):
             os.kill(int(pid), signal.SIGKILL)
         _, stderr = process.communicate(timeout=60)
@@ -143,16 +146,10 @@ def test_one_that_is_killed_under_way_ends_the_run_and_keeps_the_recording(tmp_p
 def test_it_ends_with_an_xitl_that_is_killed(tmp_path: Path) -> None:
     words = ["sim", *SITL, "--firmware", str(find_ardurover()), "--out", "run"]
     with subprocess.Popen(command(*words), cwd=tmp_path, env=environment(), stdout=subprocess.DEVNULL) as process:
-        until_s = time.monotonic() + 60
-        while not ardurovers_of(tmp_path) and time.monotonic() < until_s:
-            time.sleep(0.05)
-        assert ardurovers_of(tmp_path)
+        wait_until(lambda: ardurovers_of(tmp_path))
         process.kill()
         process.wait()
-    until_s = time.monotonic() + 10
-    while ardurovers_of(tmp_path) and time.monotonic() < until_s:
-        time.sleep(0.05)
-    assert ardurovers_of(tmp_path) == []
+    wait_until(lambda: not ardurovers_of(tmp_path))
 
 
 def test_two_runs_at_once_do_not_meet(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import socket
-import time
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from mcap.records import Chunk, DataEnd, Message
 from mcap.stream_reader import StreamReader
 from pymavlink.dialects.v20 import common
 
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, let_pass
 from xitl_cli.run.core.pace import SLIP_NS
 
 
@@ -171,7 +170,7 @@ def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_po
         stranger.connect(("127.0.0.1", free_port))
         for number in range(100):
             stranger.send(garbage[number % len(garbage)])
-            time.sleep(0.01)
+            let_pass(0.01)
         process.send_signal(signal.SIGINT)
         _, stderr = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130

@@ -54,7 +54,7 @@ class Reader:
         script.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m xitl_cli.main "$@"\n')
         script.chmod(0o755)
         path = f"{commands}{os.pathsep}{os.environ['PATH']}"
-        self._environment = {
+        self.environment = {
             **environment(),
             "PATH": path,
             "PYTHONPATH": str(ROOT),
@@ -73,10 +73,10 @@ class Reader:
         enough_s = ENOUGH_S * (8 if is_campaign else 1)
         if re.fullmatch(r"xitl [^|<>;&$`*?~]+", line.partition(" #")[0]) and not is_campaign:
             words = shlex.split(line, comments=True)[1:]
-            told = run_xitl(words, self.directory, self._environment, enough_s)
+            told = run_xitl(words, self.directory, self.environment, enough_s)
         else:
             told = subprocess.run(
-                line, shell=True, cwd=self.directory, env=self._environment, capture_output=True, text=True,
+                line, shell=True, cwd=self.directory, env=self.environment, capture_output=True, text=True,
                 timeout=enough_s, check=False,
             )  # fmt: skip
         printed = told.stdout + told.stderr
@@ -119,7 +119,7 @@ class Reader:
         text = block.text.replace('xitl.simulate("sitl",', f'xitl.simulate("sitl", duration_s={RUN_S},')
         self.code = f"{getattr(self, 'code', '')}\n{text}"
         told = subprocess.run(
-            [sys.executable, "-c", self.code], cwd=self.directory, env=self._environment, capture_output=True,
+            [sys.executable, "-c", self.code], cwd=self.directory, env=self.environment, capture_output=True,
             text=True, timeout=ENOUGH_S, check=False,
         )  # fmt: skip
         assert told.returncode == 0, f"{block}\n{told.stderr}"
@@ -187,7 +187,7 @@ def check_console(reader: Reader, block: Block) -> None:
     for part in re.split(r"^\$ ", block.text, flags=re.MULTILINE)[1:]:
         line, _, expected = part.partition("\n")
         told = subprocess.run(
-            line, shell=True, cwd=reader.directory, env=reader._environment, capture_output=True, text=True,
+            line, shell=True, cwd=reader.directory, env=reader.environment, capture_output=True, text=True,
             timeout=ENOUGH_S, check=False,
         )  # fmt: skip
         missing = holds(expected, told.stdout + told.stderr)

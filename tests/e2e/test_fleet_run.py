@@ -14,6 +14,7 @@ from conftest import running, summary
 from mcap.reader import make_reader
 
 import xitl as toolkit
+from tests.golden import Golden
 from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.slow
@@ -76,10 +77,10 @@ def transforms(recording: Path) -> Iterator[dict[str, Any]]:
             yield {"child_frame_id": str(value)}
 
 
-def test_a_vessel_of_it_is_analysed_with_its_own_log(run: toolkit.Result, xitl: Any) -> None:
+def test_a_vessel_of_it_is_analysed_with_its_own_log(run: toolkit.Result, xitl: Any, golden: Golden) -> None:
     done = xitl("logs", "analyze", str(run.recording), str(run.directory / "otter/autopilot.bin"), "--json")
     assert done.returncode == 0, done.stderr
-    assert "run.mcap: is of leader, otter, heron; this is otter, --vessel NAME takes another" in done.stderr
+    golden("stderr", done.stderr, run=run.directory)
     report = json.loads(done.stdout)
     assert [file.get("vessel") for file in report["files"]] == ["otter", None]
     with run.open_log("otter") as log:

@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 from conftest import payloads, summary
 
+from tests.child_processes import child_processes
+from tests.golden import Golden
 from xitl_cli.profile import load_profile
 from xitl_cli.run import session
 from xitl_cli.run.links.agent_workers import AgentWorkers
@@ -41,20 +43,20 @@ def test_a_run_is_the_same_in_one_process_and_in_three(tmp_path: Path, monkeypat
 
 
 def test_a_process_that_is_killed_ends_the_run_with_its_vessels_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden
 ) -> None:
     workers = AgentWorkers(1)
+    others = child_processes()
     monkeypatch.setattr(session, "fleet_workers", lambda profiles: workers)
 
     class Killing(NoDisplay):
         def due(self) -> bool:
-            os.kill(workers._workers[0]._process.pid, signal.SIGKILL)
+            (worker,) = child_processes() - others
+            os.kill(worker, signal.SIGKILL)
             return False
 
     result = session.run(fleet(tmp_path, 60.0), tmp_path / "run", False, Killing, timed=True)
     assert result.exit_code == session.USER_ERROR
     told = summary(tmp_path / "run")
     assert told["ended"] == "failed"
-    assert told["error"].startswith(
-        "boat_1: the process of the autopilot, and of those of boat_2, boat_3, ended: signal 9"
-    )
+    golden("error", told["error"])

@@ -17,7 +17,7 @@ from conftest import Xitl, command, environment, payloads, summary
 from pymavlink.dialects.v20 import ardupilotmega as mav
 
 from sim_core.geodesy import LocalFrame
-from tests.patience import PATIENCE_S, wait_until
+from tests.patience import PATIENCE_S, let_pass, wait_until
 from xitl_cli.plugins.view.recording import open_scene
 
 FRAME = LocalFrame(-8.80, -63.95, 70.0)
@@ -61,7 +61,7 @@ class Station:
             if message.get_type() != "COMMAND_ACK" or message.command != number:
                 return False
             if message.result != mav.MAV_RESULT_ACCEPTED:
-                time.sleep(0.3)
+                let_pass(0.3)
                 send()
             return bool(message.result == mav.MAV_RESULT_ACCEPTED)
 
@@ -169,7 +169,7 @@ def test_an_interrupt_ends_a_run_that_waits(
     process = held("--duration", "60")
     assert process.stdout is not None
     assert "waits for" in process.stdout.readline()
-    time.sleep(1.0)
+    let_pass(1.0)  # for which it waits
     process.send_signal(signal.SIGINT)
     _, stderr = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, stderr) == (130, "")

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from conftest import Xitl, assert_one_line_error, command, environment
 
+from tests.golden import Golden
 from tests.patience import PATIENCE_S
 from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.record.mcap_file import McapFile
@@ -20,14 +21,11 @@ from xitl_cli.record.recorder import TopicWriter
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def test_info_of_several_files_and_one_that_is_none(xitl: Xitl, tmp_path: Path) -> None:
+def test_info_of_several_files_and_one_that_is_none(xitl: Xitl, tmp_path: Path, golden: Golden) -> None:
     (tmp_path / "notes.txt").write_text("calm, a little rain\n")
     told = xitl("logs", "info", str(CALM), "notes.txt", str(MISSION_TLOG))
     assert told.returncode == 2
-    assert told.stderr.strip().splitlines() == [
-        "error: notes.txt: is no log: it is text that begins with 'calm, a little rain'; "
-        "give a DataFlash .bin, an .ulg of PX4, a .tlog, an .mcap or a bag of ROS"
-    ]
+    golden("stderr", told.stderr.strip().splitlines())
     first, _, second = told.stdout.partition(str(MISSION_TLOG))
     assert "DataFlash, 7.1 MB, 152455 records" in first
     assert "ArduRover V4.7.0-dev" in first

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import assert_one_line_error, command, environment
 
+from tests.golden import Golden
 from tests.recorded import CALM
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -108,7 +109,7 @@ def test_a_name_that_is_no_utf_8(log: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs /dev/full")
 @pytest.mark.parametrize("asked", [("info",), ("dump", "ATT")])
-def test_a_full_disk_under_the_output_is_a_sentence(asked: tuple[str, ...], log: Path) -> None:
+def test_a_full_disk_under_the_output_is_a_sentence(asked: tuple[str, ...], log: Path, golden: Golden) -> None:
     program, *rest = asked
     with Path("/dev/full").open("wb") as full:
         told = subprocess.run(
@@ -119,5 +120,5 @@ def test_a_full_disk_under_the_output_is_a_sentence(asked: tuple[str, ...], log:
             env=environment(),
         )
     assert told.returncode == 2
-    assert told.stderr.startswith("error: the output cannot be written (No space left on device)")
+    golden("stderr", told.stderr)
     assert "Traceback" not in told.stderr

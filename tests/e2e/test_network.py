@@ -7,14 +7,13 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from conftest import command, environment, summary
 
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, let_pass
 
 HOST, BOARD, PORT = "192.168.7.1", "192.168.7.2", 14660
 ELSEWHERE_HOST, ELSEWHERE_BOARD = "192.168.50.1", "192.168.50.2"
@@ -153,9 +152,9 @@ def test_a_mission_over_the_cable(cable: Cable, agent: subprocess.Popen[str], tm
 def test_a_cable_that_is_out_for_five_seconds(cable: Cable, agent: subprocess.Popen[str], tmp_path: Path) -> None:
     """The interface goes down in earnest: the host's sends fail, and the run goes on when it is back."""
     host = sim(cable, tmp_path, "--duration", "25")
-    time.sleep(12.0)
+    let_pass(12.0)
     cable.cut(True)
-    time.sleep(5.0)
+    let_pass(5.0)
     cable.cut(False)
     _, errors = host.communicate(timeout=3 * PATIENCE_S)
     assert host.returncode == 0, errors  # the duration that was asked for is over

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pymavlink.dialects.v20 import common
 
+from tests.golden import Golden
 from tests.recorded_run import recorded_run
 
 pytestmark = pytest.mark.slow
@@ -215,13 +216,13 @@ def test_a_run_whose_controller_raises_has_failed(xitl: Xitl, tmp_path: Path, du
     assert "raising.py:Raising failed at" in verdict["why"]
 
 
-def test_a_controller_that_raises_without_an_autopilot_ends_the_run(xitl: Xitl, tmp_path: Path) -> None:
+def test_a_controller_that_raises_without_an_autopilot_ends_the_run(xitl: Xitl, tmp_path: Path, golden: Golden) -> None:
     (tmp_path / "raising.py").write_text(RAISING)
     own = ("--set", f"autopilot.controller={tmp_path / 'raising.py'}:Raising")
     result = xitl("sim", "--profile", "mitl", "--duration", "5", "--out", "own", *own)
     assert result.returncode == 2
     said = " ".join(result.stderr.split())
-    assert "raising.py:Raising failed at 0.02 s (ZeroDivisionError: the gain is zero); correct its code" in said
+    golden("message", said, "0.02 s")
     assert "Traceback" not in said
     assert "raising.py:Raising failed at 0.02 s" in summary(tmp_path / "own")["verdict"]["why"]
 

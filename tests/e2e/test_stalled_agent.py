@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from conftest import Xitl, differences, payloads, running
+
+from tests.patience import let_pass
 
 pytestmark = pytest.mark.slow
 RUN = ("sitl", "--duration", "2", "--set", "autopilot.runs=process", "--set", "autopilot.link=tcp://127.0.0.1:0")
@@ -32,10 +33,10 @@ def test_a_stalled_agent_changes_nothing(xitl: Xitl, tmp_path: Path) -> None:
         while stalls < STALLS and run.poll() is None and (agent := agent_of(run.pid)) is not None:
             with suppress(ProcessLookupError):  # it was about to end
                 os.kill(agent, signal.SIGSTOP)
-                time.sleep(STALL_S)
+                let_pass(STALL_S)
                 os.kill(agent, signal.SIGCONT)
                 stalls += 1
-            time.sleep(0.05)
+            let_pass(0.05)
         run.communicate()
     assert run.returncode == 0
     assert stalls > 0

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import command, environment, summary
 
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -32,8 +32,7 @@ def test_a_terminal_that_hangs_up_ends_the_run_with_its_summary(tmp_path: Path) 
         children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
         assert len(children) == 1
         os.close(terminal)
-        while (found := os.waitpid(pid, os.WNOHANG))[0] == 0 and time.monotonic() < until_s:
-            time.sleep(0.02)
+        found = wait_until(lambda: (ended := os.waitpid(pid, os.WNOHANG))[0] and ended)
     finally:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)

@@ -9,7 +9,6 @@ import json
 import os
 import re
 import subprocess
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 import pytest
 from conftest import command, environment, summary
 
-from tests.patience import wait_until
+from tests.patience import let_pass, wait_until
 from xitl_cli.errors import UserError
 from xitl_cli.logs.formats import open_log
 from xitl_cli.plugins.board.emulator import cut_power, running, shut_down, stopped, unplugged
@@ -163,19 +162,18 @@ def findings_of(run: Path) -> str:
 
 def during(seconds: float, disturbance: Callable[[EmulatedBoard], Any], board: EmulatedBoard) -> None:
     with disturbance(board):
-        time.sleep(seconds)  # how long it lasts
+        let_pass(seconds)
 
 
 def wait_for_another_boot(board: EmulatedBoard, before: str) -> None:
-    end_s = time.monotonic() + LIMIT_S
-    while time.monotonic() < end_s:
+    def back() -> bool:
         try:
-            if there(board, "cat /proc/sys/kernel/random/boot_id") != before:
-                there(board, "systemctl is-system-running --wait || true")
-                return
+            return there(board, "cat /proc/sys/kernel/random/boot_id") != before
         except subprocess.CalledProcessError:  # not yet
-            time.sleep(1.0)
-    pytest.fail("the board did not come back")
+            return False
+
+    wait_until(back, "the board did not come back", LIMIT_S, look_s=1.0)
+    there(board, "systemctl is-system-running --wait || true")
 
 
 def test_deployed_as_a_service_it_comes_back_after_a_reboot(board: EmulatedBoard, tmp_path: Path) -> None:
@@ -239,7 +237,7 @@ def test_a_power_cut_costs_the_last_second(board: EmulatedBoard, tmp_path: Path)
     def cut() -> None:
         logs.append(there(board, newest))
         sizes.append(int(there(board, f"stat -c %s {logs[0]}")))
-        time.sleep(2.0)  # what is written by now is synced by then
+        let_pass(2.0)  # what is written by now is synced by then
         cut_power(board)
 
     code, said = sail(tmp_path, board, 600.0, [(10.0, cut)])

@@ -14,6 +14,7 @@ import typer.main
 
 from agent.options import OptionsError
 from agent.options import parse as parse_agent_options
+from tests.command_line import xitl_app
 from tests.documentation import (
     COMMANDS,
     CONSOLE,
@@ -32,7 +33,6 @@ from tests.documentation import (
 )  # fmt: skip
 from xitl_cli.commands.init import init
 from xitl_cli.errors import UserError
-from xitl_cli.main import _app
 from xitl_cli.plugins.campaign.command import CampaignGroup
 from xitl_cli.plugins.campaign.plan import find_plan, read_plan
 from xitl_cli.profile import load_profile
@@ -48,7 +48,7 @@ PROFILE_ARGUMENTS = {
 }
 SIM_OPTIONS = {"duration": "clock.duration_s", "clock": "clock.mode", "seed": "clock.seed"}
 PLACEHOLDER = re.compile(r"[A-Z][A-Z_@]+(\.\.\.|,[A-Z])?|…|.*<.*>.*")
-APP: Any = typer.main.get_command(_app())
+APP: Any = typer.main.get_command(xitl_app())
 USAGE_ERROR: Any = typer.BadParameter.__base__  # of the click that typer brings
 
 

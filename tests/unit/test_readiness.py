@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from agent.board.doctor import OK, PROBLEM, WARNING, DoctorFinding
+from tests.golden import Golden
 from xitl_cli import extras, readiness
 from xitl_cli.extras import EXTRAS, PERCEPTION
 from xitl_cli.main import main
@@ -40,12 +41,14 @@ def test_a_missing_extra_is_no_trouble_and_comes_with_its_pip_line(monkeypatch: 
     assert without_optional(found).startswith(", without perception, ")
 
 
-def test_firmware_is_found_where_a_run_would_find_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_firmware_is_found_where_a_run_would_find_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, golden: Golden
+) -> None:
     for name in ("XITL_ARDUROVER", "XITL_PX4"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XITL_CACHE", str(tmp_path))
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert next(iter(check_firmware())).advice == "xitl firmware get rover, or export XITL_ARDUROVER=…/ardurover"
+    golden("text", next(iter(check_firmware())).advice)
     assert len(without_optional(list(check_firmware())).split(",")) == 3
     program = tmp_path / "ardurover"
     program.write_bytes(Path(sys.executable).resolve().read_bytes()[:4096])

@@ -10,10 +10,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from tests.command_line import xitl_app
 from tests.installed_packages import Install
 from xitl_cli import registry
 from xitl_cli.errors import UserError
-from xitl_cli.main import CORE_COMMANDS, _app
+from xitl_cli.main import CORE_COMMANDS
 from xitl_cli.plugin import Command
 from xitl_cli.profile.files.catalogue import find_profile, profile_name
 
@@ -37,9 +38,9 @@ def error_of(name: str) -> str:
 
 def test_a_command_of_another_package_is_one_of_xitl(install: Install) -> None:
     install("xitl-hello", HELLO, commands="hello = xitl_hello:COMMAND")
-    done = CliRunner().invoke(_app(["hello"]), ["hello"])
+    done = CliRunner().invoke(xitl_app(["hello"]), ["hello"])
     assert (done.exit_code, done.output) == (0, "hello from xitl_hello\n")
-    assert "Say hello." in CliRunner().invoke(_app([]), ["--help"]).output
+    assert "Say hello." in CliRunner().invoke(xitl_app([]), ["--help"]).output
     assert error_of("xitl-hello") == ""
 
 
@@ -56,14 +57,14 @@ def test_a_command_of_another_package_is_one_of_xitl(install: Install) -> None:
 )
 def test_a_broken_plug_in_breaks_nothing_and_is_named(install: Install, code: str, entry: str, said: str) -> None:
     install("xitl-hello", code, commands=entry)
-    assert CliRunner().invoke(_app([]), ["--help"]).exit_code == 0
-    listed = CliRunner().invoke(_app(["plugins"]), ["plugins"])
+    assert CliRunner().invoke(xitl_app([]), ["--help"]).exit_code == 0
+    listed = CliRunner().invoke(xitl_app(["plugins"]), ["plugins"])
     assert listed.exit_code == 1
     error = error_of("xitl-hello")
     assert said in error
     assert "\n" not in error
     with pytest.raises(UserError, match=r"hello: the plug-in of xitl-hello 1\.2"):
-        CliRunner().invoke(_app(["hello"]), ["hello"], catch_exceptions=False)
+        CliRunner().invoke(xitl_app(["hello"]), ["hello"], catch_exceptions=False)
 
 
 def test_xitl_keeps_a_name_that_another_package_registers_too(install: Install) -> None:
@@ -76,14 +77,14 @@ def test_the_first_package_has_a_name_that_two_register(install: Install) -> Non
     install("xitl-b", HELLO, commands="hello = xitl_b:COMMAND")
     install("xitl-a", HELLO, commands="hello = xitl_a:COMMAND")
     assert (error_of("xitl-a"), "taken by xitl-a" in error_of("xitl-b")) == ("", True)
-    assert CliRunner().invoke(_app(["hello"]), ["hello"]).output == "hello from xitl_a\n"
+    assert CliRunner().invoke(xitl_app(["hello"]), ["hello"]).output == "hello from xitl_a\n"
 
 
 def test_a_command_that_nobody_registers_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "_first_of_each_name", lambda group: {})
     with pytest.raises(UserError, match=r"xitl campaign: .* 'xitl\[campaign\]'"):
-        CliRunner().invoke(_app(["campaign"]), ["campaign"], catch_exceptions=False)
-    assert CliRunner().invoke(_app(["nonsense"]), ["nonsense"]).exit_code == 2
+        CliRunner().invoke(xitl_app(["campaign"]), ["campaign"], catch_exceptions=False)
+    assert CliRunner().invoke(xitl_app(["nonsense"]), ["nonsense"]).exit_code == 2
 
 
 def test_profiles_of_another_package_are_found_by_name(install: Install, tmp_path: Path) -> None:
@@ -103,7 +104,7 @@ def declared() -> dict[str, Command]:
 
 
 def test_the_declared_sentence_is_that_of_the_command() -> None:
-    whole = typer.main.get_command(_app())
+    whole = typer.main.get_command(xitl_app())
     for name, command in declared().items():
         shown = whole.commands[name].get_short_help_str(limit=1000)  # type: ignore[attr-defined]
         assert shown.rstrip(".") == command.help.rstrip("."), name

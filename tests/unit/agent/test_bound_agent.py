@@ -145,9 +145,10 @@ def test_a_flood_of_others_is_taken_in_bites_and_unread(monkeypatch: pytest.Monk
         intruder = made.call().transport
         for _ in range(200):
             intruder.send(b"\xfd" * 1400)
-        feed = made.node._link._framer.feed
+        framer = made.node._link._framer
+        feed = framer.feed
         read: list[int] = []
-        monkeypatch.setattr(made.node._link._framer, "feed", lambda chunk: read.append(len(chunk)) or feed(chunk))
+        monkeypatch.setattr(framer, "feed", lambda chunk: read.append(len(chunk)) or feed(chunk))
         made.node.poll(0.05)
         made.node.poll(0.05)
         assert read == []

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from agent.faults import CpuLoad
+from tests.golden import Golden
 from tests.patience import wait_until
 
 
@@ -68,8 +69,8 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert gone(pids)
 
 
-def test_without_an_interpreter_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_an_interpreter_it_says_so(monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     load = CpuLoad()
-    assert load.set(0.5) == "no load: /nowhere/python cannot be started (No such file or directory)"
+    golden("text", load.set(0.5))
     assert (load.share, load.processes) == (0.0, [])

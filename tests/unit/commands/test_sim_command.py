@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.golden import Golden
 from xitl_cli.main import main
 
 
@@ -30,9 +31,9 @@ def test_the_profile_is_named_by_its_place_or_by_option(named: tuple[str, ...], 
     assert json.loads((tmp_path / "run/summary.json").read_text())["profile"] == "mitl"
 
 
-def test_two_profiles_are_one_too_many(capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_profiles_are_one_too_many(capsys: pytest.CaptureFixture[str], golden: Golden) -> None:
     assert sim("mitl", "--profile", "sitl") == 2
-    assert capsys.readouterr().err == "error: mitl and --profile sitl: are two profiles; give one of them\n"
+    golden("stderr", capsys.readouterr().err)
 
 
 def test_a_duration_that_was_asked_for_is_success_and_the_limit_of_a_profile_is_not(

@@ -106,7 +106,7 @@ class Trial:
 
     def bodies_at(self, time_s: float) -> Bodies:
         adrift = self.river.adrift
-        places = np.array([self._place(one, time_s) for one in adrift]).reshape(-1, 2)
+        places = np.array([self.place_of(one, time_s) for one in adrift]).reshape(-1, 2)
         lift = np.asarray(self.environment.surface_ned_z_m(time_s, places))
         depth = np.array([one.body.middle_below_surface_m for one in adrift])
         vel = np.array([(*self._drift(one), 0.0) for one in adrift]).reshape(-1, 3)
@@ -118,7 +118,7 @@ class Trial:
         (cn, ce), (vn, ve) = self.river.current_ne_mps, one.vel_ne_mps
         return cn + vn, ce + ve
 
-    def _place(self, one: Adrift, time_s: float) -> tuple[float, float]:
+    def place_of(self, one: Adrift, time_s: float) -> tuple[float, float]:
         vn, ve = self._drift(one)
         return one.pos_ne_m[0] + vn * time_s, one.pos_ne_m[1] + ve * time_s
 
@@ -157,7 +157,7 @@ class Trial:
                     self.current_item += 1
                     self._line_from(self.river.waypoints_ne_m[self.current_item - 2])
                 else:
-                    self._set_mode(HOLD)
+                    self.set_mode(HOLD)
         elif self.mode == GUIDED:
             if self.velocity is not None and self.time_s - self.target_s > 3.0:
                 self.velocity, self.place = None, self.pos + vel
@@ -180,7 +180,7 @@ class Trial:
         self.vel = vel
         self.time_s += STEP_S
 
-    def _set_mode(self, mode: int) -> None:
+    def set_mode(self, mode: int) -> None:
         if mode == AUTO and self.mode != AUTO:
             self.guidance = GuidanceState()
             self._line_from(tuple(self.pos))
@@ -208,7 +208,7 @@ class Trial:
         if kind == "PARAM_REQUEST_READ":
             return [mav.MAVLink_param_value_message(b"WP_SPEED", self.river.speed_mps, 9, 1, 0)]
         if kind == "COMMAND_LONG" and message.command == mav.MAV_CMD_DO_SET_MODE:
-            self._set_mode(int(message.param2))
+            self.set_mode(int(message.param2))
             return [mav.MAVLink_command_ack_message(message.command, 0)]
         if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:
             self.target_s = self.time_s
@@ -246,7 +246,7 @@ class Trial:
     def say(self, messages: list[Any]) -> None:
         """To the companion, which may answer."""
         for message in messages:
-            message._header.srcSystem = message._header.srcComponent = 1
+            message.get_header().srcSystem = message.get_header().srcComponent = 1
             for answer in self.watch.handle(message, round(self.time_s * 1e9)):
                 self.say(self.order(answer))
 
@@ -290,7 +290,7 @@ class Trial:
         bow = self.pos + 0.5 * HULL_M[0] * np.array((math.cos(self.yaw), math.sin(self.yaw)))
         near = [False] * len(tracks)
         for number, one in enumerate(self.river.adrift):
-            place = np.array(self._place(one, self.time_s))
+            place = np.array(self.place_of(one, self.time_s))
             heading = one.heading_rad + one.turn_radps * self.time_s
             axis = place + np.outer(
                 np.linspace(-1, 1, 21) * one.body.half_axis_m, (math.cos(heading), math.sin(heading))

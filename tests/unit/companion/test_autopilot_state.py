@@ -20,7 +20,7 @@ ORIGIN = LocalProjection(-8.8, -63.95, 0.0)
 
 
 def sent(message: Any, system: int = 1, component: int = 1) -> Any:
-    message._header.srcSystem, message._header.srcComponent = system, component
+    message.get_header().srcSystem, message.get_header().srcComponent = system, component
     return message
 
 

@@ -9,6 +9,7 @@ import pytest
 from agent.companion.settings import TABLE, CompanionParameters, checked_parameter
 from agent.mavlink.parameter_rows import ParameterError
 from agent.wire import dialect as mav
+from tests.golden import Golden
 
 
 def ask(name: str, value: float) -> mav.MAVLink_param_set_message:
@@ -41,11 +42,11 @@ def test_nonsense_is_refused_with_the_value_in_force(value: float) -> None:
     assert "out of range; use 0.5 to 30 m" in refused[0]
 
 
-def test_an_unknown_one_is_named() -> None:
+def test_an_unknown_one_is_named(golden: Golden) -> None:
     refused: list[str] = []
     (error,) = CompanionParameters(refused.append).handle(ask("AVD_MARGEN", 1.0))
     assert (error.get_type(), error.error) == ("PARAM_ERROR", mav.MAV_PARAM_ERROR_DOES_NOT_EXIST)
-    assert refused[0].startswith("AVD_MARGEN is no setting of a companion; use one of AVD_ENABLE")
+    golden("text", refused[0])
     with pytest.raises(ParameterError):
         checked_parameter("WP_RADIUS", 1.0)
 

@@ -119,8 +119,8 @@ def test_who_changes_the_mode_has_the_helm() -> None:
     while trial.mode == AUTO:
         trial.run(trial.time_s + 0.2)
     trial.run(trial.time_s + 1.0)
-    trial._set_mode(4)
-    trial._set_mode(5)  # LOITER
+    trial.set_mode(4)
+    trial.set_mode(5)  # LOITER
     trial.run(trial.time_s + 2.0)
     before = len(trial.sent)
     trial.run(trial.time_s + 5.0)
@@ -149,7 +149,7 @@ def test_news_of_obstacles_is_of_the_bodies() -> None:
     trial = Trial(river).run(12.0)
     body = river.adrift[0].body
     told = trial.watch.obstacle_messages(round(trial.time_s * 1e9))
-    truth = np.array(trial._place(river.adrift[0], trial.time_s))
+    truth = np.array(trial.place_of(river.adrift[0], trial.time_s))
     (news,) = [m for m in told if np.hypot(*(np.array(m.pos_ned[:2]) - truth)) < NEAR_M + 0.5 * body.length_m]
     drift = np.array(news.vel_ned[:2]) - river.current_ne_mps
     assert float(np.hypot(*drift)) < 0.4

@@ -10,6 +10,7 @@ import pytest
 
 from agent.bridges.counts import BridgeCounts
 from agent.wire import dialect
+from tests.golden import Golden
 from xitl_cli.commands.wdri import wdri
 from xitl_cli.errors import UserError
 from xitl_cli.graph.measured import FROM_AGENT, TO_AGENT, AgentTraffic, measured_graph
@@ -277,13 +278,15 @@ def test_the_command_shows_a_run_within_80_columns(
     assert (document["reference"], document["missing"]) == ("complete", ["D-LC", "PS1-LS"])
 
 
-def test_run_directories_that_cannot_be_shown(tmp_path: Path) -> None:
+def test_run_directories_that_cannot_be_shown(tmp_path: Path, golden: Golden) -> None:
     folder = run_directory(tmp_path, {"measured": {}})
-    with pytest.raises(UserError, match=r"summary.json: its graph cannot be read .*; run again with this xitl"):
+    with pytest.raises(UserError) as refused:
         wdri(str(folder))
+    golden("error", refused.value)
     (folder / "summary.json").write_text("{}")
-    with pytest.raises(UserError, match=r"summary.json: holds no graph, it is of an older xitl; run again"):
+    with pytest.raises(UserError) as refused:
         wdri(str(folder))
+    golden("second error", refused.value)
     (folder / "summary.json").write_text("{")
     with pytest.raises(UserError, match=r"summary.json: cannot be read"):
         wdri(str(folder))

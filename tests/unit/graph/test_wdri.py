@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.graph.wdri import VertexCount, profile_wdri
 from xitl_cli.profile import ProfileError, load_profile
@@ -96,25 +97,20 @@ def test_what_json_carries_is_not_rounded() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "reference", "vertices", "sentence"),
+    ("name", "reference", "vertices"),
     [
-        ("calm", None, None, "environments/calm: has no graph; add a `graph:` group with nodes and links"),
-        ("sitl", "calm", None, "environments/calm: has no graph to be held against; name a profile that has"),
-        ("sitl", "nope", None, "there is no profile 'nope'"),
-        ("sitl", None, 5, "sitl: n = 5 is fewer than the 6 nodes present; use 6 or more"),
-        ("boards/beaglebone", None, 2, "boards/beaglebone: n = 2 is fewer than the 3 nodes present"),
-        (
-            "sitl",
-            "boards/beaglebone",
-            None,
-            "boards/beaglebone: the reference's weighted degree is -0.333333; the index",
-        ),
+        ("calm", None, None),
+        ("sitl", "calm", None),
+        ("sitl", "nope", None),
+        ("sitl", None, 5),
+        ("boards/beaglebone", None, 2),
+        ("sitl", "boards/beaglebone", None),
     ],
 )
-def test_what_has_no_index(name: str, reference: str | None, vertices: VertexCount | None, sentence: str) -> None:
+def test_what_has_no_index(name: str, reference: str | None, vertices: VertexCount | None, golden: Golden) -> None:
     with pytest.raises(UserError) as caught:
         profile_wdri(load_profile(name), reference, vertices)
-    assert str(caught.value).startswith(sentence)
+    golden("error", caught.value)
 
 
 def test_a_graph_with_nothing_present_has_no_index(tmp_path: Path) -> None:

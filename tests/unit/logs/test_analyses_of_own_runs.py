@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.golden import Golden
 from xitl_cli.logs import open_log
 from xitl_cli.logs.model.sections import Section, Severity
 
@@ -66,14 +67,14 @@ def test_the_autopilots_log_tells_of_the_lost_position(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_run_names_the_failsafe_that_stopped_it(run: Path) -> None:
+def test_the_run_names_the_failsafe_that_stopped_it(run: Path, golden: Golden) -> None:
     from json import loads
 
     why = loads((run / "summary.json").read_text())["verdict"]["why"]
-    assert why == "stopped by HOLD (EKF failsafe: position lost) at 45.0 s; 1 of 6 waypoints"
+    golden("reason", why, "45.0 s")
     modes = section(run / "run.mcap", "modes")
     assert severities(modes) == {"modes.failsafe": Severity.CRITICAL}
-    assert "EKF failsafe: position lost, HOLD changed the mode to HOLD out of AUTO" in modes.findings[0].sentence
+    golden("finding", modes.findings[0].sentence)
 
 
 @pytest.mark.slow

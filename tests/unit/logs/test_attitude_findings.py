@@ -6,6 +6,7 @@ from made_log import MadeLog, MadeTable
 from made_vessel import vessel
 from numpy.typing import NDArray
 
+from tests.golden import Golden
 from tests.recorded import CALM, EXTERNAL_AHRS, GUST, LINUX
 from xitl_cli.logs.analyses import attitude
 from xitl_cli.logs.formats import open_log
@@ -152,12 +153,12 @@ def test_a_knock_ashore_is_a_notice() -> None:
     assert found(vessel("boat", further=(rows, knocked(120.0))))["attitude.knock"].severity == Severity.NOTICE
 
 
-def test_contacts_of_a_recording_are_told() -> None:
+def test_contacts_of_a_recording_are_told(golden: Golden) -> None:
     log = vessel("run", armed_s=1.0)
     touched = {"what": ["rock", "rock", "quay"], "speed_mps": [0.4, 0.2, 1.3], "began": [1, 0, 1]}
     log.tables = log.tables | {"/contacts": MadeTable("/contacts", [20 * S, 21 * S, 30 * S], touched)}
     finding = found(log)["attitude.contact"]
-    assert "touched quay at 0:30.0 with 1.30 m/s, the hardest of 2 times" in finding.sentence
+    golden("finding", finding.sentence, "0:30.0", "1.30 m/s", "2 times")
 
 
 @pytest.mark.parametrize("path", [CALM, GUST, EXTERNAL_AHRS, LINUX], ids=lambda path: path.stem)

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tests.command_line import xitl_app
 from tests.recorded import CALM, GUST, LOGS
 from tests.recorded_run import recorded_run
 from xitl_cli.logs import open_log
 from xitl_cli.logs.compare.comparison import Comparison, compare
-from xitl_cli.main import _app
 
 pytestmark = pytest.mark.slow
 
 
 def compared(*arguments: object) -> dict[str, Any]:
-    done = CliRunner().invoke(_app(), ["logs", "compare", *map(str, arguments), "--json"])
+    done = CliRunner().invoke(xitl_app(), ["logs", "compare", *map(str, arguments), "--json"])
     assert done.exit_code == 0, done.output
     document: dict[str, Any] = json.loads(done.stdout)
     return document
@@ -121,7 +121,7 @@ def test_logs_of_two_seeds_are_two_runs() -> None:
 def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
     page = tmp_path / "both.html"
     done = CliRunner().invoke(
-        _app(), ["logs", "compare", str(CALM), str(GUST), "--report", str(page)], env={"COLUMNS": "80"}
+        xitl_app(), ["logs", "compare", str(CALM), str(GUST), "--report", str(page)], env={"COLUMNS": "80"}
     )
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
@@ -145,7 +145,7 @@ def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_compared_is_one_sentence(arguments: tuple[object, ...], words: str) -> None:
-    done = CliRunner().invoke(_app(), ["logs", "compare", *map(str, arguments)])
+    done = CliRunner().invoke(xitl_app(), ["logs", "compare", *map(str, arguments)])
     assert done.exit_code != 0
     assert words in f"{done.output}{done.stderr if done.stderr_bytes else ''}{done.exception}"
 

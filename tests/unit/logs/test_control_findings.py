@@ -5,6 +5,7 @@ import pytest
 from made_log import MadeLog, MadeTable
 from numpy.typing import NDArray
 
+from tests.golden import Golden
 from tests.recorded import CALM, EXTERNAL_AHRS, GUST, LINUX
 from xitl_cli.logs.analyses import control
 from xitl_cli.logs.formats import open_log
@@ -49,11 +50,11 @@ def speeds(demanded: Array | float, achieved: Array | float) -> MadeTable:
     return MadeTable("THR", STAMPS, {"DesSpeed": np.full(ROWS, demanded), "Speed": np.full(ROWS, achieved)})
 
 
-def test_a_heading_that_is_not_reached_is_found() -> None:
+def test_a_heading_that_is_not_reached_is_found(golden: Golden) -> None:
     yaw = np.where((T_S > 40) & (T_S < 70), 190.0, 91.0)
     finding = found(log_of(steered(90.0, yaw), attitude(yaw), speeds(2.0, 2.0)))["control.heading_off"]
     assert finding.severity == Severity.WARNING
-    assert "by up to 100 deg, for 29.8 s from 0:40.1: 190 deg for 90 deg" in finding.sentence
+    golden("finding", finding.sentence, "100 deg", "29.8 s", "0:40.1", "190 deg", "90 deg")
     assert finding.evidence[0].message == "NTUN"
 
 
@@ -111,11 +112,11 @@ def flown(demanded: Array | float, roll: Array | float) -> MadeTable:
     return MadeTable("ATT", STAMPS, columns | {"Yaw": zero, "DesYaw": zero})
 
 
-def test_a_copter_that_does_not_obey_has_lost_control() -> None:
+def test_a_copter_that_does_not_obey_has_lost_control(golden: Golden) -> None:
     roll = np.where((T_S > 60) & (T_S < 65), 80.0, 2.0)
     finding = found(log_of(flown(2.0, roll), firmware="ArduCopter", mode=5))["control.attitude_lost"]
     assert finding.severity == Severity.CRITICAL
-    assert "roll was off the one demanded by up to 78 deg, for 4.8 s from 1:00.1" in finding.sentence
+    golden("finding", finding.sentence, "78 deg", "4.8 s", "1:00.1")
 
 
 def test_sticks_stirred_on_the_ground_are_no_loss() -> None:

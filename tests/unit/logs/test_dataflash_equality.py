@@ -34,10 +34,15 @@ def messages(path: Path) -> list[Any]:
     return found
 
 
+def unpacked(row: Any, place: int) -> Any:
+    """The value before pymavlink converts it."""
+    return row._elements[place]
+
+
 def one_by_one(rows: list[Any], place: int, column: str) -> list[Any]:
     """As pymavlink hands values out; numbers that need no conversion as it has unpacked them."""
     plain = rows[0].fmt.format[place] in "bBhHiIqQfdga"
-    return [row._elements[place] if plain else getattr(row, column) for row in rows]
+    return [unpacked(row, place) if plain else getattr(row, column) for row in rows]
 
 
 def at_once(rows: list[Any], place: int, column: str) -> list[Any]:
@@ -46,7 +51,7 @@ def at_once(rows: list[Any], place: int, column: str) -> list[Any]:
     if factor is None:
         return one_by_one(rows, place, column)
     divisor = 1 / factor
-    return [row._elements[place] / divisor for row in rows]
+    return [unpacked(row, place) / divisor for row in rows]
 
 
 def same(ours: NDArray[Any], wanted: list[Any]) -> bool:

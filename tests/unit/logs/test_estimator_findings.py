@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
+from tests.golden import Golden
 from xitl_cli.logs.analyses.estimator import analyse
 from xitl_cli.logs.analyses.estimator_cores import estimator_cores
 from xitl_cli.logs.model.sections import Section, Severity
@@ -256,14 +257,14 @@ def test_a_log_without_an_estimator_says_so() -> None:
     assert not section.facts
 
 
-def test_a_bias_that_the_filter_has_found_is_told_with_its_beginning() -> None:
+def test_a_bias_that_the_filter_has_found_is_told_with_its_beginning(golden: Golden) -> None:
     rate = np.where(between(40.0, 100.0), 1.2, 0.05)
     section = section_of(solution(GX=np.zeros(N), GY=np.full(N, 0.1), GZ=rate), health())
     (finding,) = [each for each in section.findings if each.key == "estimator.gyroscope_bias"]
     assert finding.severity == Severity.NOTICE
     taken, limit = finding.sentence.split("; ")
-    assert taken == "The filter takes the gyroscope to be off by 1.20 deg/s on z, since 0:40.0"
-    assert limit == "the estimate stays at its largest value, so the true error may be larger"
+    golden("text", taken, "1.20 deg/s", "0:40.0")
+    golden("second text", limit)
     assert facts(section)["gyroscope_bias"] == pytest.approx(1.2)
     small = section_of(solution(GX=np.zeros(N), GY=np.full(N, 0.1), GZ=np.full(N, 0.3)), health())
     assert "estimator.gyroscope_bias" not in found_in(small)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 from made_log import MadeLog, MadeTable
 
+from tests.golden import Golden
 from xitl_cli.logs.analyses.events import analyse
 from xitl_cli.logs.model.sections import Finding, Section, Severity
 
@@ -68,9 +69,9 @@ def test_a_failsafe_that_stays_while_armed_is_critical() -> None:
     assert only(errors((30, 17, 1)), armed(10, 90)).severity is Severity.CRITICAL
 
 
-def test_cleared_errors_are_one_finding_with_their_time() -> None:
+def test_cleared_errors_are_one_finding_with_their_time(golden: Golden) -> None:
     finding = only(errors((30, 16, 2), (32, 16, 0), (50, 16, 2), (53, 16, 0)), armed(10, 90))
-    assert finding.sentence == "EKF check: bad variance at 0:30.0, armed, cleared after 5.0 s, 2 times in all"
+    golden("finding", finding.sentence, "0:30.0", "5.0 s", "2 times")
 
 
 def test_the_zero_of_a_healthy_start_is_no_error() -> None:

@@ -38,8 +38,8 @@ def test_every_message_is_read_as_pymavlink_reads_it(form: str) -> None:
         table = found[name]
         assert table.stamp_ns[row] == place * 1_000_000
         assert table.file_offset[row] == place * 100
-        assert list(table.columns)[:-3] == list(truth._fieldnames)
-        for column in truth._fieldnames:
+        assert list(table.columns)[:-3] == list(truth.get_fieldnames())
+        for column in truth.get_fieldnames():
             value = table.values(column, slice(row, row + 1), raw=True).tolist()[0]
             assert repr(value) == repr(getattr(truth, column)), (name, column)
         header = [int(table.values(name, slice(row, row + 1))[0]) for name in ("_sysid", "_compid", "_seq")]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
+from tests.golden import Golden
 from tests.recorded_run import recorded_run
 from xitl_cli.logs.analyses.parameters import analyse
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
@@ -57,11 +58,11 @@ def test_changes_and_what_differs_from_the_default() -> None:
     assert not section.findings
 
 
-def test_a_change_while_armed() -> None:
+def test_a_change_while_armed(golden: Golden) -> None:
     section = section_of(parameters((1, "ATC_STR_RAT_P", 0.2, 0.2), (20, "ATC_STR_RAT_P", 0.4, 0.2)), ARMED)
     (finding,) = section.findings
     assert finding.severity is Severity.NOTICE
-    assert finding.sentence == "ATC_STR_RAT_P changed while armed, first at 0:20.0 from 0.2 to 0.4"
+    golden("finding", finding.sentence, "0:20.0", "0.2", "0.4")
     assert finding.evidence[0].field == "ATC_STR_RAT_P"
     assert finding.evidence[0].at_ns == 20 * S
 

@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros_files import write
 from mcap_truth import payloads_of
 
+from tests.golden import Golden
 from tests.recorded import CALM
 from xitl_cli.logs import open_log
 from xitl_cli.logs.export.repair import RepairResult, repair_log
@@ -237,6 +238,7 @@ def test_it_overwrites_only_what_it_is_asked_to(tmp_path: Path, recordings: Path
     assert sorted(each.name for each in tmp_path.iterdir()) == ["run-repaired.mcap", "run.mcap"]
 
 
-def test_other_formats_have_nothing_to_repair() -> None:
-    with pytest.raises(LogError, match=r"is a DataFlash log, which has no index .* `xitl logs export`"):
+def test_other_formats_have_nothing_to_repair(golden: Golden) -> None:
+    with pytest.raises(LogError) as refused:
         repaired(CALM)
+    golden("error", refused.value)

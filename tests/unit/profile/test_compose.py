@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.profile import ProfileError, load_profile, load_with_origins
 from xitl_cli.profile.files.catalogue import find_profile, profile_name, shipped_profiles
@@ -70,16 +71,13 @@ def test_name_and_description_are_not_inherited(write: Write) -> None:
     assert (profile.name, profile.description, profile.technique) == ("boat", "", "mitl")
 
 
-def test_a_circle_is_refused_with_its_chain(write: Write) -> None:
+def test_a_circle_is_refused_with_its_chain(write: Write, golden: Golden) -> None:
     write("extends: two.yaml", "one.yaml")
     write("clock: {}\nextends: [three.yaml]", "two.yaml")
     write("extends: one.yaml", "three.yaml")
     with pytest.raises(ProfileError) as caught:
         load_profile("one.yaml")
-    assert str(caught.value) == (
-        "three.yaml:1: extends = 'one.yaml' goes round in a circle: "
-        "one.yaml -> two.yaml -> three.yaml -> one.yaml; drop one of them"
-    )
+    golden("error", caught.value)
 
 
 def test_the_same_base_twice_is_no_circle(write: Write) -> None:
@@ -92,23 +90,19 @@ def test_the_same_base_twice_is_no_circle(write: Write) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text",
     [
-        ("extends: 5", "boat.yaml:1: extends = 5 is not a profile; write a name or a list of names"),
-        ("clock: {}\nextends:\n  - calm\n  - {a: 1}", "boat.yaml:4: extends = a group of keys is not a profile"),
-        ("extends: gone.yaml", "boat.yaml:1: extends = 'gone.yaml': gone.yaml does not exist; check the path"),
-        (
-            "extends: [sitl, environments/clam]",
-            "boat.yaml:1: extends = 'environments/clam': there is no profile 'environments/clam'; "
-            "did you mean 'environments/calm'",
-        ),
-        ("extends: '\\0.yaml'", "boat.yaml:1: extends = "),
+        "extends: 5",
+        "clock: {}\nextends:\n  - calm\n  - {a: 1}",
+        "extends: gone.yaml",
+        "extends: [sitl, environments/clam]",
+        "extends: '\\0.yaml'",
     ],
 )
-def test_extends_that_lead_nowhere(write: Write, text: str, sentence: str) -> None:
+def test_extends_that_lead_nowhere(write: Write, text: str, golden: Golden) -> None:
     with pytest.raises(ProfileError) as caught:
         load_profile(str(write(text)))
-    assert str(caught.value).startswith(sentence)
+    golden("error", caught.value)
 
 
 def test_shipped_profiles_by_full_name_and_by_last_part() -> None:
@@ -118,10 +112,10 @@ def test_shipped_profiles_by_full_name_and_by_last_part() -> None:
     assert profile_name(shipped["environments/calm"]) == "environments/calm"
 
 
-def test_an_unknown_name_is_answered_with_what_is_near_and_how_to_list() -> None:
+def test_an_unknown_name_is_answered_with_what_is_near_and_how_to_list(golden: Golden) -> None:
     with pytest.raises(UserError) as caught:
         find_profile("stil")
-    assert str(caught.value) == "there is no profile 'stil'; did you mean 'sitl'? `xitl profiles list` shows all"
+    golden("error", caught.value)
 
 
 def test_a_bare_name_is_the_shipped_profile_whatever_lies_in_the_folder(write: Write) -> None:
@@ -196,38 +190,28 @@ def test_later_overrides_win() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text",
     [
-        ("clock.seed", "--set 'clock.seed' is not KEY=VALUE; write for example --set environment.wind.mean_mps=8"),
-        ("=8", "--set '=8' is not KEY=VALUE"),
-        ("clock..seed=8", "--set 'clock..seed=8' is not KEY=VALUE"),
-        ("extends=calm", "--set extends: extends cannot be set from the command line"),
-        ("clock.sed=8", "--set clock.sed: clock.sed is not a known key; did you mean 'seed'?"),
-        ("environment.wnd.mean_mps=8", "--set environment.wnd.mean_mps: environment.wnd is not a known key; did you"),
-        (
-            "wind.mean_mps=8",
-            "--set wind.mean_mps: wind is not a known key; did you mean 'vehicle.wind' or 'environment.wind'?",
-        ),
-        ("clock.seed.x=8", "--set clock.seed.x: clock.seed = 1 is a value, not a group; set clock.seed itself"),
-        (
-            "vehicle.propellers.2.max_thrust_n=8",
-            "--set vehicle.propellers.2.max_thrust_n: vehicle.propellers is a list of 2, without an entry '2'; "
-            "use 0 to 1",
-        ),
-        ("vehicle.propellers.left=8", "--set vehicle.propellers.left: vehicle.propellers is a list of 2, without an"),
-        ("clock.seed=[1", "--set clock.seed: is not valid YAML: "),
-        ("clock.seed=yes", "--set clock.seed: clock.seed = 'yes' is not a whole number; write a whole number"),
-        ("clock.seed=", "--set clock.seed: clock.seed = null is not a whole number"),
-        (
-            "sensors=none",
-            "--set sensors: sensors = 'none' is not a group; indent keys under it: imu, gnss, magnetometer",
-        ),
+        "clock.seed",
+        "=8",
+        "clock..seed=8",
+        "extends=calm",
+        "clock.sed=8",
+        "environment.wnd.mean_mps=8",
+        "wind.mean_mps=8",
+        "clock.seed.x=8",
+        "vehicle.propellers.2.max_thrust_n=8",
+        "vehicle.propellers.left=8",
+        "clock.seed=[1",
+        "clock.seed=yes",
+        "clock.seed=",
+        "sensors=none",
     ],
 )
-def test_overrides_that_cannot_be(text: str, sentence: str) -> None:
+def test_overrides_that_cannot_be(text: str, golden: Golden) -> None:
     with pytest.raises(UserError) as caught:
         load_profile("sitl", [text])
-    assert str(caught.value).startswith(sentence)
+    golden("error", caught.value)
 
 
 def test_origins_of_a_loaded_profile(write: Write) -> None:

@@ -15,6 +15,7 @@ from pymavlink import mavutil, mavwp
 from agent.fcu.mission import COMMANDS, PERFORMED, STAGES
 from agent.fcu.vehicle.commands import ACTIONS
 from sim_core.geodesy import LocalFrame
+from tests.golden import Golden
 from xitl_cli.profile import ProfileError, load_profile, resolved_yaml
 from xitl_cli.profile.load import load_with_origins
 from xitl_cli.profile.schema import Profile
@@ -118,7 +119,7 @@ def test_waypoints_are_read_as_pymavlink_reads_them(write: Write) -> None:
     assert profile.mission.jumps
 
 
-def test_a_plan_brings_commands_surveys_fence_and_rally_points(write: Write) -> None:
+def test_a_plan_brings_commands_surveys_fence_and_rally_points(write: Write, golden: Golden) -> None:
     corner = [[52.400, 13.030], [52.400, 13.040], [52.404, 13.040], [52.404, 13.030]]
     survey = {
         "type": "ComplexItem",
@@ -148,8 +149,9 @@ def test_a_plan_brings_commands_surveys_fence_and_rally_points(write: Write) -> 
     assert [(one.command, one.parameters[0]) for one in mission.fence] == [(5001, 4.0)] * 4 + [(5004, 12.5)]
     assert any("FENCE_ENABLE" in text for text in load_with_origins(path).warnings)
     write(BOAT + "mission: {file: course.plan}\n")
-    with pytest.raises(ProfileError, match=r"mission\.rally: the embedded autopilot keeps no rally points"):
+    with pytest.raises(ProfileError) as refused:
         load_profile(path)
+    golden("error", refused.value)
 
 
 def test_commands_that_are_passed_over_are_named(write: Write) -> None:
@@ -208,13 +210,14 @@ def test_a_file_that_is_wrong_is_refused_with_its_place(write: Write, file: str,
     assert str(caught.value.problems[0]).startswith(problem)
 
 
-def test_an_unknown_command_is_refused_by_its_item(write: Write) -> None:
-    with pytest.raises(ProfileError, match=r"mission.items.1: command 250 is none that the embedded autopilot"):
+def test_an_unknown_command_is_refused_by_its_item(write: Write, golden: Golden) -> None:
+    with pytest.raises(ProfileError) as refused:
         _load(
             write,
             "a.plan",
             _plan([_simple(16, [0, 0, 0, 0, *PLACES[0], 0], 1), _simple(250, [0] * 7, 2, frame=2)]),
         )
+    golden("error", refused.value, "250")
 
 
 def test_the_file_takes_the_place_of_inherited_waypoints_and_is_given_alone(write: Write) -> None:
@@ -263,25 +266,19 @@ def test_places_are_given_by_latitude_and_longitude_wherever_metres_are(write: W
 
 
 @pytest.mark.parametrize(
-    ("text", "problem"),
+    "text",
     [
-        ("{lat: 52.4}", "boat.yaml:3: mission.waypoints_ned_m.0 needs 'lon'; add it in degrees"),
-        (
-            "{lat: 52.4, lng: 13}",
-            "boat.yaml:3: mission.waypoints_ned_m.0.lng is no key of a place; did you mean 'lon'?",
-        ),
-        ("{lat: 95, lon: 13}", "boat.yaml:3: mission.waypoints_ned_m.0.lat = 95 is not between -90 and 90 degrees"),
-        (
-            "{lat: 13.0, lon: 52.4}",
-            "boat.yaml:3: mission.waypoints_ned_m.0 = 13, 52.4 is 5601 km from the site; check the order",
-        ),
+        "{lat: 52.4}",
+        "{lat: 52.4, lng: 13}",
+        "{lat: 95, lon: 13}",
+        "{lat: 13.0, lon: 52.4}",
     ],
 )
-def test_a_place_that_is_wrong_is_named_with_its_line(write: Write, text: str, problem: str) -> None:
+def test_a_place_that_is_wrong_is_named_with_its_line(write: Write, text: str, golden: Golden) -> None:
     path = write(BOAT + f"mission: {{waypoints_ned_m: [{text}]}}\n")
     with pytest.raises(ProfileError) as caught:
         load_profile(str(path))
-    assert str(caught.value.problems[0]).startswith(problem)
+    golden("problem", caught.value.problems[0])
 
 
 def test_a_place_needs_a_site(write: Write) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.entry import Entry, ProfileError
 from xitl_cli.profile.files.yaml_file import parse_yaml, read_yaml
@@ -75,31 +76,28 @@ def test_every_value_knows_its_line() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text",
     [
-        ("a: 1\nb: 2\na: 3\n", "boat.yaml:3: the key 'a' was given already (boat.yaml:1); keep one of the two"),
-        ("a:\n  b: [1, 2\nc: 3\n", "boat.yaml:3: is not valid YAML: expected ',' or ']', but got ':', column 2"),
-        ("a: 1\n\tb: 2\n", "boat.yaml:2: is not valid YAML: "),
-        ("1: a\n", "boat.yaml:1: the key '1' is not text; put it in quotes"),
-        ("[a, b]: 1\n", "boat.yaml:1: the key a list of 2 is not text"),
-        ("a: &x {b: 1}\nc:\n  <<: *x\n", "boat.yaml:3: merge keys (<<) are not used in profiles"),
-        (
-            "a: !!python/name:os.system x\n",
-            "boat.yaml:1: the tag 'tag:yaml.org,2002:python/name:os.system' is not used",
-        ),
-        ("a: !secret {}\n", "boat.yaml:1: the tag '!secret' is not used"),
-        ("a: 1\n---\nb: 2\n", "boat.yaml:2: is not valid YAML: but found another document"),
-        ("a: *nowhere\n", "boat.yaml:1: is not valid YAML: found undefined alias 'nowhere'"),
-        ("a: 1\nb: \x07\n", "boat.yaml:2: holds the character '\\x07', which YAML does not allow"),
-        ("a: " + "[" * 80 + "]" * 80, "boat.yaml:1: is nested too deeply"),
-        ("a: " + "[" * 5000 + "]" * 5000, "boat.yaml:1: is nested too deeply"),
-        ("a: &a [*a]\n", "boat.yaml:1: is nested too deeply, or an alias holds itself"),
+        "a: 1\nb: 2\na: 3\n",
+        "a:\n  b: [1, 2\nc: 3\n",
+        "a: 1\n\tb: 2\n",
+        "1: a\n",
+        "[a, b]: 1\n",
+        "a: &x {b: 1}\nc:\n  <<: *x\n",
+        "a: !!python/name:os.system x\n",
+        "a: !secret {}\n",
+        "a: 1\n---\nb: 2\n",
+        "a: *nowhere\n",
+        "a: 1\nb: \x07\n",
+        "a: " + "[" * 80 + "]" * 80,
+        "a: " + "[" * 5000 + "]" * 5000,
+        "a: &a [*a]\n",
     ],
 )
-def test_refused_with_file_and_line(text: str, sentence: str) -> None:
+def test_refused_with_file_and_line(text: str, golden: Golden) -> None:
     with pytest.raises(ProfileError) as caught:
         parse_yaml(text, "boat.yaml")
-    assert str(caught.value).startswith(sentence)
+    golden("error", caught.value)
     assert "\n" not in str(caught.value)
 
 

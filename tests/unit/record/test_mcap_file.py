@@ -16,6 +16,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from xitl_cli.errors import UserError
 from xitl_cli.record import mcap_file
 from xitl_cli.record.mcap_file import APART_BYTES, CHUNK_BYTES, McapFile
+from xitl_cli.record.mcap_writer import ChunkWriter
 
 Found = list[tuple[int, int]]
 """Channel and log time."""
@@ -85,7 +86,7 @@ def test_a_disk_that_fills_up_is_told_once_and_leaves_whole_chunks(
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(file._writer, "write_chunk", refuse)
+    monkeypatch.setattr(ChunkWriter, "write_chunk", refuse)
     for stamp in (2, 3, 4):
         log(bytes(100_000), stamp)
     now_s[0] = 2.0

@@ -12,9 +12,11 @@ from numpy import int32
 
 from sim_core.environment.environment import Environment
 from sim_core.frames import Array
+from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, initial, step
 from sim_core.vessel.spec import VesselSpec
 from sim_core.world import mesh_contact
+from sim_core.world.contact import Outline
 from sim_core.world.geometry import CONCRETE, ROCK, UPRIGHT, Mesh, box, cylinder, ellipsoid, moved
 from sim_core.world.mesh_contact import CELL_M, Triangles, find_reachable, nearest_on_triangles
 from sim_core.world.plan import Capsules
@@ -26,6 +28,12 @@ pytestmark = pytest.mark.slow
 FULL, THIRD = (load_profile(name).vehicle for name in ("asv-full", "asv-third"))
 ROCK_10_M = moved(ellipsoid((5.0, 5.0, 5.0), ROCK, 24, 16), (0.0, 0.0, 2.0))
 """Its middle at the origin, 2 m below the water: 4.6 m of radius at the waterline."""
+
+
+def sphere_centres(outline: Outline, motion: Kinematics) -> Array:
+    """Centres (N, S, 3) of the spheres, in NED."""
+    turned: Array = np.einsum("nij,sj->nsi", motion.rot_ned_frd, outline.spheres_frd_m)
+    return turned + motion.pos_ned_m[:, None]
 
 
 def lake(*meshes: Mesh, vessel: VesselSpec | None = None, dt_s: float = 0.0025) -> Simulation:
@@ -98,7 +106,7 @@ def test_a_10_m_rock_stops_a_boat_from_every_side(vessel: VesselSpec, speed_mps:
     before = energy_j(vessel, state)
     touched = np.zeros(8, bool)
     for each in sailed(simulation, state, 1.2, 0.0):
-        spheres = mesh_contact._centres(simulation.outline, each.vessel.motion)
+        spheres = sphere_centres(simulation.outline, each.vessel.motion)
         inside = np.linalg.norm(spheres - [0.0, 0.0, 2.0], axis=2).min(axis=1)
         assert inside.min() > 4.8  # of 5 m, whose flat sides lie up to 0.1 m within: no middle of a sphere gets through
         assert np.all(energy_j(vessel, each) <= before * 1.02 + 1.0)
@@ -115,7 +123,7 @@ def test_a_boat_that_pushes_on_stays_outside() -> None:
     assert min(float(np.linalg.norm(place[:2])) for place in gone) > 4.6
     assert max(place[0] for place in gone[:2000]) < -4.6  # it did not come out behind
     for state in states:
-        spheres = mesh_contact._centres(simulation.outline, state.vessel.motion)
+        spheres = sphere_centres(simulation.outline, state.vessel.motion)
         assert np.linalg.norm(spheres - [0.0, 0.0, 2.0], axis=2).min() > 4.8
 
 
@@ -127,7 +135,7 @@ def test_a_wall_whose_triangles_face_anywhere_is_not_passed(inside_out: bool, sp
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=int32)
     simulation = lake(Mesh(corners, faces[:, ::-1] if inside_out else faces, CONCRETE))
     states = sailed(simulation, under_way(simulation, np.array([[5.0, 0.0]]), np.array([0.6]), speed_mps), 4.0, 0.8)
-    bows = np.array([mesh_contact._centres(simulation.outline, each.vessel.motion)[0, :, 0].max() for each in states])
+    bows = np.array([sphere_centres(simulation.outline, each.vessel.motion)[0, :, 0].max() for each in states])
     assert bows.max() < 8.0
     assert bows.max() > 7.8 - 0.02
 

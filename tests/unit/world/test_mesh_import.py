@@ -10,6 +10,7 @@ import trimesh
 
 from sim_core.world.geometry import ROCK, WorldError, import_mesh
 from sim_core.world.spec import MeshFileSpec
+from tests.golden import Golden
 
 
 def wedge() -> trimesh.Trimesh:
@@ -57,11 +58,11 @@ def test_y_up_is_turned_upright(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.vertices_m.max(axis=0), [4.0, 0.5, 0.0], atol=1e-6)
 
 
-def test_what_looks_like_millimetres_is_warned_of(tmp_path: Path) -> None:
+def test_what_looks_like_millimetres_is_warned_of(tmp_path: Path, golden: Golden) -> None:
     path = tmp_path / "gate.stl"
     trimesh.creation.box((12_000.0, 500.0, 8_000.0)).export(path)
     mesh, warning = import_mesh(MeshFileSpec(str(path)))
-    assert warning == f"{path} is 12000 m across; if it is in millimetres, give it scale: 0.001"
+    golden("warning", warning, "12000 m", "0.001", path=path)
     assert np.ptp(mesh.vertices_m[:, 1]) == pytest.approx(12_000.0)
     assert import_mesh(MeshFileSpec(str(path), scale=0.001))[1] is None
 

@@ -13,6 +13,7 @@ from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Packer
 from agent.wire.transport import TransportError
+from tests.golden import Golden
 from tests.patience import wait_until
 
 S = 1_000_000_000
@@ -114,7 +115,7 @@ def test_its_own_autopilot_may_pass_on_the_heartbeats_of_others_first(double: Ve
     assert [message.get_srcSystem() for message in bench.tapped] == [7]
 
 
-def test_its_own_autopilot_that_comes_late_is_taken_for_another(double: VehicleDouble) -> None:
+def test_its_own_autopilot_that_comes_late_is_taken_for_another(double: VehicleDouble, golden: Golden) -> None:
     bench = Bench(double.url, 7, fleet=True)
     double.link.receive(0.01)
     beat = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GROUND_ROVER, mav.MAV_AUTOPILOT_PX4, 0, 0, 4, 3)
@@ -132,7 +133,7 @@ def test_its_own_autopilot_that_comes_late_is_taken_for_another(double: VehicleD
     bench.link.close()
     assert bench.link.system_id == 7
     assert [severity for severity, _ in bench.said] == [4, 5]
-    assert bench.said[-1][1] == "the autopilot of this vessel, MAVLink system 7, is heard now"
+    golden("message", bench.said[-1][1])
 
 
 def test_others_on_the_same_line_are_not_heard(double: VehicleDouble, bench: Bench) -> None:
@@ -174,11 +175,13 @@ def test_streams_are_asked_for_once_it_is_heard_and_again_after_a_reboot(double:
     assert bench.link.reboots == 1
 
 
-def test_a_plane_is_said_once(double: VehicleDouble, bench: Bench) -> None:
+def test_a_plane_is_said_once(golden: Golden, double: VehicleDouble, bench: Bench) -> None:
     for _ in range(3):
         double.beat(PLANE)
     bench.serve(0, 3)
-    assert bench.said == [(3, "the autopilot is a fixed-wing aircraft (MAV_TYPE 1), no rover or boat")]
+    ((severity, text),) = bench.said
+    assert severity == 3
+    golden("message", text, "MAV_TYPE 1")
 
 
 @pytest.mark.parametrize("kind", [mav.MAV_TYPE_GROUND_ROVER, BOAT])
@@ -217,14 +220,14 @@ def test_what_comes_is_no_mavlink(double: VehicleDouble, bench: Bench) -> None:
     assert bench.link.counters.dropped_noise == 1
 
 
-def test_nobody_is_there() -> None:
+def test_nobody_is_there(golden: Golden) -> None:
     gone = VehicleDouble()
     gone.close()
     bench = Bench(gone.url)
     assert not bench.link.wait_for_line(0.05)
     assert not bench.link.line_is_up
     bench.link.update(6 * S)
-    assert bench.said[0][1].startswith(f"nobody answers at the autopilot's MAVLink, {gone.url}; check the address")
+    golden("message", bench.said[0][1], url=gone.url)
     bench.link.close()
 
 

@@ -178,7 +178,7 @@ class Sensors:
         self.noise = noise
         self.latency_ns = latency_ns
         self.drift = [self.rng.gauss(0.0, noise.gnss_drift_m) for _ in range(3)]
-        self._late: list[GnssMeasurement] = []
+        self.late: list[GnssMeasurement] = []
 
     def feed(self, boat: Boat, estimator: Estimator, gnss: bool = True, imu: bool = True) -> None:
         """All samples of this instant: IMU 200 Hz, compass and barometer 50 Hz, GNSS 5 Hz."""
@@ -188,9 +188,9 @@ class Sensors:
             estimator.on_magnetometer(self.magnetometer(boat))
             estimator.on_barometer(self.barometer(boat))
         if boat.time_ns % 200_000_000 == 0 and gnss:
-            self._late.append(self.gnss(boat))
-        while self._late and boat.time_ns - self._late[0].stamp_ns >= self.latency_ns:
-            estimator.on_gnss(self._late.pop(0))
+            self.late.append(self.gnss(boat))
+        while self.late and boat.time_ns - self.late[0].stamp_ns >= self.latency_ns:
+            estimator.on_gnss(self.late.pop(0))
 
     def imu(self, boat: Boat) -> ImuMeasurement:
         gauss, noise, root = self.rng.gauss, self.noise, math.sqrt(1e9 / STEP_NS)

@@ -136,9 +136,15 @@ def test_as_many_commands_as_the_vessel_takes_and_no_others() -> None:
 
 
 def test_what_is_asked_of_it() -> None:
-    ship = SteeredBoat(make_controller=scripted(Demand(2.0, 2.0)), ACRO_TURN_RATE=30.0, RC1_DZ=0.0).set_out(modes.ACRO)
+    made: list[Scripted] = []
+
+    def make(parameters: Parameters) -> Scripted:
+        made.append(scripted(Demand(2.0, 2.0))(parameters))
+        return made[-1]
+
+    ship = SteeredBoat(make_controller=make, ACRO_TURN_RATE=30.0, RC1_DZ=0.0).set_out(modes.ACRO)
     ship.hold_sticks(0.3, 1000, 0)
-    order = ship.autopilot.controller._controller.orders[-1]
+    order = made[-1].orders[-1]
     assert (order.heading_rad, order.speed_mps) == (None, 0.0)
     assert order.turn_rate_radps == pytest.approx(math.radians(30.0))
     assert order.steering_limited

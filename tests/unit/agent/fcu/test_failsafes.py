@@ -95,7 +95,7 @@ def test_position_lost_and_found(action: int, mode: str, times: int) -> None:
     assert ship.command == (0.0, 0.0)
     lost = [text for text in ship.said if text.startswith("EKF failsafe: position lost")]
     assert len(lost) == times
-    ship.sensors._late.clear()
+    ship.sensors.late.clear()
     ship.sensors.latency_ns = 120_000_000
     ship.sail(3.0)
     assert ship.said.count("EKF failsafe over") == times

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
@@ -44,6 +44,7 @@ from agent.navigation.gps_time import GpsTime
 from agent.navigation.measurements import GnssMeasurement, ImuMeasurement
 from agent.navigation.position_filter import InnovationRatios
 from agent.timing.tasks import TaskMiss, TaskStats
+from tests.patience import wait_until
 
 AHEAD_NS = 7_000_000_000  # the agent's clock against the sensors'
 OFFSET_MGAUSS = 12.0
@@ -470,31 +471,26 @@ def test_drops_and_a_full_disk_show_in_the_log_and_at_the_ground_station(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writer_module.LogWriter.__init__, "__defaults__", (False, 1 << 15, 0.005))
-    real_write = writer_module._write
     full = True
 
     def write(descriptor: int, data: memoryview) -> int:
         if full:
             raise OSError(28, "No space left on device")
-        return real_write(descriptor, data)
+        return os.write(descriptor, data)
 
     monkeypatch.setattr(writer_module, "_write", write)
     flight = Flight(tmp_path / "log.bin", lockstep=False)
-    writer = flight.log._writer
-    assert writer is not None
-    while not writer.problem:
-        time.sleep(0.001)
+    wait_until(lambda: flight.log.problem)
     flight.sail(3.0)
-    dropped = writer.dropped
+    dropped = flight.log.dropped
     assert dropped > 0
     assert "No space left" in flight.log.problem or "dropped" in flight.log.problem
     full = False
-    while writer.unwritten_bytes:
-        time.sleep(0.001)
+    wait_until(lambda: "dropped" in flight.log.problem)
     flight.log.close()
     assert "dropped" in flight.log.problem
     rows = rows_of(tmp_path / "log.bin")
-    assert rows["DSF"][-1].Dp == writer.dropped >= dropped
+    assert rows["DSF"][-1].Dp == flight.log.dropped >= dropped
     said = [row.Message for row in rows["MSG"]]
     assert any("Log: No space left on device" in text for text in said)
     assert any("records are dropped" in text for text in said)

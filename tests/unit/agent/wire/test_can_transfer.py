@@ -233,5 +233,5 @@ def test_what_cannot_wait_has_the_lower_identifier() -> None:
 
 
 def test_a_chunk_that_is_too_long_is_refused() -> None:
-    with pytest.raises(ValueError, match="a chunk of 511 bytes does not fit a CAN transfer; use at most 510"):
+    with pytest.raises(ValueError, match=r"511 bytes .* 510"):
         Segmenter(1, 2, True).cut(bytes(511))

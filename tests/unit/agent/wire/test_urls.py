@@ -15,6 +15,7 @@ from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import device_and_baud
 from agent.wire.transport import AddressUnavailableError, BadUrlError, TransportError, UnknownHostError, open_transport
 from agent.wire.urls import parse_value
+from tests.golden import Golden
 
 CAN = "can://socketcan/can0?bitrate=1000000"
 
@@ -64,47 +65,32 @@ CAN_EXAMPLE = "write it like can://socketcan/can0?bitrate=1000000"
 
 
 @pytest.mark.parametrize(
-    ("url", "sentence"),
+    "url",
     [
-        ("serial://", f"serial://: the device is missing; {SERIAL_EXAMPLE}"),
-        ("serial:///", f"serial:///: the device is missing; {SERIAL_EXAMPLE}"),
-        ("serial:///dev/x", f"serial:///dev/x: baud is missing; {SERIAL_EXAMPLE}"),
-        (
-            "serial://dev/x?baud=9600",
-            f"serial://dev/x?baud=9600: dev stands where nothing may stand; {SERIAL_EXAMPLE}",
-        ),
-        (
-            "serial:///dev/x?baud=fast",
-            f"serial:///dev/x?baud=fast: baud = fast is not a whole number; {SERIAL_EXAMPLE}",
-        ),
-        ("serial:///dev/x?baud=1", "serial:///dev/x?baud=1: baud = 1 is out of range; use 300 to 100000000"),
-        ("serial:///dev/x?baud=9600&baud=1", "serial:///dev/x?baud=9600&baud=1: baud is there twice; drop one"),
-        (
-            "serial:///dev/x?baud=9600&parity=E",
-            f"serial:///dev/x?baud=9600&parity=E: serial:// takes no parity; {SERIAL_EXAMPLE}",
-        ),
-        ("serial:///dev/x?baud", f"serial:///dev/x?baud: the query baud is not key=value&key=value; {SERIAL_EXAMPLE}"),
-        (
-            "serial:///dev/x?baud=9600#1",
-            f"serial:///dev/x?baud=9600#1: serial:// takes no fragment (1); {SERIAL_EXAMPLE}",
-        ),
-        ("can://", f"can://: the interface is missing; {CAN_EXAMPLE}"),
-        ("can://socketcan", f"can://socketcan: the channel is missing; {CAN_EXAMPLE}"),
-        ("can://socketcan/can0", f"can://socketcan/can0: bitrate is missing; {CAN_EXAMPLE}"),
-        (f"{CAN}&fd=yes", f"{CAN}&fd=yes: fd = yes is neither true nor false; write fd=true"),
-        (f"{CAN}&data_bitrate=5000000", f"{CAN}&data_bitrate=5000000: data_bitrate is for CAN FD alone; add fd=true"),
-        (f"{CAN}&node=64", f"{CAN}&node=64: node = 64 is out of range; use 0 to 63"),
-        (f"{CAN}&node=2", f"{CAN}&node=2: node and peer are both 2; give each end a number of its own"),
-        (
-            "can://zigbee/0?bitrate=1000000",
-            "can://zigbee/0?bitrate=1000000: python-can has no interface zigbee; use one such as socketcan, slcan, ",
-        ),
+        "serial://",
+        "serial:///",
+        "serial:///dev/x",
+        "serial://dev/x?baud=9600",
+        "serial:///dev/x?baud=fast",
+        "serial:///dev/x?baud=1",
+        "serial:///dev/x?baud=9600&baud=1",
+        "serial:///dev/x?baud=9600&parity=E",
+        "serial:///dev/x?baud",
+        "serial:///dev/x?baud=9600#1",
+        "can://",
+        "can://socketcan",
+        "can://socketcan/can0",
+        f"{CAN}&fd=yes",
+        f"{CAN}&data_bitrate=5000000",
+        f"{CAN}&node=64",
+        f"{CAN}&node=2",
+        "can://zigbee/0?bitrate=1000000",
     ],
 )
-def test_a_bad_url_is_said_in_one_sentence(url: str, sentence: str) -> None:
+def test_a_bad_url_is_said_in_one_sentence(url: str, golden: Golden) -> None:
     with pytest.raises(BadUrlError) as caught:
         open_transport(url, listen=False)
-    assert str(caught.value).startswith(sentence)
+    golden("error", caught.value)
 
 
 @given(st.sampled_from(["serial", "can"]), st.text(max_size=40))
@@ -163,11 +149,10 @@ def test_an_interface_can_only_be_listened_at() -> None:
         open_transport("udp://lo:14660", listen=False)
 
 
-def test_an_interface_without_an_address_is_said_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interface_without_an_address_is_said_in_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, golden: Golden
+) -> None:
     monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo"), (7, "usb7")])
     with pytest.raises(AddressUnavailableError) as caught:
         open_transport("udp://usb7:14660", listen=True)
-    assert str(caught.value) == (
-        "udp://usb7:14660: the interface usb7 has no address; bring it up (ip link set usb7 up) and give it one "
-        "(ip address add 192.168.7.2/24 dev usb7)"
-    )
+    golden("error", caught.value)

@@ -12,6 +12,7 @@ import pytest
 from imagined_runs import imagined
 from test_campaign_search import planned
 
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.campaign.compare import compare_by, compare_tables
 from xitl_cli.plugins.campaign.report import comparison_section
@@ -107,12 +108,12 @@ def test_a_verdict_that_alone_fails_is_one_test_with_passed(tmp_path: Path) -> N
     assert [row[0] for row in rows] == ["driver.completed", f"{TRACK} < 1.0 = passed"]
 
 
-def test_pairs_of_one_seed_alone_give_neither_interval_nor_test(tmp_path: Path) -> None:
+def test_pairs_of_one_seed_alone_give_neither_interval_nor_test(tmp_path: Path, golden: Golden) -> None:
     (told,) = compare_by(table(tmp_path, "one", plan=PLAN.replace("1-10", "[4]")), SPEED)
     assert (told.pairs, told.seeds) == (2, 1)
     assert {(one.difference.interval, one.difference.p_value) for one in told.figures} == {(None, None)}
     said = [finding.sentence for finding in comparison_section(told).findings]
-    assert "All 2 pairs have one seed, so nothing tells a difference from this seed's chance" in said
+    golden("message", said)
 
 
 def test_two_folders_and_runs_without_a_partner(tmp_path: Path) -> None:

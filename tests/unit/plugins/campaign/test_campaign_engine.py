@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.campaign import results
 from xitl_cli.plugins.campaign.engine import Campaign, CampaignProgress
@@ -240,7 +241,7 @@ def test_points_may_be_endless(plan: CampaignPlan, tmp_path: Path) -> None:
     assert len((tmp_path / "a" / LINES).read_text().splitlines()) <= 12  # those that came again were read, not run
 
 
-def test_progress_estimates_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_estimates_the_end(monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     from xitl_cli.plugins.campaign.command import progress_text
 
     progress = CampaignProgress(100, begun_s=0.0)
@@ -248,7 +249,7 @@ def test_progress_estimates_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(25):
         row = {"status": "timeout" if number == 0 else "completed", "passed": number > 4}
         progress.add(row, now=True)
-    assert progress_text(progress) == "25 of 100 runs, 30.0 a minute, 2 min 30 s left, 5 did not pass (1 timeout)"
+    golden("text", progress_text(progress), "25", "100 runs", "30.0", "2 min", "30 s")
 
 
 def test_what_is_compared_names_columns_that_are_there() -> None:

@@ -10,6 +10,7 @@ import pytest
 from imagined_runs import imagined
 from test_campaign_search import BISECTION, CURRENT, TRACK, WIND, planned, track
 
+from tests.golden import Golden
 from tools.write_figures import figures_table, with_table
 from xitl_cli.plugins.campaign.report import campaign_sections, limits, write_report
 
@@ -70,7 +71,7 @@ def test_pictures_show_the_runs_that_count(tmp_path: Path) -> None:
     assert {max(values) for values in drawn} == {2.0}
 
 
-def test_the_table_of_the_readme(tmp_path: Path) -> None:
+def test_the_table_of_the_readme(tmp_path: Path, golden: Golden) -> None:
     """21 runs whose figures are 0, 0.1 to 2.0: median 1.0, 95th percentile 1.9; one does not complete."""
 
     def figures(values: object, seed: int) -> dict[str, object]:
@@ -79,9 +80,9 @@ def test_the_table_of_the_readme(tmp_path: Path) -> None:
 
     table, _ = imagined(planned(tmp_path, ENVIRONMENTS), tmp_path / "out", figures)
     told = figures_table(table).splitlines()
-    assert told[0] == "|  | completed | cross-track RMS | at most | estimate off, RMS | in heading |"
+    golden("table", told[:4])
     # The parts of profiles are not in a run's arguments, so that both environments are alike here.
-    assert told[2] == "| calm | 21 of 21 | 1.00 m, 1.90 m | 1.00 m, 1.90 m | 1.00 m, 1.90 m | 1.00°, 1.90° |"
+    assert told[2].count("1.00 m, 1.90 m") == 3
     assert told[3].startswith("| current-waves | 21 of 21 |")
     page = "before\n<!-- figures -->\nold\n<!-- end of figures -->\nafter\n"
     assert with_table(page, "new") == "before\n<!-- figures -->\n\nnew\n\n<!-- end of figures -->\nafter\n"
@@ -102,7 +103,7 @@ verdicts: [{TRACK} < 99]
 """
 
 
-def test_a_one_at_a_time_plan_tells_elasticities_about_its_base(tmp_path: Path) -> None:
+def test_a_one_at_a_time_plan_tells_elasticities_about_its_base(tmp_path: Path, golden: Golden) -> None:
     """wind² / current about 5 m/s and 0.5 m/s: 2 and -1; a controller has none, and that is said."""
     (tmp_path / "examples").symlink_to(Path(__file__).parents[4] / "examples")
 
@@ -114,7 +115,7 @@ def test_a_one_at_a_time_plan_tells_elasticities_about_its_base(tmp_path: Path) 
     (grid,) = told.grids
     found = {row[0]: row[1] for row in grid.rows}
     assert found == {WIND: pytest.approx(2.0, abs=0.01), CURRENT: pytest.approx(-1.0, abs=0.02)}
-    assert told.lacks == ("autopilot.controller: no elasticity, as the base has no number there.",)
+    golden("text", told.lacks)
 
 
 SENSITIVITY = f"""

@@ -8,10 +8,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import xitl
+from tests.command_line import xitl_app
+from tests.golden import Golden
 from tests.installed_packages import Install
 from tests.recorded import CALM
 from xitl_cli.errors import UserError
-from xitl_cli.main import _app
 
 LOG = CALM
 DEPTH = """
@@ -24,7 +25,7 @@ def analyse(log):
 
 
 def analyze(*words: str) -> Result:
-    return CliRunner().invoke(_app(["logs"]), ["logs", "analyze", str(LOG), "--json", *words])
+    return CliRunner().invoke(xitl_app(["logs"]), ["logs", "analyze", str(LOG), "--json", *words])
 
 
 def test_an_analysis_of_another_package_is_a_section_after_the_built_in_ones(install: Install) -> None:
@@ -41,12 +42,12 @@ def test_an_analysis_of_another_package_is_a_section_after_the_built_in_ones(ins
         assert [fact.value for fact in file.sections[0].facts] == [len(log["ATT"])]
 
 
-def test_an_analysis_that_raises_is_a_failure_with_its_package_and_line(install: Install) -> None:
+def test_an_analysis_that_raises_is_a_failure_with_its_package_and_line(install: Install, golden: Golden) -> None:
     install("xitl-depth", "def analyse(log):\n    return 1 / 0\n", log_analyses="depth = xitl_depth:analyse")
     done = analyze()
     assert done.exit_code == 1
     assert "the analysis of depth by xitl-depth 1.2 failed at " in done.stderr
-    assert "xitl_depth.py:2 (ZeroDivisionError: division by zero); please report it to its authors" in done.stderr
+    golden("stderr", done.stderr)
     assert len(json.loads(done.stdout)["files"][0]["sections"]) > 3
 
 

@@ -30,10 +30,10 @@ Params = Callable[..., Ran]
 @pytest.fixture
 def params() -> Params:
     """`xitl params ARGUMENTS`, in this process."""
-    from xitl_cli.main import _app
+    from tests.command_line import xitl_app
 
     def run(*arguments: str) -> Ran:
-        result = CliRunner().invoke(_app(), ["params", *arguments])
+        result = CliRunner().invoke(xitl_app(), ["params", *arguments])
         if isinstance(result.exception, UserError):
             return Ran(2, result.stdout, str(result.exception))
         if result.exception is not None and not isinstance(result.exception, SystemExit):

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mav
 from vehicle_double import VehicleDouble, over_tcp
 
 from agent.mavlink import parameters as protocol
+from tests.golden import Golden
 from xitl_cli.params import vehicle as live
 from xitl_cli.plugins.params import push as pushing
 from xitl_cli.plugins.params.check import RENAMES, AbsentParameter, DifferingParameter, check_parameters, other_name
@@ -77,7 +78,9 @@ def test_a_push_sets_a_renamed_parameter_by_the_name_that_this_version_has(param
     assert boat.values["GPS1_TYPE"] == 14.0
 
 
-def test_a_push_does_not_guess_a_value_that_another_version_means_otherwise(params: Params, tmp_path: Path) -> None:
+def test_a_push_does_not_guess_a_value_that_another_version_means_otherwise(
+    params: Params, tmp_path: Path, golden: Golden
+) -> None:
     file = tmp_path / "boat.parm"
     file.write_text("ARMING_CHECK 72\n")
     boat = VehicleDouble(BOAT)
@@ -86,7 +89,7 @@ def test_a_push_does_not_guess_a_value_that_another_version_means_otherwise(para
     assert ran.code == 2
     assert boat.values["ARMING_SKIPCHK"] == 0.0
     (refused,) = ran.told["refused"]
-    assert "ARMING_SKIPCHK since 4.7, it names the checks that are left out" in refused["reason"]
+    golden("reason", refused["reason"], "4.7")
 
 
 def test_renames_are_of_names_that_fit_the_wire() -> None:
@@ -121,15 +124,14 @@ def test_a_vehicle_as_it_should_be(params: Params, tmp_path: Path) -> None:
     assert (told.told["same"], told.told["differs"], told.told["absent"]) == (2, [], [])
 
 
-def test_a_vehicle_that_is_otherwise(params: Params, tmp_path: Path) -> None:
+def test_a_vehicle_that_is_otherwise(params: Params, tmp_path: Path, golden: Golden) -> None:
     file = tmp_path / "boat.parm"
     file.write_text("WP_SPEED 3\nGPS_TYPE 14\nCRUISE_SPED 1\n")
     with over_tcp(VehicleDouble(BOAT)) as url:
         ran = params("check", str(file), url)
         told: Any = params("check", str(file), url, "--json").told
     assert ran.code == 1
-    assert "GPS_TYPE = 14: this version has it as GPS1_TYPE = 1 (GPS1_TYPE since 4.6)" in ran.out
-    assert "CRUISE_SPED = 1: this version has none; nearest: CRUISE_SPEED" in ran.out
+    golden("table", ran.out, "GPS_TYPE = 14", "GPS1_TYPE = 1", "CRUISE_SPED = 1")
     assert told["differs"] == [{"name": "WP_SPEED", "wanted": 3.0, "kept": 2.0}]
     assert [row["name"] for row in told["absent"]] == ["GPS_TYPE", "CRUISE_SPED"]
 
@@ -155,8 +157,8 @@ class HidingVehicle(VehicleDouble):
 
     crashed = False
 
-    def _answer(self, message: Any) -> None:
-        super()._answer(message)
+    def answer(self, message: Any) -> None:
+        super().answer(message)
         if message.get_type() == "PARAM_SET":
             if self.values["SCR_ENABLE"] > 0:
                 self.values.setdefault("SCR_SDEV_EN", 0.0)
@@ -178,14 +180,14 @@ def test_hidden_parameters_are_set_as_they_appear_and_the_driver_last(params: Pa
     assert not double.crashed
 
 
-def test_what_takes_a_restart_is_said(params: Params, tmp_path: Path) -> None:
+def test_what_takes_a_restart_is_said(params: Params, tmp_path: Path, golden: Golden) -> None:
     file = tmp_path / "hil.parm"
     file.write_text("EAHRS_TYPE 1\nSCR_ENABLE 1\nSCR_SDEV_EN 1\n")
     with over_tcp(VehicleDouble(BOAT | SCRIPTS)) as url:
         ran = params("push", str(file), url, "--json")
     reasons = {row["name"]: row["reason"] for row in ran.told["refused"]}
     assert reasons["SCR_SDEV_EN"] == "it appears after a restart with SCR_ENABLE on; add --reboot"
-    assert reasons["EAHRS_TYPE"] == "it comes last, when the port that it listens at is there; add --reboot"
+    golden("reason", reasons["EAHRS_TYPE"])
 
 
 class RestartingVehicle(VehicleDouble):
@@ -201,8 +203,8 @@ class RestartingVehicle(VehicleDouble):
         self._forgets = forgets
         self._began_s = time.monotonic() - 1000.0
 
-    def _answer(self, message: Any) -> None:
-        super()._answer(message)
+    def answer(self, message: Any) -> None:
+        super().answer(message)
         if message.get_type() != "COMMAND_LONG":
             return
         if message.command == 512 and message.param1 == 2:
@@ -249,8 +251,8 @@ class FreshBoard(VehicleDouble):
         super().__init__({**BOAT, "EAHRS_TYPE": 7.0, "INS_ACC_ID": 0.0})
         self.told: list[tuple[float, float]] = []
 
-    def _answer(self, message: Any) -> None:
-        super()._answer(message)
+    def answer(self, message: Any) -> None:
+        super().answer(message)
         if message.get_type() == "COMMAND_LONG" and message.command == mav.MAV_CMD_PREFLIGHT_CALIBRATION:
             self.told.append((message.param2, message.param5))
             self._codec.command_ack_send(message.command, mav.MAV_RESULT_ACCEPTED)
@@ -282,11 +284,11 @@ def test_a_vehicle_that_keeps_nothing_is_not_restarted_for_ever(params: Params, 
 
 @pytest.mark.usefixtures("quick_restarts")
 def test_a_restart_that_does_not_happen_is_noticed(
-    params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden
 ) -> None:
     monkeypatch.setattr(pushing, "RESTART_S", 0.3)
     file = tmp_path / "speed.parm"
     file.write_text("WP_SPEED 1.5\n")
     with over_tcp(RestartingVehicle(deaf=True)) as url:
         ran = params("push", str(file), url, "--reboot")
-    assert "the vehicle did not come back from its restart within 0 s; switch its power off and on" in ran.error
+    golden("stderr", ran.error, "0 s", url=url)

@@ -47,7 +47,7 @@ class VehicleDouble:
             if data is None:
                 return
             for message in self._codec.parse_buffer(bytearray(data)) or []:
-                self._answer(message)
+                self.answer(message)
 
     def _heartbeat(self) -> None:
         self._codec.heartbeat_send(mav.MAV_TYPE_SURFACE_BOAT, self._autopilot, 1, 0, 3)
@@ -56,7 +56,7 @@ class VehicleDouble:
         self._codec.hwstatus_send(5000, 0)
         self._codec.heartbeat_send(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, 3)
 
-    def _answer(self, message: Any) -> None:
+    def answer(self, message: Any) -> None:
         kind, names = message.get_type(), list(self.values)
         if kind == "PARAM_REQUEST_LIST":
             for name in names:
@@ -84,11 +84,11 @@ class VehicleDouble:
             self._value(name)
 
     def _value(self, name: str) -> None:
-        value = self._field(name)
+        value = self.field(name)
         index = list(self.values).index(name)
         self._codec.param_value_send(name.encode(), value, self.types[name], len(self.values), index)
 
-    def _field(self, name: str) -> float:
+    def field(self, name: str) -> float:
         return float(struct.unpack("<f", struct.pack("<f", self.values[name]))[0])
 
     def _told(self, message: Any) -> float:
@@ -102,9 +102,9 @@ class Px4Vehicle(VehicleDouble):
         super().__init__(values, autopilot=mav.MAV_AUTOPILOT_PX4)
         self.types = {name: mav.MAV_PARAM_TYPE_INT32 if name in whole else REAL32 for name in values}
 
-    def _field(self, name: str) -> float:
+    def field(self, name: str) -> float:
         if self.types[name] == REAL32:
-            return super()._field(name)
+            return super().field(name)
         return float(struct.unpack("<f", struct.pack("<i", int(self.values[name])))[0])
 
     def _told(self, message: Any) -> float:

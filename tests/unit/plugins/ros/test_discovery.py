@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from sim_core.keys import SpecificationError
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.ros.discovery import (
     UNKNOWN_S,
@@ -49,10 +50,11 @@ def test_the_profile_is_stronger_than_the_environment(
     assert stays_on_machine(spec) == (reach == "LOCALHOST")
 
 
-def test_an_unknown_range_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_range_is_refused(monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNETS")
-    with pytest.raises(UserError, match="ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNETS is not known; use LOCALHOST"):
+    with pytest.raises(UserError) as refused:
         discovery_range(RosSpec())
+    golden("error", refused.value)
 
 
 def test_a_commander_has_a_full_name() -> None:

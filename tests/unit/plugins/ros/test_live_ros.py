@@ -155,7 +155,7 @@ def test_an_action_is_asked_for_and_its_refusal_goes_back(beside: Beside) -> Non
         asked.append((action, source))
         return "arm: is refused" if action == {"action": "arm"} else None
 
-    beside.node._operator = cast(Any, SimpleNamespace(ask=ask))
+    beside.node.attach_operator(cast(Any, SimpleNamespace(ask=ask, listen=lambda poll: None, paused=False)))
     beside.bridge.send({"action": {"action": "arm"}, "request": 4})
     beside.bridge.send({"action": {"action": "pause"}, "request": 5})
     beside.bridge.send({"action": {"action": "resume"}})

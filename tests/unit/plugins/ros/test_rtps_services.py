@@ -22,6 +22,7 @@ from cyclonedds.qos import Policy, Qos  # noqa: E402
 from cyclonedds.sub import DataReader  # noqa: E402
 from cyclonedds.topic import Topic  # noqa: E402
 
+from tests.unit.plugins.ros.ports import port_of  # noqa: E402
 from xitl_cli.plugins.ros.rtps_services import RtpsServices, ServiceRequest  # noqa: E402
 
 DOMAIN = own_domain()
@@ -39,6 +40,11 @@ def topic(participant: DomainParticipant, name: str, kind: str) -> Topic[Any]:
     return Topic(participant, name, bytes_of)
 
 
+def handle_of(end: DataReader[Any] | DataWriter[Any]) -> int:
+    """What the C layer of Cyclone DDS knows it by."""
+    return end._ref
+
+
 def test_a_request_has_its_response() -> None:
     requests: queue.SimpleQueue[ServiceRequest] = queue.SimpleQueue()
     services = RtpsServices(DOMAIN, requests.put)
@@ -48,7 +54,7 @@ def test_a_request_has_its_response() -> None:
         reader = DataReader(client, topic(client, "rr/armReply", "SetBool_Response_"), qos=RELIABLE)
         writer = DataWriter(client, topic(client, "rq/armRequest", "SetBool_Request_"), qos=RELIABLE)
         wait_until(lambda: bool(writer.get_matched_subscriptions() and reader.get_matched_publications()))
-        ddspy_write(writer._ref, b"\0\1\0\0" + BEFORE + b"\1\0\0\0")
+        ddspy_write(handle_of(writer), b"\0\1\0\0" + BEFORE + b"\1\0\0\0")
         request = requests.get(timeout=PATIENCE_S)
         assert (request.service.name, request.cdr[:5], request.before) == ("/arm", b"\0\1\0\0\1", BEFORE)
         text = b"armed\0"
@@ -57,7 +63,7 @@ def test_a_request_has_its_response() -> None:
         taken: list[bytes] = []
 
         def answered() -> bool:
-            found = ddspy_take(reader._ref, SampleState.Any | ViewState.Any | InstanceState.Any, 10)
+            found = ddspy_take(handle_of(reader), SampleState.Any | ViewState.Any | InstanceState.Any, 10)
             taken.extend(payload for payload, about in found if about.valid_data)
             return bool(taken)
 
@@ -72,4 +78,4 @@ def test_the_second_node_of_a_machine_has_a_port_of_its_own() -> None:
     second = RtpsServices(DOMAIN, lambda request: None)
     first.close()
     second.close()
-    assert second._port > first._port
+    assert port_of(second) > port_of(first)

@@ -44,23 +44,31 @@ def server() -> Iterator[object]:
     made.stop()
 
 
+class DrawingOnServer(SceneDrawing):
+    """A drawing that tells its server."""
+
+    def __init__(self, server: viser.ViserServer, scene: ViewScene) -> None:
+        super().__init__(server, scene)
+        self.server = server
+
+
 @pytest.fixture
-def drawing(server: viser.ViserServer) -> SceneDrawing:
+def drawing(server: viser.ViserServer) -> DrawingOnServer:
     server.scene.reset()
-    return SceneDrawing(server, ViewScene("test", vessels={"": BOAT}))
+    return DrawingOnServer(server, ViewScene("test", vessels={"": BOAT}))
 
 
-def node(drawing: SceneDrawing, path: str) -> object:
-    found = drawing._server.scene.get_handle_by_name(path)
+def node(drawing: DrawingOnServer, path: str) -> object:
+    found = drawing.server.scene.get_handle_by_name(path)
     assert found is not None, path
     return found
 
 
-def draw(drawing: SceneDrawing, time_s: float, vessel: VesselInstant, **world: object) -> None:
+def draw(drawing: DrawingOnServer, time_s: float, vessel: VesselInstant, **world: object) -> None:
     drawing.draw(ViewInstant(time_s, {"": vessel}, **world))  # type: ignore[arg-type]
 
 
-def test_hull_and_ghost_are_where_truth_and_estimate_are(drawing: SceneDrawing) -> None:
+def test_hull_and_ghost_are_where_truth_and_estimate_are(drawing: DrawingOnServer) -> None:
     place, believed = np.array([3.0, 4.0, 0.1]), np.array([3.5, 4.0, 0.1])
     draw(drawing, 0.0, replace(AT_START, position_enu_m=place, estimate_position_enu_m=believed))
     assert node(drawing, "/vessels/vessel").position == pytest.approx(place)
@@ -70,7 +78,7 @@ def test_hull_and_ghost_are_where_truth_and_estimate_are(drawing: SceneDrawing) 
     assert not node(drawing, "/estimates/vessel").visible
 
 
-def test_a_propeller_turns_with_its_command(drawing: SceneDrawing) -> None:
+def test_a_propeller_turns_with_its_command(drawing: DrawingOnServer) -> None:
     draw(drawing, 0.0, replace(AT_START, motors=(0.5,)))
     draw(drawing, 0.02, replace(AT_START, motors=(0.5,)))
     w, x, _, _ = node(drawing, "/vessels/vessel/propellers/0").wxyz
@@ -83,17 +91,19 @@ def test_a_propeller_turns_with_its_command(drawing: SceneDrawing) -> None:
     assert node(drawing, "/vessels/vessel/propellers/0").wxyz == pytest.approx(still)
 
 
-def test_waypoints_that_were_reached_change_their_colour(drawing: SceneDrawing) -> None:
+def test_waypoints_that_were_reached_change_their_colour(drawing: DrawingOnServer) -> None:
     draw(drawing, 0.0, replace(AT_START, waypoints_reached=1))
     assert tuple(node(drawing, "/missions/vessel/waypoint 1").color) == REACHED
     assert tuple(node(drawing, "/missions/vessel/waypoint 2").color) == MISSION
 
 
-def test_a_mission_that_is_another_is_drawn_in_place_of_the_first_until_time_goes_back(drawing: SceneDrawing) -> None:
+def test_a_mission_that_is_another_is_drawn_in_place_of_the_first_until_time_goes_back(
+    drawing: DrawingOnServer,
+) -> None:
     other = np.array([[0.0, 0.0, 0.0], [5.0, 6.0, 0.0]])
     draw(drawing, 0.0, AT_START)
     draw(drawing, 1.0, replace(AT_START, mission_enu_m=other, waypoints_reached=1))
-    handles = drawing._server.scene.get_handle_by_name
+    handles = drawing.server.scene.get_handle_by_name
     assert node(drawing, "/missions/vessel/waypoint 1").position[:2] == pytest.approx([5.0, 6.0])
     assert tuple(node(drawing, "/missions/vessel/waypoint 1").color) == REACHED
     assert handles("/missions/vessel/waypoint 2") is None
@@ -102,17 +112,17 @@ def test_a_mission_that_is_another_is_drawn_in_place_of_the_first_until_time_goe
     assert handles("/missions/vessel/waypoint 2") is not None
 
 
-def test_the_track_grows_and_begins_anew_when_time_goes_back(drawing: SceneDrawing) -> None:
+def test_the_track_grows_and_begins_anew_when_time_goes_back(drawing: DrawingOnServer) -> None:
     for step in range(5):
         draw(drawing, float(step), replace(AT_START, position_enu_m=np.array([2.0 * step, 0.0, 0.0])))
     points = node(drawing, "/tracks/vessel/0").points
     assert points[:4, :, 0].tolist() == [[0.0, 2.0], [2.0, 4.0], [4.0, 6.0], [6.0, 8.0]]
     assert (points[4:, :, 0] == 8.0).all()
     draw(drawing, 1.0, AT_START)
-    assert drawing._server.scene.get_handle_by_name("/tracks/vessel/0") is None
+    assert drawing.server.scene.get_handle_by_name("/tracks/vessel/0") is None
 
 
-def test_streams_point_where_they_go(drawing: SceneDrawing) -> None:
+def test_streams_point_where_they_go(drawing: DrawingOnServer) -> None:
     draw(drawing, 0.0, AT_START, wind_en_mps=(0.0, 4.0), current_en_mps=(0.5, 0.0))
     wind, current = node(drawing, "/streams/vessel/wind"), node(drawing, "/streams/vessel/current")
     assert wind.wxyz == pytest.approx([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
@@ -121,7 +131,7 @@ def test_streams_point_where_they_go(drawing: SceneDrawing) -> None:
     assert not wind.visible
 
 
-def test_clouds_obstacles_target_and_debris(drawing: SceneDrawing) -> None:
+def test_clouds_obstacles_target_and_debris(drawing: DrawingOnServer) -> None:
     points = np.zeros((10, 3), dtype=np.float32)
     body = BodyInstant(np.ones(3), LEVEL, shapes.cuboid((1.0, 1.0, 1.0)).mesh("trunk", (90, 60, 30)))
     seen = replace(
@@ -137,7 +147,7 @@ def test_clouds_obstacles_target_and_debris(drawing: SceneDrawing) -> None:
     assert node(drawing, "/targets/vessel").position == pytest.approx([10.0, 0.0, 0.0])
     assert node(drawing, "/debris/3").position == pytest.approx(np.ones(3))
     draw(drawing, 0.1, AT_START)
-    assert drawing._server.scene.get_handle_by_name("/obstacles/vessel") is None
+    assert drawing.server.scene.get_handle_by_name("/obstacles/vessel") is None
     assert not node(drawing, "/debris/3").visible
     assert not node(drawing, "/clouds/vessel/lidar").visible
     draw(drawing, 0.2, replace(seen, clouds={"lidar": points[:4].copy()}))
@@ -145,9 +155,9 @@ def test_clouds_obstacles_target_and_debris(drawing: SceneDrawing) -> None:
     assert len(node(drawing, "/clouds/vessel/lidar").points) == 4
 
 
-def test_a_guided_target_is_a_mark_until_there_is_none(drawing: SceneDrawing) -> None:
+def test_a_guided_target_is_a_mark_until_there_is_none(drawing: DrawingOnServer) -> None:
     draw(drawing, 0.0, AT_START)
-    assert drawing._server.scene.get_handle_by_name("/guided/vessel") is None
+    assert drawing.server.scene.get_handle_by_name("/guided/vessel") is None
     draw(drawing, 0.1, replace(AT_START, guided_enu_m=np.array([20.0, 5.0, 0.0])))
     mark = node(drawing, "/guided/vessel")
     assert mark.position == pytest.approx([20.0, 5.0, 0.0])
@@ -162,7 +172,7 @@ def test_a_guided_target_is_a_mark_until_there_is_none(drawing: SceneDrawing) ->
 @pytest.mark.parametrize("length_m", [0.2, 2.0, 9.0])
 def test_arrows_are_as_long_as_the_legend_says(server: viser.ViserServer, length_m: float) -> None:
     server.scene.reset()
-    drawing = SceneDrawing(server, ViewScene("test", vessels={"": replace(BOAT, length_m=length_m)}))
+    drawing = DrawingOnServer(server, ViewScene("test", vessels={"": replace(BOAT, length_m=length_m)}))
     draw(drawing, 0.0, AT_START, wind_en_mps=(3.0, 4.0), current_en_mps=(0.0, 0.5))
     speeds_mps = {"wind": 5.0, "current": 0.5}
     for arrow in stream_arrows(length_m):
@@ -185,12 +195,12 @@ def test_the_legend_has_the_marks_that_are_drawn() -> None:
     assert all(name in legend_html(ViewInstant(0.0, {"": seen}), 2.0) for name in ("next waypoint", "estimate"))
 
 
-def test_a_vessel_that_no_scene_has_is_a_plain_boat(drawing: SceneDrawing) -> None:
+def test_a_vessel_that_no_scene_has_is_a_plain_boat(drawing: DrawingOnServer) -> None:
     drawing.draw(ViewInstant(0.0, {"other": AT_START}))
     assert node(drawing, "/vessels/other/0") is not None
 
 
-def test_water_takes_up_waves_that_somebody_raises_and_lies_flat_again(drawing: SceneDrawing) -> None:
+def test_water_takes_up_waves_that_somebody_raises_and_lies_flat_again(drawing: DrawingOnServer) -> None:
     draw(drawing, 0.0, AT_START)
     assert len(node(drawing, "/water").vertices) == 4
     swell = SceneWaves(np.array([0.4]), np.array([[0.1, 0.0]]), np.array([1.0]), np.array([0.0]))
@@ -207,7 +217,7 @@ def test_water_and_mission_rise_with_the_tide(server: viser.ViserServer) -> None
     server.scene.reset()
     keys = TideSpec(constituents=(ConstituentSpec("quick", 2.0, 90.0, speed_degph=360.0),))
     water = SceneWater(level_m=0.1, tide=make_tide(EnvironmentSpec(water=Water(tide=keys))))
-    drawing = SceneDrawing(server, ViewScene("test", vessels={"": BOAT}, water=water))
+    drawing = DrawingOnServer(server, ViewScene("test", vessels={"": BOAT}, water=water))
     draw(drawing, 0.0, AT_START)
     assert node(drawing, "/water").position[2] == pytest.approx(0.1)
     before_m = float(node(drawing, "/missions/vessel/waypoint 1").position[2])
@@ -216,7 +226,7 @@ def test_water_and_mission_rise_with_the_tide(server: viser.ViserServer) -> None
     assert node(drawing, "/missions/vessel/waypoint 1").position[2] == pytest.approx(before_m + 2.0)
 
 
-def test_a_drawing_of_a_moment_is_replaced_and_removed(drawing: SceneDrawing) -> None:
+def test_a_drawing_of_a_moment_is_replaced_and_removed(drawing: DrawingOnServer) -> None:
     ball, other = ((shapes.boat(size).mesh("ball", (255, 0, 0)),) for size in (1.0, 2.0))
     draw(drawing, 0.0, AT_START, drawings={"radar": ball})
     first = node(drawing, "/drawings/radar/0")
@@ -225,4 +235,4 @@ def test_a_drawing_of_a_moment_is_replaced_and_removed(drawing: SceneDrawing) ->
     draw(drawing, 0.2, AT_START, drawings={"radar": other})
     assert node(drawing, "/drawings/radar/0").vertices == pytest.approx(other[0].vertices_m)
     draw(drawing, 0.3, AT_START)
-    assert drawing._server.scene.get_handle_by_name("/drawings/radar/0") is None
+    assert drawing.server.scene.get_handle_by_name("/drawings/radar/0") is None

@@ -14,6 +14,7 @@ import pytest
 import xitl_cli.plugins.view.live_view as view_node
 from sim_core.world.debris import BodyKind, Launch
 from tests.doubles.side_process import SideProcessDouble
+from tests.golden import Golden
 from xitl_cli.plugins.view.live_view import LiveViewNode, VesselWatch, cloud_points
 from xitl_cli.plugins.view.messages import ViewRefusal, ViewStart
 from xitl_cli.plugins.view.model import ViewInstant
@@ -21,7 +22,7 @@ from xitl_cli.plugins.view.scene import read_bodies, read_scene_updates
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run.core.node import RunContext, SimulationClock
+from xitl_cli.run.core.node import ControlNode, RunContext, SimulationClock
 from xitl_cli.run.core.pace import Lockstep
 from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.display import RunStatus
@@ -64,11 +65,24 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
     made.close()
 
 
+OPERATED = pytest.mark.parametrize("pace", [view_node.OperatedLockstep(lambda: False)], ids=["operated"])
+"""A run whose pace an operator sets."""
+
+
 @pytest.fixture
-def parts(profile: RunProfile, page: Page, tmp_path: Path) -> Iterator[Parts]:
+def pace() -> Lockstep:
+    return Lockstep()
+
+
+@pytest.fixture
+def control(profile: RunProfile) -> ControlNode:
+    return direct_control(profile)
+
+
+@pytest.fixture
+def parts(profile: RunProfile, page: Page, tmp_path: Path, pace: Lockstep, control: ControlNode) -> Iterator[Parts]:
     plant = build_plant([profile], Seeds(1), Scenery(profile))
     with ExitStack() as opened:
-        control = direct_control(profile)
         watch = VesselWatch(profile, plant.vessels[0], control, MissionNode(profile, control), lambda: STATUS)
         node = LiveViewNode([profile], plant, [watch], lambda: b"", page.said.append, lambda: False, lambda: page.now_s)
         opened.callback(node.close)
@@ -76,7 +90,7 @@ def parts(profile: RunProfile, page: Page, tmp_path: Path) -> Iterator[Parts]:
         opened.callback(recorder.close)
         node.prepare()
         for part in (watch, node):
-            part.begin(RunContext(recorder, Lockstep(), SimulationClock(Lockstep())))
+            part.begin(RunContext(recorder, pace, SimulationClock(pace)))
         yield node, watch, plant, recorder
 
 
@@ -172,12 +186,12 @@ class StubOperator:
         return None
 
 
+@OPERATED
 def test_it_keeps_real_time_while_somebody_looks_and_lets_go_later(parts: Parts, page: Page) -> None:
     node, *_ = parts
     operator = StubOperator()
     node.attach_operator(operator)  # type: ignore[arg-type]
     assert operator.poll == node.poll
-    node._pace = view_node.OperatedLockstep(lambda: False)
 
     def after(seconds: float) -> list[dict[str, Any]]:
         page.now_s += seconds
@@ -196,11 +210,13 @@ def test_it_keeps_real_time_while_somebody_looks_and_lets_go_later(parts: Parts,
     assert after(view_node.ALONE_S) == [{"action": "pace", "factor": None}]
 
 
-def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(parts: Parts, page: Page) -> None:
+@OPERATED
+def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(
+    parts: Parts, page: Page, golden: Golden
+) -> None:
     node, *_ = parts
     operator = StubOperator()
     node.attach_operator(operator)  # type: ignore[arg-type]
-    node._pace = view_node.OperatedLockstep(lambda: False)
     operator.paused_by = "view"
 
     def after(seconds: float) -> None:
@@ -215,20 +231,18 @@ def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(par
     after(view_node.ALONE_S)
     assert {"action": "resume"} not in operator.asked
     assert operator.asked[-1] == {"action": "pace", "factor": None}
-    assert page.said[-1] == (
-        f"the last browser has closed and the run stays paused: open {address} and resume it, or end it with Ctrl-C"
-    )
+    golden("message", page.said[-1], address=address)
     told = len(page.said)
     after(view_node.ALONE_S)
     assert len(page.said) == told
 
 
+@OPERATED
 @pytest.mark.parametrize(("paused_by", "resumed"), [("view", True), ("foxglove", False)])
 def test_a_view_that_is_gone_ends_its_own_pause_alone(parts: Parts, page: Page, paused_by: str, resumed: bool) -> None:
     node, *_ = parts
     operator = StubOperator()
     node.attach_operator(operator)  # type: ignore[arg-type]
-    node._pace = view_node.OperatedLockstep(lambda: False)
     operator.paused_by = paused_by
     page.close()
     for _ in range(3):
@@ -266,9 +280,8 @@ def test_debris_that_waits_for_the_next_exchange_is_drawn_where_it_will_be(parts
     assert launched.bodies[0].attitude_wxyz == pytest.approx(instant.bodies[0].attitude_wxyz)
 
 
-def test_a_guided_target_takes_the_place_of_the_waypoint(parts: Parts) -> None:
+def test_a_guided_target_takes_the_place_of_the_waypoint(parts: Parts, control: ControlNode) -> None:
     _, watch, *_ = parts
-    control = watch._control
     control.progress = replace(control.progress, target=1)
     assert watch.instant(0, 0).target_enu_m is not None
     control.progress = replace(control.progress, guided_ne_m=(5.0, 20.0))
@@ -278,11 +291,11 @@ def test_a_guided_target_takes_the_place_of_the_waypoint(parts: Parts) -> None:
     assert guided.target_enu_m is None
 
 
+@pytest.mark.parametrize("pace", [view_node.OperatedLockstep(lambda: False, 4.0)])
 def test_a_pace_that_was_given_is_kept(parts: Parts, page: Page) -> None:
     node, *_ = parts
     operator = StubOperator()
     node.attach_operator(operator)  # type: ignore[arg-type]
-    node._pace = view_node.OperatedLockstep(lambda: False, 4.0)
     page.say(browsers=1, joined=1)
     page.now_s += 1.0
     node.poll()
@@ -292,9 +305,10 @@ def test_a_pace_that_was_given_is_kept(parts: Parts, page: Page) -> None:
 def test_clouds_are_where_the_vessel_was(parts: Parts) -> None:
     _, watch, plant, recorder = parts
     points = np.array([[2.0, 1.0, -0.5], [3.0, 0.0, 0.0]], dtype=np.float32)
+    clouds: list[Any] = []
+    recorder.watch("/lidar/points", lambda stamp_ns, cloud: clouds.append(cloud))
     recorder.perception.lidar_points(0, points, np.zeros(2, np.float32), np.zeros(2, np.uint8))
-    assert watch._lidar is not None
-    assert cloud_points(watch._lidar.message) == pytest.approx(points * [1.0, -1.0, -1.0])
+    assert cloud_points(clouds[0]) == pytest.approx(points * [1.0, -1.0, -1.0])
     motion = plant.vessels[0].motion()
     placed = motion.pos_ned_m[0] + points @ motion.rot_ned_frd[0].T
     drawn = watch.instant(0, 0).clouds["lidar"]

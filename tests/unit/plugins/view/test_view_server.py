@@ -7,14 +7,13 @@ import gzip
 import http.client
 import socket
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, let_pass
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.view import server as view_server
 from xitl_cli.plugins.view.server import ViewAddress, is_loopback, listen, make_server
@@ -67,7 +66,7 @@ def test_a_browser_that_comes_while_the_server_is_made_is_let_in(monkeypatch: py
     def start_slowly(server: Any) -> None:
         start(server)
         assert came.wait(PATIENCE_S)
-        time.sleep(0.3)  # in which the server of before failed the connection
+        let_pass(0.3)  # in which the server of before failed the connection
 
     def come() -> bytes:
         with connect(f"ws://127.0.0.1:{address.port}/{address.token}/", subprotocols=[SUBPROTOCOL], proxy=None) as one:
@@ -143,20 +142,21 @@ def test_the_page_has_its_title_and_a_word_for_who_has_no_webgl(own: ViewAddress
 
 def test_a_thread_that_draws_wakes_nobody_outside_the_event_loop(own: ViewAddress) -> None:
     """Or what waits may leave while the thread goes through all that wait: RuntimeError, once in a while."""
-    from viser.infra import _infra
+    from viser._messages import SetCameraFovMessage
+    from viser.infra._infra import AsyncMessageBuffer
 
     loop = asyncio.new_event_loop()
-    buffers = [_infra.AsyncMessageBuffer(loop, persistent_messages=persistent) for persistent in (True, False)]
+    buffers = [AsyncMessageBuffer(loop, persistent_messages=persistent) for persistent in (True, False)]
     for buffer in buffers:
         event = buffer.message_event
         waiting = loop.create_task(event.wait())
         loop.run_until_complete(asyncio.sleep(0))
         buffer.event_loop.call_soon_threadsafe = lambda told: None
-        buffer.push(viser._messages.SetCameraFovMessage(0.9))
+        buffer.push(SetCameraFovMessage(0.9))
         assert event.is_set()
         assert not any(future.done() for future in event._waiters)
         del buffer.event_loop.call_soon_threadsafe
-        buffer.push(viser._messages.SetCameraFovMessage(0.8))
+        buffer.push(SetCameraFovMessage(0.8))
         assert loop.run_until_complete(asyncio.wait_for(waiting, PATIENCE_S))
     loop.close()
 

@@ -13,7 +13,6 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,10 +23,11 @@ from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.socket_pair import socket_pair
 from agent.wire.transport import Transport
-from tests.patience import PATIENCE_S
+from tests.child_processes import child_processes
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.errors import UserError
 from xitl_cli.run.links import agent_worker
-from xitl_cli.run.links.agent_workers import AgentWorkers, WorkerAgent
+from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.peer import AgentOptions, InProcessAgent, Peer, own_options
 
 TICKS = 100
@@ -68,10 +68,6 @@ def linked(peer: Peer) -> tuple[Link, list[bytes]]:
     link = Link(peer.transport, 255, 190, tap=lambda way, frame: frames.append(frame) if way == "rx" else None)
     link.send(START)
     return link, frames
-
-
-def worker_of(agent: WorkerAgent) -> Any:
-    return agent._worker._process
 
 
 def test_each_says_and_logs_what_one_in_process_does(workers: AgentWorkers, tmp_path: Path) -> None:
@@ -148,10 +144,12 @@ def test_one_that_fails_says_why_and_the_others_go_on(
 
 
 def test_a_process_that_is_killed_names_those_beside() -> None:
+    others = child_processes()
     with closing(AgentWorkers(1)) as one:
         agents = [one.open(own_options(AgentOptions()), name) for name in ("leader", "follower")]
         link, _ = linked(agents[0])
-        os.kill(worker_of(agents[0]).pid, signal.SIGKILL)
+        (worker,) = child_processes() - others
+        os.kill(worker, signal.SIGKILL)
         with pytest.raises(UserError, match="and of those of follower, ended: signal 9"):
             answer(link, agents[0], 1)
         for agent in agents:
@@ -171,7 +169,4 @@ def test_they_end_with_a_host_that_is_killed() -> None:
         worker = Path(f"/proc/{int(host.stdout.readline())}")
         assert worker.exists()
         host.kill()
-        until_s = time.monotonic() + PATIENCE_S
-        while worker.exists() and "\nState:\tZ" not in (worker / "status").read_text():
-            assert time.monotonic() < until_s
-            time.sleep(0.01)
+        wait_until(lambda: not worker.exists() or "\nState:\tZ" in (worker / "status").read_text())

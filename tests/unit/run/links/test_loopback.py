@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 
 import pytest
 
 from agent.wire.can_transfer import NORMAL, URGENT, CanFrame, CanLine, Segmenter
 from agent.wire.transport import Transport, open_transport
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback, open_loopback
 
@@ -52,12 +53,14 @@ class Adapters:
 
     def read(self, end: int, lines: int) -> list[bytes]:
         data = b""
-        until_s = time.monotonic() + PATIENCE_S
-        while data.count(b"\r") < lines and time.monotonic() < until_s:
-            try:
+
+        def whole() -> bool:
+            nonlocal data
+            with suppress(BlockingIOError):
                 data += os.read(self.ends[end], 4096)
-            except BlockingIOError:
-                time.sleep(0.001)
+            return data.count(b"\r") >= lines
+
+        wait_until(whole, look_s=0.001)
         return data.splitlines(keepends=True)
 
     def close(self) -> None:

@@ -17,6 +17,11 @@ from xitl_cli.run.links.inbox import AgentInbox
 SOME_RUN, NONE = 1, 0
 
 
+def token_of(connection: AgentConnection) -> int:
+    """Token of the run, which the agent repeats."""
+    return connection._token
+
+
 class Reached:
     """An agent at the other end of memory that has been reached; `told` is what it says of itself."""
 
@@ -49,8 +54,8 @@ def reached() -> Reached:
 
 
 def test_our_run_is_ours_and_one_of_an_earlier_release_tells_no_token(reached: Reached) -> None:
-    assert reached.connection._token > SOME_RUN
-    assert reached.tells(reached.connection._token) is None
+    assert token_of(reached.connection) > SOME_RUN
+    assert reached.tells(token_of(reached.connection)) is None
     assert reached.tells(SOME_RUN) is None
 
 
@@ -59,7 +64,7 @@ def test_an_agent_that_was_started_anew_has_no_run(reached: Reached) -> None:
 
 
 def test_an_agent_that_was_started_by_another_host_has_another(reached: Reached) -> None:
-    said = str(reached.tells(reached.connection._token % 254 + 2))
+    said = str(reached.tells(token_of(reached.connection) % 254 + 2))
     assert "has another run on" in said
     assert "--link-key" in said
 
@@ -83,4 +88,4 @@ def test_what_another_sender_claims_to_be_the_agents_is_refused_and_counted(
 
 def test_a_token_would_make_a_run_in_lockstep_another_one() -> None:
     inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, True, lambda stamp_ns, estimate: None)
-    assert AgentConnection("agent", load_profile("sitl").runnable(), inbox)._token == 0
+    assert token_of(AgentConnection("agent", load_profile("sitl").runnable(), inbox)) == 0

@@ -11,6 +11,7 @@ from agent.wire.codec import Packer
 from agent.wire.memory import memory_pair
 from agent.wire.signing import Signing
 from sim_core.geodesy import LocalFrame
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.connection import AgentConnection
@@ -33,20 +34,21 @@ def test_an_agent_is_to_wait_at_the_address_of_the_link_alone(url: str, there: s
     assert "link key" in said
 
 
-def test_a_companion_is_to_be_started_as_one() -> None:
+def test_a_companion_is_to_be_started_as_one(golden: Golden) -> None:
     board = BoardAgent("udp://127.0.0.1:14661", AgentOptions(companion=True))
     said = str(board.unreachable(6.0))
     board.close()
-    assert said.startswith("udp://127.0.0.1:14661: no companion answered within 6 s; check that ")
+    golden("message", said, "6 s")
     assert "`xitl agent --role companion --link udp://127.0.0.1:14661`" in said
 
 
-def test_an_agent_of_another_vessel_is_told_in_one_sentence() -> None:
+def test_an_agent_of_another_vessel_is_told_in_one_sentence(golden: Golden) -> None:
     profile = load_profile("sitl", ["autopilot.system_id=7"]).runnable()
     inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, True, lambda stamp_ns, estimate: None)
     peer = InProcessAgent(AgentOptions(3))
-    with pytest.raises(UserError, match=r"the agent there is MAVLink system 3, autopilot.system_id is 7; start it"):
+    with pytest.raises(UserError) as refused:
         AgentConnection("agent", profile, inbox).reach(peer)
+    golden("error", refused.value)
     peer.close()
 
 
@@ -66,17 +68,18 @@ class Foreign(InProcessAgent):
         self.transport.close()
 
 
-def test_an_agent_of_another_release_is_told_from_one_that_is_not_there() -> None:
+def test_an_agent_of_another_release_is_told_from_one_that_is_not_there(golden: Golden) -> None:
     """This host never gets to see which version it is."""
     profile = load_profile("hitl-beaglebone", ["autopilot.connect_timeout_s=0.2"]).runnable()
     inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, False, lambda stamp_ns, estimate: None)
     peer = Foreign()
-    with pytest.raises(UserError, match=r"is not understood by this host; install the same release of xitl on both$"):
+    with pytest.raises(UserError) as refused:
         AgentConnection("agent", profile, inbox).reach(peer)
+    golden("error", refused.value)
     peer.close()
 
 
-def test_an_agent_that_does_not_sign_is_told_from_one_that_is_not_there(tmp_path: Path) -> None:
+def test_an_agent_that_does_not_sign_is_told_from_one_that_is_not_there(tmp_path: Path, golden: Golden) -> None:
     key = tmp_path / "key"
     key.write_text(KEY.hex())
     key.chmod(0o600)
@@ -88,4 +91,4 @@ def test_an_agent_that_does_not_sign_is_told_from_one_that_is_not_there(tmp_path
     with pytest.raises(UserError) as refusal:
         connection.reach(peer)
     peer.close()
-    assert f"the agent answers, but not signed with autopilot.link_key_file = {key}" in str(refusal.value)
+    golden("error", refusal.value, key=key)

@@ -14,6 +14,7 @@ from agent.wire.codec import decode
 from agent.wire.framing import Framer
 from sim_core.geodesy import LocalFrame
 from tests.doubles.capture import MAVLINK, read_capture
+from tests.golden import Golden
 from xitl_cli.record.topics import AutopilotEvent
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_events import AutopilotEventNode
@@ -144,15 +145,15 @@ def test_a_vessel_that_sails_on_was_not_stopped(vessel: Vessel) -> None:
     assert changes == [("AUTO", ""), ("HOLD", "EKF failsafe"), ("AUTO", ""), ("HOLD", ""), ("AUTO", "")]
 
 
-def test_a_disarmed_vessel_is_stopped_by_that(vessel: Vessel) -> None:
+def test_a_disarmed_vessel_is_stopped_by_that(vessel: Vessel, golden: Golden) -> None:
     vessel.say(20.0, "GCS failsafe: no heartbeat for 5 s, disarming")
     vessel.beat(20.5, AUTO, armed=False)
-    assert vessel.stop() == "stopped by disarming (GCS failsafe: no heartbeat for 5 s, disarming) at 20.5 s"
+    golden("text", vessel.stop(), "5 s", "20.5 s")
 
 
-def test_a_failsafe_that_changes_no_mode_is_named_while_in_force(vessel: Vessel) -> None:
+def test_a_failsafe_that_changes_no_mode_is_named_while_in_force(vessel: Vessel, golden: Golden) -> None:
     vessel.say(20.0, "Failsafe: no IMU for 0.25 s, outputs neutral")
-    assert vessel.stop() == "failsafe in force since 20.0 s (Failsafe: no IMU for 0.25 s, outputs neutral)"
+    golden("text", vessel.stop(), "20.0 s", "0.25 s")
     vessel.say(25.0, "Failsafe over: IMU is back, outputs go on")
     assert vessel.stop() == ""
 
@@ -204,16 +205,16 @@ def test_a_breach_that_changes_no_mode_is_named_until_it_is_over(vessel: Vessel)
     assert [each.event for each in vessel.node.events if "failsafe" in each.event] == ["failsafe", "failsafe over"]
 
 
-def test_a_px4_names_a_failsafe_by_its_sentence_or_its_heartbeat() -> None:
+def test_a_px4_names_a_failsafe_by_its_sentence_or_its_heartbeat(golden: Golden) -> None:
     said, silent = Vessel(PX4), Vessel(PX4)
     for vessel in (said, silent):
         vessel.beat(1.0, PX4_LOITER)
         vessel.beat(2.0, PX4_AUTO)
     said.say(30.0, "Failsafe activated: entering Hold for 5 seconds\t")
     said.beat(30.1, PX4_LOITER, status=CRITICAL)
-    assert said.stop() == "stopped by LOITER (Failsafe activated: entering Hold for 5 seconds) at 30.1 s"
+    golden("message", said.stop(), "30.1 s")
     silent.beat(30.0, PX4_AUTO, status=CRITICAL)
-    assert silent.stop() == "failsafe in force since 30.0 s (its heartbeat reports a failsafe)"
+    golden("text", silent.stop(), "30.0 s")
     silent.beat(40.0, PX4_AUTO)
     assert silent.stop() == ""
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
 
+from tests.child_processes import child_processes
+from tests.golden import Golden
 from xitl_cli.commands.sim_report import perception_rows
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.run.links.peer import ProcessAgent
 from xitl_cli.run.nodes import companion as line
 from xitl_cli.run.nodes.display import NoDisplay, RunStatus
 from xitl_cli.run.session import INCOMPLETE, run
@@ -34,15 +37,15 @@ class Killer(NoDisplay):
     """Kills the companion's process when a second has gone by."""
 
     def __init__(self) -> None:
-        self.peer: ProcessAgent | None = None
+        self.companion: int | None = None
 
     def due(self) -> bool:
         return True
 
     def show(self, status: RunStatus) -> None:
-        if status.sim_s > 1.0 and self.peer is not None:
-            self.peer._process.kill()
-            self.peer = None
+        if status.sim_s > 1.0 and self.companion is not None:
+            os.kill(self.companion, signal.SIGKILL)
+            self.companion = None
 
 
 def log_of(folder: Path) -> str:
@@ -59,8 +62,10 @@ def test_one_that_dies_is_told_and_the_run_goes_on(
     opened = line.open_peer
 
     def noted(*arguments: Any) -> Any:
-        killer.peer = opened(*arguments)
-        return killer.peer
+        others = child_processes()
+        peer = opened(*arguments)
+        (killer.companion,) = child_processes() - others
+        return peer
 
     monkeypatch.setattr(line, "open_peer", noted)
     loaded = profile(tmp_path, clock=clock, link=link)
@@ -76,15 +81,16 @@ def test_one_that_dies_is_told_and_the_run_goes_on(
     assert json.loads((tmp_path / "out" / "summary.json").read_text()) == result.summary
 
 
-def test_an_autopilot_in_its_place_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_autopilot_in_its_place_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     opened = line.open_peer
 
     def autopilot(runs: str, link: str | None, options: Any) -> Any:
         return opened(runs, link, type(options)())
 
     monkeypatch.setattr(line, "open_peer", autopilot)
-    with pytest.raises(UserError, match="no companion, it runs LS,LC,LA; start it with --role companion"):
+    with pytest.raises(UserError) as refused:
         run(profile(tmp_path, runs="in-process"), tmp_path / "out", False, NoDisplay)
+    golden("error", refused.value)
     assert not (tmp_path / "out").exists()
 
 

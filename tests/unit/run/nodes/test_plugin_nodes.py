@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.golden import Golden
 from tests.installed_packages import Install
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
@@ -101,24 +102,20 @@ def test_the_keys_of_a_plug_in_are_checked_and_kept() -> None:
 
 @pytest.mark.usefixtures("depth")
 @pytest.mark.parametrize(
-    ("text", "problem"),
+    "text",
     [
-        ("depth:\n    rat_hz: 5", "boat.yaml:4: plugins.depth.rat_hz is not a known key; did you mean 'rate_hz'?"),
-        ("depth: {rate_hz: 0}", "boat.yaml:3: plugins.depth.rate_hz = 0 is too small; use a value above 0 in Hz"),
-        ("depth: {noise_m: a}", "boat.yaml:3: plugins.depth.noise_m = 'a' is not a number; write a number in m"),
-        ("depth: {limit_m: 0.01}", "boat.yaml:3: plugins.depth.limit_m is below noise_m; use a larger value"),
-        ("depth: 3", "boat.yaml:3: plugins.depth = 3 is not a group; indent keys under it: rate_hz, noise_m, limit_m"),
-        (
-            "sounder: {}",
-            "boat.yaml:3: plugins.sounder: no installed package registers it in xitl.nodes; install its package, or "
-            "correct the name (`xitl plugins` lists the installed ones)",
-        ),
+        "depth:\n    rat_hz: 5",
+        "depth: {rate_hz: 0}",
+        "depth: {noise_m: a}",
+        "depth: {limit_m: 0.01}",
+        "depth: 3",
+        "sounder: {}",
     ],
 )
-def test_an_error_in_the_keys_has_file_line_key_and_fix(text: str, problem: str) -> None:
+def test_an_error_in_the_keys_has_file_line_key_and_fix(text: str, golden: Golden) -> None:
     with pytest.raises(ProfileError) as caught:
         load_profile(write(f"extends: sitl\nplugins:\n  {text}\n"))
-    assert list(map(str, caught.value.problems)) == [problem]
+    golden("problem", list(map(str, caught.value.problems)))
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from agent.mavlink.missions import waypoint_items
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.core.reports import Progress
@@ -87,7 +88,7 @@ class Case:
         return self.preparation.progress().waits_for
 
 
-def test_heartbeat_parameters_mission_and_then_the_orders() -> None:
+def test_heartbeat_parameters_mission_and_then_the_orders(golden: Golden) -> None:
     case = Case()
     assert case.waits_for() == "the autopilot to be heard"
     case.preparation.update(SECOND)
@@ -104,8 +105,9 @@ def test_heartbeat_parameters_mission_and_then_the_orders() -> None:
     assert case.driver.asked == 1
     assert case.waits_for() == "the autopilot to become ready to arm"
     case.driver.problem = "gave up after 60 s"
-    with pytest.raises(UserError, match=r"^gave up after 60 s; the bridge said: the script says nothing$"):
+    with pytest.raises(UserError) as refused:
         case.preparation.update(5 * SECOND)
+    golden("error", refused.value, "60 s")
 
 
 def test_an_autopilot_that_is_starting_is_given_parameters_and_no_mission() -> None:
@@ -135,7 +137,7 @@ def test_an_autopilot_that_never_says_its_state_is_not_waited_for() -> None:
     assert case.waits_for() == "the autopilot to take the mission"
 
 
-def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_said() -> None:
+def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_said(golden: Golden) -> None:
     case = Case()
     case.beat(state=dialect.MAV_STATE_CALIBRATING)
     for text in (b"Baro: unable to calibrate", b"fix problem then reboot"):
@@ -143,11 +145,9 @@ def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_sa
     case.preparation.update(SECOND)
     case.take_parameters()
     case.preparation.update(90 * SECOND)
-    with pytest.raises(
-        UserError,
-        match=r"still starting after 90 s and said: Config Error: Baro: unable to calibrate; Config Error: fix",
-    ):
+    with pytest.raises(UserError) as refused:
         case.preparation.update(91 * SECOND)
+    golden("error", refused.value, "90 s")
 
 
 def test_the_vessel_is_let_go_when_it_arms_and_not_held_again() -> None:
@@ -170,11 +170,12 @@ def test_what_the_driver_waits_for_goes_first() -> None:
     assert case.waits_for() == "somebody"
 
 
-def test_an_autopilot_that_is_never_heard_ends_the_run_with_its_address() -> None:
+def test_an_autopilot_that_is_never_heard_ends_the_run_with_its_address(golden: Golden) -> None:
     case = Case()
     case.preparation.update(round(SHORTEST_HEARTBEAT_S * SECOND))
-    with pytest.raises(UserError, match=r"tcp://127.0.0.1:5760: no heartbeat of the autopilot came in 20 s"):
+    with pytest.raises(UserError) as refused:
         case.preparation.update(round((SHORTEST_HEARTBEAT_S + 0.1) * SECOND))
+    golden("error", refused.value, "20 s")
 
 
 def test_modes_are_called_as_the_autopilot_calls_them() -> None:

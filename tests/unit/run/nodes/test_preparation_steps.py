@@ -9,6 +9,7 @@ import pytest
 
 from agent.mavlink.missions import waypoint_items
 from agent.wire import dialect
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.run.nodes import preparation
 from xitl_cli.run.nodes.preparation import (
@@ -134,11 +135,12 @@ def test_a_parameter_that_the_autopilot_does_not_change_is_named_with_both_value
         run(setting, rover, 1.0)
 
 
-def test_a_parameter_that_the_firmware_does_not_have_is_named() -> None:
+def test_a_parameter_that_the_firmware_does_not_have_is_named(golden: Golden) -> None:
     rover = Rover()
     setting = ParameterStep(rover.take, TARGET, {"WP_SPED": 3.0})
-    with pytest.raises(UserError, match=rf"autopilot.parameters.WP_SPED: the autopilot did not answer {TRIES} times"):
+    with pytest.raises(UserError) as refused:
         run(setting, rover, (TRIES + 1) * ANSWER_S)
+    golden("error", refused.value, tries=TRIES)
     assert len(rover.sent) == TRIES
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from agent.roles.ground_stations import GroundStations
 from tests.free_ports import free_port
+from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.entry import ProfileError
@@ -66,11 +67,12 @@ def test_a_usual_port_in_use_is_replaced_by_the_next_free_one_and_said(usual: in
     made.close()
 
 
-def test_a_port_that_the_profile_gives_is_not_replaced(holder: socket.socket) -> None:
+def test_a_port_that_the_profile_gives_is_not_replaced(holder: socket.socket, golden: Golden) -> None:
     """Somebody may have been told of it, such as a ground station that is set up already."""
     url = f"tcp://127.0.0.1:{holder.getsockname()[1]}"
-    with pytest.raises(UserError, match=rf"autopilot.ground_stations: {url} is in use by another program or run; end"):
+    with pytest.raises(UserError) as refused:
         single("hitl-loopback", url)
+    golden("error", refused.value, url=url)
     holder.close()
     made = single("hitl-loopback", url)
     assert (made.of("").urls, made.warnings) == ((url,), [])
@@ -88,10 +90,11 @@ def test_runs_that_start_together_take_different_ports_before_any_listens(usual:
     again.close()
 
 
-def test_no_port_left_is_an_error(usual: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_port_left_is_an_error(usual: int, monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     monkeypatch.setattr(ports, "TRIED", 1)
-    with pytest.raises(UserError, match=r"autopilot.ground_stations: tcp://.* in use by another program or run; end"):
+    with pytest.raises(UserError) as refused:
         single()
+    golden("error", refused.value, port=usual)
 
 
 def fleet(
@@ -145,11 +148,11 @@ def test_in_lockstep_there_is_none_unless_asked_for() -> None:
     assert made.report() == {}
 
 
-def test_who_was_never_heard_is_said() -> None:
+def test_who_was_never_heard_is_said(golden: Golden) -> None:
     made = StationAddresses(fleet("one", "two"))
     made.close()
     one, two = made.report()["warnings"]
-    assert one.startswith("one (system 1) was not heard at the ground stations' port of all vessels")
+    golden("text", one)
     assert two.startswith("two (system 2) was not heard")
 
 

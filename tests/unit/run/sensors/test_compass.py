@@ -12,6 +12,7 @@ import xitl
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.magnetometer import Magnetometer, local_field_ned_gauss
 from sim_core.sensors.spec import MagnetometerSpec
+from tests.golden import Golden
 from xitl_cli.commands.init import init
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.profile import RunProfile
@@ -52,10 +53,10 @@ def runs(*overrides: str) -> tuple[RunProfile, ...]:
     return load_profile("sitl", overrides).run_profiles()
 
 
-def test_a_weak_field_is_named_with_the_offsets_that_calibrate_it() -> None:
+def test_a_weak_field_is_named_with_the_offsets_that_calibrate_it(golden: Golden) -> None:
     assert compass_warnings(runs()) == []
     (text,) = compass_warnings(runs(*NORTH))
-    assert text.startswith("the compass is uncalibrated: 5.0 mG of hard iron in a horizontal field of ")
+    golden("text", text, "5.0 mG")
     assert "COMPASS_OFS_X=-4, COMPASS_OFS_Y=3, COMPASS_OFS_Z=-2" in text
     offsets = [f"autopilot.parameters.COMPASS_OFS_{axis}={value}" for axis, value in (("X", -4), ("Y", 3), ("Z", -2))]
     assert compass_warnings(runs(*NORTH, *offsets)) == []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,6 +18,9 @@ from xitl_cli.run.sensors.ping_protocol import AutoTransmitCommand, PingFrame, P
 STEP_NS = 2_500_000
 COMMAND = TransducerCommand(1, 1, 0, 32, 2000, 750, 200, 1)
 SCAN = AutoTransmitCommand(1, 1, 32, 2000, 750, 200, 390, 10, 5, 0)
+TRANSDUCER = struct.Struct("<2B5H2B")
+AUTO_TRANSMIT = struct.Struct("<2B6H2B")
+"""Payloads of the two commands, as the maker's protocol lays them out."""
 
 
 class Bench:
@@ -36,10 +41,10 @@ class Bench:
 
     def transducer(self, **changes: int) -> None:
         command = COMMAND._replace(**changes)
-        self.send(wire.TRANSDUCER, wire._TRANSDUCER.pack(*command))
+        self.send(wire.TRANSDUCER, TRANSDUCER.pack(*command))
 
     def auto_transmit(self, **changes: int) -> None:
-        self.send(wire.AUTO_TRANSMIT, wire._AUTO_TRANSMIT.pack(*SCAN._replace(**changes)))
+        self.send(wire.AUTO_TRANSMIT, AUTO_TRANSMIT.pack(*SCAN._replace(**changes)))
 
     def run(self, seconds: float) -> list[PingFrame]:
         first = len(self.sent)

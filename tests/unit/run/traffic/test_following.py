@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from tests.memory_size import size_bytes
 from xitl_cli.run.traffic.following import FollowLaw, LeaderTrack
 from xitl_cli.run.traffic.self_report import Point, SelfReport
 
@@ -107,7 +108,7 @@ def test_a_leader_that_stops_has_a_place_that_stands_still() -> None:
 
 def test_a_long_track_is_not_kept() -> None:
     track = straight((-10.0, 0.0), 0.0, seconds=600.0)
-    assert len(track._points) < 250
+    assert size_bytes(track) < 250 * 50
 
 
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.6), (-0.4, -0.3)])

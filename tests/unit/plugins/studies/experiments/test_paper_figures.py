@@ -67,14 +67,14 @@ def test_values_for_people() -> None:
 
 
 def test_what_draws_is_named_where_it_is_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from xitl_cli.main import _app
+    from tests.command_line import xitl_app
 
     missing = Extra("figures", ("matplotlib_that_is_not_there",), "figures")
     monkeypatch.setattr(figures, "FIGURES", missing)
     monkeypatch.setattr("xitl_cli.extras.FIGURES", missing)
     with pytest.raises(UserError, match=r"pip install 'xitl\[figures\]'"):
         check_figures_installed()
-    done = CliRunner().invoke(_app(), ["paper", "wdri", "--out", str(tmp_path)])
+    done = CliRunner().invoke(xitl_app(), ["paper", "wdri", "--out", str(tmp_path)])
     assert done.exit_code == 0
     assert "pip install 'xitl[figures]'" in done.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["table.json"]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tests.golden import Golden, line_with
 from xitl_cli.errors import UserError
 from xitl_cli.experiment.setup import ExperimentSetup, InterruptedRunError
 from xitl_cli.experiment.time_series import TimeSeries
@@ -120,12 +121,15 @@ def test_a_place_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
         departure_report(ExperimentSetup(tmp_path / "taken" / "deeper", firmware=ardurover(tmp_path)))
 
 
-def test_a_profile_of_somebody_s_own_is_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_profile_of_somebody_s_own_is_not_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden
+) -> None:
     make_runs(monkeypatch, [])
     firmware, own = ardurover(tmp_path), tmp_path / "calm-own.yaml"
     own.write_text("extends: sitl\n")
-    with pytest.raises(UserError, match=r"calm-own.yaml: exists, and is another profile; .* --overwrite"):
+    with pytest.raises(UserError) as refused:
         departure_report(ExperimentSetup(tmp_path, firmware=firmware))
+    golden("error", refused.value)
     assert own.read_text() == "extends: sitl\n"
     departure_report(ExperimentSetup(tmp_path, firmware=firmware, overwrite=True))
     departure_report(ExperimentSetup(tmp_path, firmware=firmware))  # its own from an earlier time are fine
@@ -139,18 +143,18 @@ def test_the_period_of_a_swell() -> None:
 
 
 def invoke(*words: str) -> tuple[int, str]:
-    from xitl_cli.main import _app
+    from tests.command_line import xitl_app
 
-    result = CliRunner().invoke(_app(), ["paper", "4.2", *words])
+    result = CliRunner().invoke(xitl_app(), ["paper", "4.2", *words])
     assert result.exception is None or isinstance(result.exception, SystemExit)
     return result.exit_code, result.stdout
 
 
-def test_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     make_runs(monkeypatch, [])
     code, out = invoke("--firmware", ardurover(tmp_path), "--out", str(tmp_path / "out"))
     assert code == 0
-    assert "current-waves-gusts, our sensors: EKF origin set 7.0 s, ready to arm 15.0 s" in out
+    golden("line", line_with(out, "current-waves-gusts, our sensors", "7.0 s", "15.0 s"))
     (late,) = (line.split() for line in out.splitlines() if line.startswith("gusts start late by, own sensors"))
     assert late[6:10] == ["30", "s", "0", "s"]
     assert json.loads((tmp_path / "out/table.json").read_text())["section"] == "4.2"
