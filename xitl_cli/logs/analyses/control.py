@@ -90,10 +90,36 @@ def analyse(log: Log) -> Section | None:
     findings = _as_one([finding for each in found for finding in _judged(each, clock)])
     if not findings and clock.armed:
         findings = [Finding.ok("control.followed", f"It followed what was demanded: {_named(found)}")]
-    facts, grids = (*_facts(found), *_answers(found)), tuple(_steps(found, clock))
-    return Section(
-        "control", _TITLE, facts, tuple(findings), grids, tuple(_plots(found)), tuple(_lacks(log, kind, found))
-    )
+    answers: list[Fact] = []
+    for each in found:
+        label = each.label.capitalize()
+        delay_s = response_delay_s(each.stamp_ns, *_unturned(each), _VARIES[each.unit])
+        if delay_s is not None:
+            answers.append(
+                Fact(f"{each.key}_delay_s", f"{label}, delay behind the demand", significant(delay_s, 3), "s")
+            )
+        steps = step_responses(each.stamp_ns, *_unturned(each), _STEPS[each.unit])
+        if steps:
+            largest = max(step.overshoot_percent for step in steps)
+            title = f"{label}, largest overshoot of {plural(len(steps), 'step')}"
+            answers.append(Fact(f"{each.key}_overshoot_percent", title, significant(largest, 3), "%"))
+    facts, grids = (*_facts(found), *answers), tuple(_steps(found, clock))
+    # Setpoints that a rover did not get, or did not log.
+    lacks: list[str] = []
+    if kind in ("rover", "unknown"):
+        there = {each.key for each in found}
+        if "turn_rate" not in there:
+            lacks.append(
+                "No demanded turn rate is logged (STER.DesTurnRate), so that it cannot be held against the one "
+                "achieved."
+            )
+        if "heading" not in there and log.format == "dataflash":
+            lacks.append("No heading was demanded (NTUN.DesYaw and ATT.DesYaw are 0): it was steered by turn rate.")
+        if "speed" not in there:
+            lacks.append(
+                "No demanded speed is logged (THR.DesSpeed), so that it cannot be held against the one achieved."
+            )
+    return Section("control", _TITLE, facts, tuple(findings), grids, tuple(_plots(found)), tuple(lacks))
 
 
 def _as_one(findings: Sequence[Finding]) -> list[Finding]:
@@ -117,14 +143,6 @@ def _armed(log: Log, stamp_ns: Stamps) -> Flags:
     return np.ones(len(stamp_ns), dtype=np.bool_) if armed is None else armed
 
 
-def _in_modes(log: Log, stamp_ns: Stamps, names: frozenset[str]) -> Flags:
-    """(N,) True in these modes; True throughout if modes are not logged."""
-    modes = signals.modes(log)
-    if not modes:
-        return np.ones(len(stamp_ns), dtype=np.bool_)
-    return inside(stamp_ns, [(span.from_ns, span.until_ns) for span in modes if span.text in names])
-
-
 def _heading(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
     """Heading of a vessel under way in a mode that holds a heading. Going backwards, it points the other way."""
     demand, yaw = signals.yaw_desired(log), signals.yaw(log)
@@ -133,7 +151,14 @@ def _heading(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
     own = column_series(log, "NTUN", "Yaw", "deg", turns=True)
     if demand.source.startswith("NTUN") and own is not None:
         yaw = own
-    rows = _armed(log, demand.stamp_ns) & _in_modes(log, demand.stamp_ns, HEADING_HELD)
+    # (N,) True in these modes; True throughout if modes are not logged.
+    modes = signals.modes(log)
+    in_modes = (
+        np.ones(len(demand.stamp_ns), dtype=np.bool_)
+        if not modes
+        else inside(demand.stamp_ns, [(span.from_ns, span.until_ns) for span in modes if span.text in HEADING_HELD])
+    )
+    rows = _armed(log, demand.stamp_ns) & in_modes
     rows &= _under_way(log, demand.stamp_ns)
     there = yaw.interpolated(demand.stamp_ns)
     rows &= np.isfinite(there)
@@ -328,19 +353,6 @@ def _unturned(each: Tracking) -> tuple[Floats, Floats]:
     return demanded, demanded + each.error
 
 
-def _answers(found: Sequence[Tracking]) -> Iterator[Fact]:
-    for each in found:
-        label = each.label.capitalize()
-        delay_s = response_delay_s(each.stamp_ns, *_unturned(each), _VARIES[each.unit])
-        if delay_s is not None:
-            yield Fact(f"{each.key}_delay_s", f"{label}, delay behind the demand", significant(delay_s, 3), "s")
-        steps = step_responses(each.stamp_ns, *_unturned(each), _STEPS[each.unit])
-        if steps:
-            largest = max(step.overshoot_percent for step in steps)
-            title = f"{label}, largest overshoot of {plural(len(steps), 'step')}"
-            yield Fact(f"{each.key}_overshoot_percent", title, significant(largest, 3), "%")
-
-
 def _steps(found: Sequence[Tracking], clock: LogClock) -> Iterator[Grid]:
     for each in found:
         steps = step_responses(each.stamp_ns, *_unturned(each), _STEPS[each.unit])
@@ -366,19 +378,6 @@ def _steps(found: Sequence[Tracking], clock: LogClock) -> Iterator[Grid]:
             "within 10 % after (s)",
         )
         yield Grid.limited(f"{each.key}_steps", f"{each.label.capitalize()}, steps of the demand", columns, rows)
-
-
-def _lacks(log: Log, kind: VehicleKind, found: Sequence[Tracking]) -> Iterator[str]:
-    """Setpoints that a rover did not get, or did not log."""
-    if kind not in ("rover", "unknown"):
-        return
-    there = {each.key for each in found}
-    if "turn_rate" not in there:
-        yield "No demanded turn rate is logged (STER.DesTurnRate), so that it cannot be held against the one achieved."
-    if "heading" not in there and log.format == "dataflash":
-        yield "No heading was demanded (NTUN.DesYaw and ATT.DesYaw are 0): it was steered by turn rate."
-    if "speed" not in there:
-        yield "No demanded speed is logged (THR.DesSpeed), so that it cannot be held against the one achieved."
 
 
 def _plots(found: Sequence[Tracking]) -> Iterator[Plot]:

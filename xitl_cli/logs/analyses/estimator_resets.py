@@ -17,7 +17,7 @@ from xitl_cli.logs.analyses.estimator_cores import FIRST_FILTER, EstimatorCore, 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Mark, Plot, Severity, Trace
-from xitl_cli.logs.model.table import Flags, Floats, Selection, Stamps, Table
+from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table
 from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_messages, error_rows, event_rows
@@ -176,19 +176,18 @@ def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     stamps = table.stamp_ns[begun[0] :]
     bits = int(np.bitwise_or.reduce(flags[rows]))
     spans = spans_where(stamps, flags != 0, _JOIN_S)
+    fault_names = (
+        f"its bits are 0x{bits:x}, of which versions differ in the meaning"
+        if core.filter == FIRST_FILTER
+        else ", ".join(codes.bit_names(codes.EKF_FAULTS, bits))
+    )
     yield Finding.critical(
         "estimator.faults",
         f"The filter itself was faulty for {length_text(length_s(spans))}, first at "
-        f"{clock.text(int(stamps[rows[0]]))}: {_fault_names(core, bits)}",
+        f"{clock.text(int(stamps[rows[0]]))}: {fault_names}",
         tuple(Evidence(table.name, "FS", begin, end, f"0x{bits:x}") for begin, end in spans[:_MOST]),
         "Do not trust attitude or position there; look at IMU gaps and clipping, and at what it fused.",
     )
-
-
-def _fault_names(core: EstimatorCore, bits: int) -> str:
-    if core.filter == FIRST_FILTER:
-        return f"its bits are 0x{bits:x}, of which versions differ in the meaning"
-    return ", ".join(codes.bit_names(codes.EKF_FAULTS, bits))
 
 
 def unused_core_findings(log: Log, every: list[EstimatorCore], clock: LogClock) -> Iterator[Finding]:
@@ -241,28 +240,25 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
             "Look at GNSS (fix, dropouts) and at what was refused just before.",
         )
     if column == "SS":
-        yield from _status(table, on, flags, clock)
-
-
-def _status(table: Table, on: Flags, flags: Stamps, clock: LogClock) -> Iterator[Finding]:
-    """Status flags of the filter while armed, position available: GPS glitch, dead reckoning."""
-    if spans := spans_where(table.stamp_ns, on & ((flags & codes.EKF_GPS_GLITCHING) != 0), _JOIN_S):
-        yield Finding(
-            "estimator.gps_glitch",
-            Severity.WARNING if length_s(spans) >= _LONG_S else Severity.NOTICE,
-            f"The estimator took GPS for glitching for {_lasting(spans)} while armed, first at "
-            f"{clock.text(spans[0][0])}",
-            _evidence(table.name, "SS", spans),
-            "Compare GPS with the estimate there: a jump, or a drift of the estimate.",
-        )
-    spans = spans_where(table.stamp_ns, on & ((flags & codes.EKF_DEAD_RECKONING) != 0), _JOIN_S)
-    if length_s(spans) >= _LONG_S:
-        yield Finding.warning(
-            "estimator.dead_reckoning",
-            f"The estimator was dead reckoning for {_lasting(spans)} while armed, first at {clock.text(spans[0][0])}",
-            _evidence(table.name, "SS", spans),
-            "Look at GNSS there: a dropout, or all of it refused.",
-        )
+        # Status flags of the filter while armed, position available: GPS glitch, dead reckoning.
+        if spans := spans_where(table.stamp_ns, on & ((flags & codes.EKF_GPS_GLITCHING) != 0), _JOIN_S):
+            yield Finding(
+                "estimator.gps_glitch",
+                Severity.WARNING if length_s(spans) >= _LONG_S else Severity.NOTICE,
+                f"The estimator took GPS for glitching for {_lasting(spans)} while armed, first at "
+                f"{clock.text(spans[0][0])}",
+                _evidence(table.name, "SS", spans),
+                "Compare GPS with the estimate there: a jump, or a drift of the estimate.",
+            )
+        spans = spans_where(table.stamp_ns, on & ((flags & codes.EKF_DEAD_RECKONING) != 0), _JOIN_S)
+        if length_s(spans) >= _LONG_S:
+            yield Finding.warning(
+                "estimator.dead_reckoning",
+                f"The estimator was dead reckoning for {_lasting(spans)} while armed, first at "
+                f"{clock.text(spans[0][0])}",
+                _evidence(table.name, "SS", spans),
+                "Look at GNSS there: a dropout, or all of it refused.",
+            )
 
 
 def _lasting(spans: list[tuple[int, int]]) -> str:
@@ -313,9 +309,24 @@ def primary_core(every: list[EstimatorCore]) -> int:
 
 def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
     """Logged resets, and steps of the position that its velocity does not explain, in order of time."""
-    found = _logged(log)
+    names = {codes.EKF_ALT_RESET: "height reset", codes.EKF_YAW_RESET: "yaw reset"}
+    found = [EstimateJump(at_ns, names[number], None, "EV.Id") for at_ns, number in event_rows(log) if number in names]
     if core is not None:
-        found += _offsets(core)
+        # XKF4.OFN and OFE hold the last reset of the position.
+        table = core.health
+        if table is None or not {"OFN", "OFE"} <= set(table.columns):
+            offsets = []
+        else:
+            north, east = (np.asarray(table.values(name), dtype=np.float64) for name in ("OFN", "OFE"))
+            rows = np.flatnonzero((north[1:] != north[:-1]) | (east[1:] != east[:-1])) + 1
+            offsets = [
+                EstimateJump(
+                    int(table.stamp_ns[row]), "position reset", math.hypot(north[row], east[row]), f"{table.name}.OFN"
+                )
+                for row in rows.tolist()
+                if math.isfinite(north[row]) and math.isfinite(east[row])
+            ]
+        found += offsets
         told = [(one.at_ns - _SAME_NS, one.at_ns + _SAME_NS) for one in found if abs(one.at_ns) < _LATEST_NS]
         steps = _steps(core)
         known = inside(np.array([one.at_ns for one in steps], dtype=np.int64), told)
@@ -326,7 +337,21 @@ def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
 def reset_findings(
     log: Log, every: list[EstimatorCore], core: EstimatorCore | None, clock: LogClock
 ) -> Iterator[Finding]:
-    found = [*_lanes(log, every, clock), *_jumped(estimate_jumps(log, core), clock)]
+    lanes: list[Finding] = []
+    switches = lane_switches(log, every)
+    while_armed = [switch for switch in switches if clock.was_armed(switch[0])]
+    if while_armed:
+        at_ns, lane = while_armed[0]
+        times = "once" if len(while_armed) == 1 else f"{len(while_armed)} times"
+        lanes.append(
+            Finding.warning(
+                "estimator.lane_switch",
+                f"The estimator switched its core {times} while armed, first to core {lane} at {clock.text(at_ns)}",
+                tuple(Evidence("XKF4", "PI", when, value=str(to)) for when, to in while_armed[:_MOST]),
+                "Look at the test ratios of the core that was left, and at the IMU it used.",
+            )
+        )
+    found = [*lanes, *_jumped(estimate_jumps(log, core), clock)]
     if core is not None:
         found += [*timeout_findings(core, clock), *fault_findings(core, clock)]
     yield from found
@@ -337,25 +362,6 @@ def reset_marks(log: Log, every: list[EstimatorCore], core: EstimatorCore | None
     found = [Mark(at_ns, f"lane {lane}", None, Severity.WARNING) for at_ns, lane in lane_switches(log, every)]
     found += [Mark(jump.at_ns, jump.what, None, Severity.NOTICE) for jump in estimate_jumps(log, core)]
     return tuple(sorted(found, key=lambda mark: mark.at_ns)[:200])
-
-
-def _logged(log: Log) -> list[EstimateJump]:
-    names = {codes.EKF_ALT_RESET: "height reset", codes.EKF_YAW_RESET: "yaw reset"}
-    return [EstimateJump(at_ns, names[number], None, "EV.Id") for at_ns, number in event_rows(log) if number in names]
-
-
-def _offsets(core: EstimatorCore) -> list[EstimateJump]:
-    """XKF4.OFN and OFE hold the last reset of the position."""
-    table = core.health
-    if table is None or not {"OFN", "OFE"} <= set(table.columns):
-        return []
-    north, east = (np.asarray(table.values(name), dtype=np.float64) for name in ("OFN", "OFE"))
-    rows = np.flatnonzero((north[1:] != north[:-1]) | (east[1:] != east[:-1])) + 1
-    return [
-        EstimateJump(int(table.stamp_ns[row]), "position reset", math.hypot(north[row], east[row]), f"{table.name}.OFN")
-        for row in rows.tolist()
-        if math.isfinite(north[row]) and math.isfinite(east[row])
-    ]
 
 
 def _steps(core: EstimatorCore) -> list[EstimateJump]:
@@ -377,21 +383,6 @@ def _steps(core: EstimatorCore) -> list[EstimateJump]:
         EstimateJump(int(table.stamp_ns[row + 1]), "position step", float(size_m[row]), f"{table.name}.PN")
         for row in rows.tolist()
     ]
-
-
-def _lanes(log: Log, every: list[EstimatorCore], clock: LogClock) -> Iterator[Finding]:
-    switches = lane_switches(log, every)
-    while_armed = [switch for switch in switches if clock.was_armed(switch[0])]
-    if not while_armed:
-        return
-    at_ns, lane = while_armed[0]
-    times = "once" if len(while_armed) == 1 else f"{len(while_armed)} times"
-    yield Finding.warning(
-        "estimator.lane_switch",
-        f"The estimator switched its core {times} while armed, first to core {lane} at {clock.text(at_ns)}",
-        tuple(Evidence("XKF4", "PI", when, value=str(to)) for when, to in while_armed[:_MOST]),
-        "Look at the test ratios of the core that was left, and at the IMU it used.",
-    )
 
 
 def _jumped(every: list[EstimateJump], clock: LogClock) -> Iterator[Finding]:

@@ -111,7 +111,10 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
         if ratio > LOSS_WARNING:
             severity = Severity.CRITICAL if ratio > LOSS_CRITICAL else Severity.WARNING
         field, least = ("gaps", "at least ") if counts["lost"] is None else ("lost", "")
-        spans = _growths(link, field)
+        # Episodes in which the count grew, each from the previous row.
+        values = np.asarray(link.values(field, raw=True)).astype(np.int64)
+        grown = np.diff(np.maximum.accumulate(np.maximum(values, 0)), prepend=0) > 0
+        spans = spells(link.stamp_ns, grown | np.append(grown[1:], False))
         when = f", between {clock.text(spans[0][0])} and {clock.text(spans[-1][1])}" if spans else ""
         purpose = "" if not on_purpose else ", all on purpose" if on_purpose == lost else f", {on_purpose} on purpose"
         yield Finding(
@@ -143,13 +146,6 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
             (Evidence("/links", "latency_p99_s", value=f"{1e3 * p99_s:.1f} ms"),),
             "Control lives with old samples: look at the load of the link and of both machines.",
         )
-
-
-def _growths(link: Table, count: str) -> list[tuple[int, int]]:
-    """Episodes in which the count grew, each from the previous row."""
-    values = np.asarray(link.values(count, raw=True)).astype(np.int64)
-    grown = np.diff(np.maximum.accumulate(np.maximum(values, 0)), prepend=0) > 0
-    return spells(link.stamp_ns, grown | np.append(grown[1:], False))
 
 
 def _count_plots(links: dict[str, Selection]) -> tuple[Plot, ...]:

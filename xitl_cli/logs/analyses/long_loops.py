@@ -105,6 +105,18 @@ def long_loop_section(log: Log, windows: LoopWindows, happened: Sequence[Moment]
     period_s = windows.period_s
     found = windows_with_long_loops(log, windows, happened, clock, period_s)
     findings = [_no_evidence(windows, why)] if why else _findings(log, windows, found, period_s, clock)
+    known = dict(windows.names)
+    missing = [
+        text
+        for meaning, text in (
+            ("long_loops", "NLon (long loops)"),
+            ("loops", "NL (loops)"),
+            ("longest_us", "MaxT (longest loop)"),
+            ("load_percent", "Load"),
+        )
+        if meaning not in known
+    ]
+    lacks = () if not missing else (f"PM of this firmware has no {', '.join(missing)}, so that cannot be judged.",)
     return Section(
         "scheduler",
         "Main loop",
@@ -112,7 +124,7 @@ def long_loop_section(log: Log, windows: LoopWindows, happened: Sequence[Moment]
         tuple(findings),
         (_grid(windows, found, clock),) if found else (),
         _plots(windows, found),
-        _lacks(windows),
+        lacks,
     )
 
 
@@ -143,7 +155,12 @@ def _facts(windows: LoopWindows, why: str, period_s: float | None) -> tuple[Fact
             int(np.sum(load > SATURATED_PERCENT)) if len(load) else None,
         ),
         Fact("extra_loop_us", "Budget added for late tasks, most", _whole_max(windows.extra_us), "us"),
-        Fact("memory_least_bytes", "Free memory, least", _whole_min(windows.memory_bytes), "bytes"),
+        Fact(
+            "memory_least_bytes",
+            "Free memory, least",
+            int(np.nanmin(windows.memory_bytes)) if np.isfinite(windows.memory_bytes).any() else None,
+            "bytes",
+        ),
         Fact("evidence", "Evidence of processor time", not why),
     ]
     length_s = float(np.sum(windows.until_ns - windows.from_ns)) * 1e-9
@@ -163,18 +180,49 @@ def _whole_max(values: Floats) -> int | None:
     return int(np.nanmax(values)) if np.isfinite(values).any() else None
 
 
-def _whole_min(values: Floats) -> int | None:
-    return int(np.nanmin(values)) if np.isfinite(values).any() else None
-
-
 def _findings(
     log: Log, windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, clock: LogClock
 ) -> Iterator[Finding]:
     yield from _long(windows, found, clock)
-    yield from _longest(windows, found, period_s, clock)
+    # One finding for the longest loop while armed and one while disarmed, if they are long at all.
+    for armed in (True, False):
+        rows = [one for one in found if one.armed == armed and np.isfinite(windows.longest_us[one.row])]
+        if not rows or period_s is None:
+            continue
+        worst = max(rows, key=lambda one: float(windows.longest_us[one.row]))
+        longest_s = float(windows.longest_us[worst.row]) * 1e-6
+        if longest_s < LONG_PERIODS * period_s:
+            continue
+        begin, end = int(windows.from_ns[worst.row]), int(windows.until_ns[worst.row])
+        if worst.placed is not None:
+            begin, end = worst.placed
+        when = f"between {clock.text(begin)} and {clock.text(end)}"
+        yield Finding(
+            f"scheduler.longest_loop{'' if armed else '_disarmed'}",
+            Severity.WARNING if armed and not worst.leapt else Severity.NOTICE,
+            f"One loop took {1e3 * longest_s:.0f} ms, {longest_s / period_s:.0f} periods, "
+            f"{'armed' if armed else 'not armed'}, {when}, with: {worst.happened}",
+            (Evidence("PM", windows.field("longest_us"), begin, end, f"{1e6 * longest_s:.0f} us"),),
+            "Look at the time bases for why the clock stepped; the loop itself kept its time."
+            if worst.leapt
+            else "The controllers stood still for so long: look for what was written, opened or started then."
+            if armed
+            else "Harmless where it comes once at the start; see that it does not come again when armed.",
+        )
     yield from _load(windows, clock)
     yield from _rate(log, windows)
-    yield from _extra(windows, clock)
+    extra = np.nan_to_num(windows.extra_us)
+    late = np.flatnonzero(extra > 0.0)
+    if not len(late):
+        return
+    at_ns = int(windows.until_ns[late[0]])
+    yield Finding.notice(
+        "scheduler.late_tasks",
+        f"Tasks were eight times late, so up to {extra.max():.0f} us were added to each loop, first at "
+        f"{clock.text(at_ns)}",
+        tuple(Evidence("PM", windows.field("extra_us"), a, b) for a, b in _window_spells(windows, extra > 0.0)),
+        "Fetch @SYS/tasks.txt (`xitl logs tasks`) to see which task takes the time.",
+    )
 
 
 def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) -> Iterator[Finding]:
@@ -208,36 +256,6 @@ def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
         "Look what comes together with them below; take load off (LOG_BITMASK, SCHED_LOOP_RATE, notch filters, "
         "scripts) or give the process a real-time priority.",
     )
-
-
-def _longest(
-    windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, clock: LogClock
-) -> Iterator[Finding]:
-    """One finding for the longest loop while armed and one while disarmed, if they are long at all."""
-    for armed in (True, False):
-        rows = [one for one in found if one.armed == armed and np.isfinite(windows.longest_us[one.row])]
-        if not rows or period_s is None:
-            continue
-        worst = max(rows, key=lambda one: float(windows.longest_us[one.row]))
-        longest_s = float(windows.longest_us[worst.row]) * 1e-6
-        if longest_s < LONG_PERIODS * period_s:
-            continue
-        begin, end = int(windows.from_ns[worst.row]), int(windows.until_ns[worst.row])
-        if worst.placed is not None:
-            begin, end = worst.placed
-        when = f"between {clock.text(begin)} and {clock.text(end)}"
-        yield Finding(
-            f"scheduler.longest_loop{'' if armed else '_disarmed'}",
-            Severity.WARNING if armed and not worst.leapt else Severity.NOTICE,
-            f"One loop took {1e3 * longest_s:.0f} ms, {longest_s / period_s:.0f} periods, "
-            f"{'armed' if armed else 'not armed'}, {when}, with: {worst.happened}",
-            (Evidence("PM", windows.field("longest_us"), begin, end, f"{1e6 * longest_s:.0f} us"),),
-            "Look at the time bases for why the clock stepped; the loop itself kept its time."
-            if worst.leapt
-            else "The controllers stood still for so long: look for what was written, opened or started then."
-            if armed
-            else "Harmless where it comes once at the start; see that it does not come again when armed.",
-        )
 
 
 def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
@@ -287,21 +305,6 @@ def _rate(log: Log, windows: LoopWindows) -> Iterator[Finding]:
     )
 
 
-def _extra(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
-    extra = np.nan_to_num(windows.extra_us)
-    rows = np.flatnonzero(extra > 0.0)
-    if not len(rows):
-        return
-    at_ns = int(windows.until_ns[rows[0]])
-    yield Finding.notice(
-        "scheduler.late_tasks",
-        f"Tasks were eight times late, so up to {extra.max():.0f} us were added to each loop, first at "
-        f"{clock.text(at_ns)}",
-        tuple(Evidence("PM", windows.field("extra_us"), a, b) for a, b in _window_spells(windows, extra > 0.0)),
-        "Fetch @SYS/tasks.txt (`xitl logs tasks`) to see which task takes the time.",
-    )
-
-
 def _grid(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for one in found:
@@ -346,20 +349,3 @@ def _plots(windows: LoopWindows, found: list[LongLoopWindow]) -> tuple[Plot, ...
         if traces:
             plots.append(Plot(key, title, label, traces, marks=marks if key == "longest_loop" else ()))
     return tuple(plots)
-
-
-def _lacks(windows: LoopWindows) -> tuple[str, ...]:
-    known = dict(windows.names)
-    missing = [
-        text
-        for meaning, text in (
-            ("long_loops", "NLon (long loops)"),
-            ("loops", "NL (loops)"),
-            ("longest_us", "MaxT (longest loop)"),
-            ("load_percent", "Load"),
-        )
-        if meaning not in known
-    ]
-    if not missing:
-        return ()
-    return (f"PM of this firmware has no {', '.join(missing)}, so that cannot be judged.",)

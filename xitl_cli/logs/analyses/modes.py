@@ -147,12 +147,6 @@ def _failsafe_at(log: Log, at_ns: int) -> str:
     return next(names, "").removesuffix(": occurred")
 
 
-def _evidence(span: ModeSpan) -> Evidence:
-    if span.number is None:
-        return Evidence("/autopilot/events", "reason", span.from_ns, value=span.cause)
-    return Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason))
-
-
 def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
     for before, span in zip([None, *spans[:-1]], spans, strict=True):
         if not span.failsafe:
@@ -162,10 +156,15 @@ def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
         severity = Severity.CRITICAL if interrupted else Severity.WARNING if on else Severity.NOTICE
         left = "" if before is None else f" out of {before.name}"
         state = "armed" if on else "not armed"
+        evidence = (
+            Evidence("/autopilot/events", "reason", span.from_ns, value=span.cause)
+            if span.number is None
+            else Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason))
+        )
         yield Finding(
             f"modes.failsafe{_KINDS.get(span.reason or 0, '')}",
             severity,
             f"At {clock.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
-            (_evidence(span),),
+            (evidence,),
             _STEPS.get(span.reason or 0, "Look at the events around this instant for what set it off."),
         )

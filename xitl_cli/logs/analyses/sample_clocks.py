@@ -89,28 +89,24 @@ def sample_clock_section(log: Log, relations: Sequence[ClockRelation], clock: Lo
         Fact("seconds_per_sample", "Seconds a sample", round(best.per_sample_s, 9), "s"),
     )
     title = "Clocks against the sample number"
+    # Findings on the rate of numbered samples. Without a number, a lost row looks like a slow clock.
     return Section(
         "time_bases",
         title,
         facts,
-        _findings(found),
+        tuple(
+            Finding.notice(
+                "time_bases.sample_rate",
+                f"{each.name} takes {each.per_sample_s * 1e3:.4f} ms a sample where {each.rate_hz:g} Hz is meant "
+                f"({(each.off_ppm or 0.0) * 1e-4:+.1f} %)",
+                (Evidence(each.message, each.field),),
+                "See which of the two is not what it should be: the rate that was set, or the clock.",
+            )
+            for each in found
+            if each.message == "/clocks" and each.off_ppm is not None and abs(each.off_ppm) > RATE_OFF * 1e6
+        ),
         (Grid.limited("sample_clocks", title, columns, rows),),
         _plots(found),
-    )
-
-
-def _findings(found: list[SampleClock]) -> tuple[Finding, ...]:
-    """Findings on the rate of numbered samples. Without a number, a lost row looks like a slow clock."""
-    return tuple(
-        Finding.notice(
-            "time_bases.sample_rate",
-            f"{each.name} takes {each.per_sample_s * 1e3:.4f} ms a sample where {each.rate_hz:g} Hz is meant "
-            f"({(each.off_ppm or 0.0) * 1e-4:+.1f} %)",
-            (Evidence(each.message, each.field),),
-            "See which of the two is not what it should be: the rate that was set, or the clock.",
-        )
-        for each in found
-        if each.message == "/clocks" and each.off_ppm is not None and abs(each.off_ppm) > RATE_OFF * 1e6
     )
 
 
@@ -228,16 +224,13 @@ def _even(
         usual = float(np.median(steps))
         if not usual > 0.0 or (steps == 0.0).any() or robust_spread(steps) > EVEN * usual:
             return None
-        numbers = np.concatenate(([0], np.cumsum(1 + _lost(steps, usual)))).astype(np.int64)
+        # Number of rows missing at each step. A late row does not count, because its neighbour compensates
+        # for it.
+        before = np.concatenate(([usual], steps[:-1])) + steps - usual
+        after = np.concatenate((steps[1:], [usual])) + steps - usual
+        lost: Floats = np.maximum(np.round(np.minimum(np.minimum(before, after), steps) / usual) - 1.0, 0.0)
+        numbers = np.concatenate(([0], np.cumsum(1 + lost))).astype(np.int64)
     return _made(label, table.name, field, numbers, clock_ns, table.stamp_ns, loop_hz)
-
-
-def _lost(steps: Floats, usual: float) -> Floats:
-    """Number of rows missing at each step. A late row does not count, because its neighbour compensates for it."""
-    before = np.concatenate(([usual], steps[:-1])) + steps - usual
-    after = np.concatenate((steps[1:], [usual])) + steps - usual
-    lost: Floats = np.maximum(np.round(np.minimum(np.minimum(before, after), steps) / usual) - 1.0, 0.0)
-    return lost
 
 
 def _made(

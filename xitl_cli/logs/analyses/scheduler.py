@@ -44,9 +44,24 @@ def missed_section(
         _finding([task for task in late if task.node == node], misses, by_step, happened, clock)
         for node in dict.fromkeys(task.node for task in late)
     ]
-    unlisted = [] if misses is None else [name for name in dict.fromkeys(misses.task) if not _total(tasks, name)]
+    unlisted = (
+        []
+        if misses is None
+        else [
+            name for name in dict.fromkeys(misses.task) if not next((task for task in tasks if task.name == name), None)
+        ]
+    )
     if misses is not None and unlisted:
-        findings.append(_without_totals(misses, unlisted, clock))
+        rows = [row for row, name in enumerate(misses.task) if name in unlisted]
+        at_ns = int(misses.due_ns[rows[0]])
+        findings.append(
+            Finding.notice(
+                "scheduler.deadlines_missed",
+                f"{len(rows)} deadlines of {', '.join(unlisted)} were missed, the first at {clock.text(at_ns)}",
+                (Evidence(misses.message, None, at_ns, int(misses.end_ns[rows[-1]])),),
+                "How many cycles there were is not logged; compare with the rate of the task.",
+            )
+        )
     listed = 0 if misses is None else len(misses)
     counted = sum(task.missed for task in tasks)
     facts = (
@@ -63,10 +78,6 @@ def missed_section(
         () if misses is None else (_grid(misses, happened, clock),),
         () if misses is None else _plots(misses, by_step),
     )
-
-
-def _total(tasks: Sequence[TaskTotal], name: str) -> TaskTotal | None:
-    return next((task for task in tasks if task.name == name), None)
 
 
 def _by_step(misses: MissedDeadlines, steps: Sequence[ClockStep]) -> Flags:
@@ -132,17 +143,6 @@ def _severity(task: TaskTotal, missed: int) -> Severity:
     if ratio <= RATIO_WARNING or missed <= FEW:
         return Severity.NOTICE
     return Severity.CRITICAL if ratio > RATIO_CRITICAL else Severity.WARNING
-
-
-def _without_totals(misses: MissedDeadlines, names: Sequence[str], clock: LogClock) -> Finding:
-    rows = [row for row, name in enumerate(misses.task) if name in names]
-    at_ns = int(misses.due_ns[rows[0]])
-    return Finding.notice(
-        "scheduler.deadlines_missed",
-        f"{len(rows)} deadlines of {', '.join(names)} were missed, the first at {clock.text(at_ns)}",
-        (Evidence(misses.message, None, at_ns, int(misses.end_ns[rows[-1]])),),
-        "How many cycles there were is not logged; compare with the rate of the task.",
-    )
 
 
 def _ms(seconds: float) -> str:

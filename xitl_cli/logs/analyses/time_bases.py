@@ -143,10 +143,32 @@ MOST_NAMED = 5
 
 def clock_pair_section(log: Log, relations: Sequence[ClockRelation], clock: LogClock) -> Section:
     made_up = bool(simulated_clock_reason(log))
+    bends: list[Finding] = []
+    for relation in relations:
+        for index, step in enumerate(relation.steps):
+            before, after = relation.pieces[index], relation.pieces[index + 1]
+            change_ppm = after.slope_ppm - before.slope_ppm
+            short_ns = min(before.until_ns - before.from_ns, after.until_ns - after.from_ns)
+            if short_ns * 1e-9 < LEAST_PIECE_S or abs(change_ppm) < BEND_PPM:
+                continue
+            if before.slope_error_ppm is None or after.slope_error_ppm is None:
+                continue
+            error_ppm = float(np.hypot(before.slope_error_ppm, after.slope_error_ppm))
+            if abs(change_ppm) < SURE * error_ppm:
+                continue
+            bends.append(
+                Finding.notice(
+                    "time_bases.rate_change",
+                    f"About {clock.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
+                    f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (standard error {error_ppm:.1f})",
+                    (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
+                    "Temperature changes a crystal by single ppm only: look for what disciplines that clock.",
+                )
+            )
     findings = [
         *_steps(relations, clock),
         *(finding for relation in relations for finding in _rates(relation, made_up)),
-        *_bends(relations, clock),
+        *bends,
         *(finding for relation in relations for finding in _gaps(relation, clock)),
     ]
     facts = tuple(fact for relation in relations for fact in _facts(relation))
@@ -229,7 +251,11 @@ def _step(group: list[tuple[ClockRelation, ClockStep]], clock: LogClock) -> Find
         what = f"At {clock.text(steps[0].at_ns)} {pair.format(_way(steps[0].size_s))}"
     else:
         span = f"From {clock.text(steps[0].at_ns)} to {clock.text(steps[-1].at_ns)}"
-        what = f"{span} {pair.format(f'{len(steps)} times, in all {_way(_whole_s(best, steps))}')}"
+        # Change from the line before the first of these steps to the line after the last.
+        before, after = (best.pieces[best.steps.index(one) + more] for one, more in ((steps[0], 0), (steps[-1], 1)))
+        at_ns = np.array([steps[-1].first_ns], dtype=np.int64)
+        whole_s = float(after.offset_at(at_ns)[0] - before.offset_at(at_ns)[0]) * 1e-9
+        what = f"{span} {pair.format(f'{len(steps)} times, in all {_way(whole_s)}')}"
     largest_s = max(abs(step.size_s) for step in steps)
     return Finding(
         "time_bases.step",
@@ -241,13 +267,6 @@ def _step(group: list[tuple[ClockRelation, ClockStep]], clock: LogClock) -> Find
         ),
         "Find what set or held up that clock then; intervals across this instant are not what they seem.",
     )
-
-
-def _whole_s(relation: ClockRelation, steps: Sequence[ClockStep]) -> float:
-    """Change from the line before the first of these steps to the line after the last."""
-    before, after = (relation.pieces[relation.steps.index(one) + more] for one, more in ((steps[0], 0), (steps[-1], 1)))
-    at_ns = np.array([steps[-1].first_ns], dtype=np.int64)
-    return float(after.offset_at(at_ns)[0] - before.offset_at(at_ns)[0]) * 1e-9
 
 
 def _way(size_s: float) -> str:
@@ -307,28 +326,6 @@ def _scaled(relation: ClockRelation) -> Finding:
         (Evidence(readings.message, readings.fields, value=f"{ratio:.2f}"),),
         "Rates and delays in this log are in two kinds of seconds: compare along one clock.",
     )
-
-
-def _bends(relations: Sequence[ClockRelation], clock: LogClock) -> Iterator[Finding]:
-    for relation in relations:
-        for index, step in enumerate(relation.steps):
-            before, after = relation.pieces[index], relation.pieces[index + 1]
-            change_ppm = after.slope_ppm - before.slope_ppm
-            short_ns = min(before.until_ns - before.from_ns, after.until_ns - after.from_ns)
-            if short_ns * 1e-9 < LEAST_PIECE_S or abs(change_ppm) < BEND_PPM:
-                continue
-            if before.slope_error_ppm is None or after.slope_error_ppm is None:
-                continue
-            error_ppm = float(np.hypot(before.slope_error_ppm, after.slope_error_ppm))
-            if abs(change_ppm) < SURE * error_ppm:
-                continue
-            yield Finding.notice(
-                "time_bases.rate_change",
-                f"About {clock.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
-                f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (standard error {error_ppm:.1f})",
-                (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
-                "Temperature changes a crystal by single ppm only: look for what disciplines that clock.",
-            )
 
 
 def _gaps(relation: ClockRelation, clock: LogClock) -> Iterator[Finding]:

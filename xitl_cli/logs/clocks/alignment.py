@@ -84,18 +84,14 @@ def _same(one: str, other: str) -> bool:
 
 
 def _joined(mine: _Way, other: _Way) -> ClockChain:
+    by = ", ".join(dict.fromkeys(part for part in (mine.by, other.by) if part))
     return ClockChain(
         lambda stamp_ns: other.back(mine.out(stamp_ns)),
         (*mine.breaks_ns, *(_own(mine, other, at_ns) for at_ns in other.breaks_ns)),
         float(np.hypot(mine.error_s, other.error_s)),
         "telemetry" if "telemetry" in (mine.method, other.method) else other.method if mine.by == "" else mine.method,
-        _sentence(mine, other),
+        f"over {other.clock}, by {by}" if by else f"both are stamped by {mine.clock}",
     )
-
-
-def _sentence(mine: _Way, other: _Way) -> str:
-    by = ", ".join(dict.fromkeys(part for part in (mine.by, other.by) if part))
-    return f"over {other.clock}, by {by}" if by else f"both are stamped by {mine.clock}"
 
 
 def _own(mine: _Way, other: _Way, at_ns: int) -> int:
@@ -167,11 +163,13 @@ def _way(relation: ClockRelation, host: ClockRelation | None) -> _Way | None:
         node = key.removeprefix("clocks.")
         clock = f"node {node}"
         if readings.first == HOST and host is not None:
+            # Breaks of a node's clock, given on the host's clock, in simulation time.
+            at_host = np.array([step.first_ns for step in relation.steps], dtype=np.int64)
             return _Way(
                 clock,
                 lambda stamp_ns: relation.to_second(host.to_second(stamp_ns)),
                 lambda node_ns: host.to_first(relation.to_first(node_ns)),
-                _breaks(host, own_is_first=True) + _through(relation, host),
+                _breaks(host, own_is_first=True) + tuple(host.to_first(at_host).tolist()),
                 float(np.hypot(error_s, _error_s(host))),
                 "clock records",
                 by,
@@ -200,12 +198,6 @@ def _breaks(relation: ClockRelation, own_is_first: bool) -> tuple[int, ...]:
     if not own_is_first:
         return relation.second_bounds_ns
     return tuple(int(relation.readings.first_ns[step.index]) for step in relation.steps)
-
-
-def _through(relation: ClockRelation, host: ClockRelation) -> tuple[int, ...]:
-    """Breaks of a node's clock, given on the host's clock, in simulation time."""
-    at_host = np.array([step.first_ns for step in relation.steps], dtype=np.int64)
-    return tuple(host.to_first(at_host).tolist())
 
 
 def _error_s(relation: ClockRelation) -> float:
@@ -270,7 +262,7 @@ def _placed(reference: Log, log: Log) -> LogPlacement:
         return _not_aligned(log, "one of the logs holds no stamped rows")
     why: list[str] = []
     unchecked: LogPlacement | None = None
-    for chain in _best_first(chains(reference, log)):
+    for chain in sorted(chains(reference, log), key=lambda chain: chain.error_s):
         found = placement_from(
             log,
             span_ns,
@@ -290,7 +282,13 @@ def _placed(reference: Log, log: Log) -> LogPlacement:
         if check.away_s is None:
             unchecked = unchecked or found
             continue
-        return _with_sentence(found, f"{found.sentence}; {check.signal} of both agrees to {_length(abs(check.away_s))}")
+        seconds = abs(check.away_s)
+        length = (
+            f"{seconds * 1e6:.0f} us"
+            if seconds < 1e-3
+            else (f"{seconds * 1e3:.0f} ms" if seconds < 1.0 else f"{seconds:.1f} s")
+        )
+        return _with_sentence(found, f"{found.sentence}; {check.signal} of both agrees to {length}")
     if unchecked is not None and unchecked.method == "UTC" and _apart(reference, unchecked):
         return unchecked
     correlated = align_by_signal(reference, log)
@@ -311,10 +309,6 @@ def _apart(reference: Log, placement: LogPlacement) -> bool:
     assert placement.log.span_ns is not None
     begin, end = placement.on_reference(np.array(placement.log.span_ns, dtype=np.int64)).tolist()
     return bool(end < reference.span_ns[0] or begin > reference.span_ns[1])
-
-
-def _best_first(found: Iterator[ClockChain]) -> list[ClockChain]:
-    return sorted(found, key=lambda chain: chain.error_s)
 
 
 def _check(reference: Log, log: Log, placement: LogPlacement) -> _Check:
@@ -390,9 +384,3 @@ def _with_sentence(placement: LogPlacement, sentence: str) -> LogPlacement:
 
 def _not_aligned(log: Log, why: str) -> LogPlacement:
     return LogPlacement(log, 0, 0.0, None, "not aligned", False, f"not aligned: {why}")
-
-
-def _length(seconds: float) -> str:
-    if seconds < 1e-3:
-        return f"{seconds * 1e6:.0f} us"
-    return f"{seconds * 1e3:.0f} ms" if seconds < 1.0 else f"{seconds:.1f} s"

@@ -232,17 +232,15 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
             yield ClockReadings(key, SIMULATION, clock, *read, resolution_s=longest_s)[good]
         else:
             floor_ns = node_ns - host_ns - trip_ns
-            slack_s = _unevenness_s(table)
+            # Largest lag of a simulated clock before it caught up: the excess of its bound over the
+            # bound of the path.
+            if not {"asymmetry_bound_s", "path_delay_s"} <= set(table.columns):
+                slack_s = 0.0
+            else:
+                beyond_s = 2.0 * (table.values("asymmetry_bound_s") - table.values("path_delay_s"))
+                slack_s = max(float(np.nanmax(beyond_s, initial=0.0)), 0.0)
             readings = ClockReadings(key, HOST, clock, *read, True, floor_ns, resolution_s=1e-9, slack_s=slack_s)
             yield readings[good]
-
-
-def _unevenness_s(exchanges: Table) -> float:
-    """Largest lag of a simulated clock before it caught up: the excess of its bound over the bound of the path."""
-    if not {"asymmetry_bound_s", "path_delay_s"} <= set(exchanges.columns):
-        return 0.0
-    beyond_s = 2.0 * (exchanges.values("asymmetry_bound_s") - exchanges.values("path_delay_s"))
-    return max(float(np.nanmax(beyond_s, initial=0.0)), 0.0)
 
 
 def _header_stamps(log: Log) -> Iterator[ClockReadings]:

@@ -155,11 +155,12 @@ def compare(
     pairing = limited(a, b, laid, from_s, until_s, armed)
     both = common_poses(a, b, pairing, of_a, of_b)
     zero = zero_ns(a, b, pairing)
+    # The section with findings that doubt the source used as truth.
+    section = _without_positions(a, b, of_a, of_b) if both is None else trajectory_section(both, align)
+    sides = (("A", a, of_a), ("B", b, of_b))
+    doubts = (stray_truth_finding(name, log) for name, log, of in sides if of == "truth")
     sections = [
-        _doubted(
-            _without_positions(a, b, of_a, of_b) if both is None else trajectory_section(both, align),
-            (("A", a, of_a), ("B", b, of_b)),
-        ),
+        replace(section, findings=(*section.findings, *(doubt for doubt in doubts if doubt is not None))),
         motion_section(a, b, pairing, of_a, of_b),
         channel_section(a, b, pairing),
         event_section(a, b, pairing, zero),
@@ -173,12 +174,6 @@ def compare(
         None if both is None else (both.a, moved_poses(both, align)[0]),
         (*signals.armed(a), *precise_modes(a)),
     )
-
-
-def _doubted(section: Section, sides: tuple[tuple[str, Log, SignalSource], ...]) -> Section:
-    """The section with findings that doubt the source used as truth."""
-    doubts = (stray_truth_finding(name, log) for name, log, of in sides if of == "truth")
-    return replace(section, findings=(*section.findings, *(doubt for doubt in doubts if doubt is not None)))
 
 
 def _without_positions(a: Log, b: Log, of_a: SignalSource, of_b: SignalSource) -> Section:

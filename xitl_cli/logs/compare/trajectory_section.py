@@ -141,6 +141,13 @@ def trajectory_section(poses: PosePair, how: Alignment) -> Section:
     _, iae_y = time_integral(a.stamp_ns, np.abs(apart[:, 1]))
     off_m = off_path_m(b.pos_m[:, :2], thinned_path(poses.way_a))
     worst = int(np.argmax(level_m))
+    moved_by: list[Fact] = []
+    if moving is not None:
+        turned_deg = float(np.degrees(np.arctan2(moving.rotation[1, 0], moving.rotation[0, 0])))
+        east, north, up = (round(float(each), 4) for each in moving.translation)
+        moved_by.append(Fact("moved_m", "B moved by", f"{east:g} east, {north:g} north, {up:g} up", "m"))
+        moved_by.append(Fact("turned_deg", "B turned by (anticlockwise)", round(turned_deg, 4), "deg"))
+        moved_by.append(Fact("scale", "B scaled by", round(moving.scale, 6)))
     facts = [
         Fact("common_time_s", "Common time", round(covered_s, 3), "s"),
         Fact("iae_x_ms", "IAE x (east)", _number(iae_x), "m s"),
@@ -152,8 +159,12 @@ def trajectory_section(poses: PosePair, how: Alignment) -> Section:
         Fact("path_rms_m", "Off A's path, RMS", _number(float(np.sqrt(np.mean(off_m**2)))), "m"),
         Fact("path_max_m", "Off A's path, most", _number(float(off_m.max())), "m"),
         Fact("alignment", "Alignment of B", how if moving is not None or how == "none" else f"{how}: not possible"),
-        *_moved_by(moving),
-        Fact("origin", "Zero", _origin(poses.origin)),
+        *moved_by,
+        Fact(
+            "origin",
+            "Zero",
+            None if poses.origin is None else f"{poses.origin[0]:.7f}, {poses.origin[1]:.7f}, {poses.origin[2]:.2f} m",
+        ),
     ]
     return Section(
         "trajectory",
@@ -261,20 +272,6 @@ def _plots(a: Trajectory, b: Trajectory, apart: Floats, level_m: Floats, off_m: 
         ),
         Plot("trajectory.off_path", "B's distance from A's path", "m", (Trace("off the path", a.stamp_ns, off_m),)),
     )
-
-
-def _moved_by(moving: Similarity | None) -> Iterator[Fact]:
-    if moving is None:
-        return
-    turned_deg = float(np.degrees(np.arctan2(moving.rotation[1, 0], moving.rotation[0, 0])))
-    east, north, up = (round(float(each), 4) for each in moving.translation)
-    yield Fact("moved_m", "B moved by", f"{east:g} east, {north:g} north, {up:g} up", "m")
-    yield Fact("turned_deg", "B turned by (anticlockwise)", round(turned_deg, 4), "deg")
-    yield Fact("scale", "B scaled by", round(moving.scale, 6))
-
-
-def _origin(origin: tuple[float, float, float] | None) -> str | None:
-    return None if origin is None else f"{origin[0]:.7f}, {origin[1]:.7f}, {origin[2]:.2f} m"
 
 
 def _number(value: float) -> float | None:

@@ -56,26 +56,22 @@ def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | 
     if file_format not in FORMATS:
         raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join((*FORMATS, *BAG_FORMATS))}")
     if file_format == "mcap":
-        return _as_mcap(log, wanted, out, overwrite)
+        from xitl_cli.logs.export.mcap_export import write_mcap
+
+        path = out or Path(f"{log.path.stem}-export.mcap")
+        if path.is_dir():
+            path = path / f"{log.path.stem}-export.mcap"
+        _refuse_itself(log, [path])
+        refuse_present([path], overwrite)
+        make_directory(path.parent)
+        utc = utc_offset(log)
+        with part_of(path, overwrite) as part:
+            rows, early = write_mcap(part, log, wanted.tables, (wanted.from_ns, wanted.until_ns), utc, wanted.raw)
+        notes = (f"{early} rows stamped before the log's zero are at 0",) if early else ()
+        since = f"since {log.zero_in_words}" if log.zero_ns == 0 else "from a zero of its own"
+        times = f"the log tells no UTC: its times count {since}" if utc is None else f"its times are UTC {utc.source}"
+        return ExportResult((str(path),), rows, f"{path}: {_of(rows, wanted)}; {times}", notes)
     return _as_files(log, wanted, file_format, out or Path(f"{log.path.stem}-{file_format}"), overwrite)
-
-
-def _as_mcap(log: Log, wanted: ExportSelection, out: Path | None, overwrite: bool) -> ExportResult:
-    from xitl_cli.logs.export.mcap_export import write_mcap
-
-    path = out or Path(f"{log.path.stem}-export.mcap")
-    if path.is_dir():
-        path = path / f"{log.path.stem}-export.mcap"
-    _refuse_itself(log, [path])
-    refuse_present([path], overwrite)
-    make_directory(path.parent)
-    utc = utc_offset(log)
-    with part_of(path, overwrite) as part:
-        rows, early = write_mcap(part, log, wanted.tables, (wanted.from_ns, wanted.until_ns), utc, wanted.raw)
-    notes = (f"{early} rows stamped before the log's zero are at 0",) if early else ()
-    since = f"since {log.zero_in_words}" if log.zero_ns == 0 else "from a zero of its own"
-    times = f"the log tells no UTC: its times count {since}" if utc is None else f"its times are UTC {utc.source}"
-    return ExportResult((str(path),), rows, f"{path}: {_of(rows, wanted)}; {times}", notes)
 
 
 def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Path, overwrite: bool) -> ExportResult:

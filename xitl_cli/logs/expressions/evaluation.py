@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.expressions.functions import ELEMENTWISE, TIMED, WHERE, Function, unwrapped
+from xitl_cli.logs.expressions.functions import ELEMENTWISE, TIMED, WHERE, unwrapped
 from xitl_cli.logs.expressions.syntax import (
     Arithmetic,
     Call,
@@ -110,7 +110,14 @@ class Evaluation:
                 return self._comparison(node)
             case Call(function=name, arguments=arguments):
                 if name == WHERE:
-                    return self._where(arguments)
+                    truth, chosen, other = (
+                        self._truth(arguments[0]),
+                        self._number(arguments[1]),
+                        self._number(arguments[2]),
+                    )
+                    if chosen.lacking or other.lacking:
+                        return LACKING
+                    return Quantity(np.where(truth, chosen.values, other.values), same_unit((chosen.unit, other.unit)))
                 return self._call(node)
         raise AssertionError(node)
 
@@ -144,22 +151,15 @@ class Evaluation:
             unit = power_unit(left.unit, float(second)) if np.ndim(second) == 0 else None if left.unit is None else ""
         else:
             unit = same_unit((left.unit, right.unit))
-            self._note_sum(node, left, right, unit, values)
+            if left.unit and right.unit and not unit:
+                self.notes.append(f"{self._shown(node)} is of {left.unit} and {right.unit}")
+            half = _HALF_TURN.get(unit or "", np.inf)
+            if node.sign == "-" and right.unit and np.size(values) and np.nanmax(np.abs(values), initial=0.0) > half:
+                wrap = "wrap180" if unit == "deg" else "wrap_pi"
+                self.notes.append(
+                    f"{self._shown(node)} goes beyond half a turn; {wrap}({self._shown(node)}) {_SHORT_WAY}"
+                )
         return Quantity(values, unit)
-
-    def _note_sum(self, node: Arithmetic, left: Quantity, right: Quantity, unit: Unit, values: Any) -> None:
-        if left.unit and right.unit and not unit:
-            self.notes.append(f"{self._shown(node)} is of {left.unit} and {right.unit}")
-        half = _HALF_TURN.get(unit or "", np.inf)
-        if node.sign == "-" and right.unit and np.size(values) and np.nanmax(np.abs(values), initial=0.0) > half:
-            wrap = "wrap180" if unit == "deg" else "wrap_pi"
-            self.notes.append(f"{self._shown(node)} goes beyond half a turn; {wrap}({self._shown(node)}) {_SHORT_WAY}")
-
-    def _where(self, arguments: tuple[Tree, ...]) -> Quantity:
-        truth, chosen, other = self._truth(arguments[0]), self._number(arguments[1]), self._number(arguments[2])
-        if chosen.lacking or other.lacking:
-            return LACKING
-        return Quantity(np.where(truth, chosen.values, other.values), same_unit((chosen.unit, other.unit)))
 
     def _call(self, node: Call) -> Quantity:
         told = len(self.notes)
@@ -170,29 +170,24 @@ class Evaluation:
             return LACKING
         units = [value.unit for value in values]
         if node.function in TIMED:
-            return self._timed(node, TIMED[node.function], values, units)
+            function = TIMED[node.function]
+            seconds = self.seconds()
+            x = np.broadcast_to(np.asarray(values[0].values, dtype=np.float64), seconds.shape)
+            if node.function == "unwrap":
+                return Quantity(unwrapped(x, 2.0 * _HALF_TURN.get(units[0] or "", 180.0)), units[0])
+            further = [value.values for value in values[1:]]
+            if any(np.ndim(each) or not each > 0.0 for each in further):
+                raise ExpressionError(f"holds {self._shown(node)}: its time is a number of seconds above 0")
+            return Quantity(function.apply(seconds, x, *further), function.unit(units))
         function = ELEMENTWISE[node.function]
-        self._note_angles(node, function, units)
-        numbers = [np.asarray(value.values, dtype=np.float64) for value in values]
-        return Quantity(function.apply(*numbers), function.unit(units))
-
-    def _note_angles(self, node: Call, function: Function, units: list[Unit]) -> None:
         given = {"deg": "rad", "rad": "deg"}.get(function.angles)
         if given is not None and units[0] == given:
             argument = self._shown(node.arguments[0])
             turned = "radians" if function.angles == "rad" else "degrees"
             better = argument if node.function in ("radians", "degrees") else f"{node.function}({turned}({argument}))"
             self.notes.append(f"{self._shown(node)} takes {function.angles} and gets {given}; write {better}")
-
-    def _timed(self, node: Call, function: Function, values: list[Quantity], units: list[Unit]) -> Quantity:
-        seconds = self.seconds()
-        x = np.broadcast_to(np.asarray(values[0].values, dtype=np.float64), seconds.shape)
-        if node.function == "unwrap":
-            return Quantity(unwrapped(x, 2.0 * _HALF_TURN.get(units[0] or "", 180.0)), units[0])
-        further = [value.values for value in values[1:]]
-        if any(np.ndim(each) or not each > 0.0 for each in further):
-            raise ExpressionError(f"holds {self._shown(node)}: its time is a number of seconds above 0")
-        return Quantity(function.apply(seconds, x, *further), function.unit(units))
+        numbers = [np.asarray(value.values, dtype=np.float64) for value in values]
+        return Quantity(function.apply(*numbers), function.unit(units))
 
     def _number(self, node: Tree) -> Quantity:
         value = self.quantity(node)

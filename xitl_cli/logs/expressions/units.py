@@ -40,11 +40,12 @@ def power_unit(unit: Unit, exponent: float) -> Unit:
     if factors is None:
         return ""
     raised = {name: power * exponent for name, power in factors.items()}
-    return _text({name: round(power) for name, power in raised.items()}) if _whole(raised.values()) else ""
-
-
-def _whole(powers: object) -> bool:
-    return all(float(power).is_integer() for power in powers)  # type: ignore[attr-defined]
+    powers = raised.values()
+    return (
+        _text({name: round(power) for name, power in raised.items()})
+        if all(float(power).is_integer() for power in powers)
+        else ""
+    )
 
 
 def _powers(unit: str) -> dict[str, int] | None:

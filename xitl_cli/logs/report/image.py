@@ -5,16 +5,12 @@ from __future__ import annotations
 import importlib.util
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.sections import Plot
 from xitl_cli.logs.report.html import replace_file
-from xitl_cli.logs.report.page import Page, PagePart
+from xitl_cli.logs.report.page import Page
 from xitl_cli.logs.report.plots import thin
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 IMAGE_KINDS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 """Suffixes of images, and the first bytes of each kind of file."""
@@ -82,24 +78,28 @@ def _drawn(page: Page, suffix: str) -> bytes:
         figure.suptitle(_plain(page.title))
         rows = figure.subplots(len(plots), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (part, plot) in zip(rows, plots, strict=True):
-            _draw(axes, part, plot)
+            for trace in plot.traces:
+                kept = thin(trace, over_time=True)
+                at_s = part.time_line.seconds(kept.x.astype("int64"))
+                style = "steps-post" if trace.style == "steps" else "default"
+                line, marker = ("", ".") if trace.style == "points" else ("-", "")
+                axes.plot(
+                    at_s,
+                    kept.y,
+                    drawstyle=style,
+                    linestyle=line,
+                    marker=marker,
+                    linewidth=1.0,
+                    label=_plain(trace.name),
+                )
+            axes.set_title(_plain(plot.title), fontsize="medium", loc="left")
+            axes.set_ylabel(_plain(plot.y_label))
+            if len(plot.traces) > 1:
+                axes.legend(fontsize="small", loc="upper right", ncols=min(len(plot.traces), 4))
         rows[-1].set_xlabel("time (s)")
         written = BytesIO()
         figure.savefig(written, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=_DATES[suffix])
     return written.getvalue()
-
-
-def _draw(axes: Axes, part: PagePart, plot: Plot) -> None:
-    for trace in plot.traces:
-        kept = thin(trace, over_time=True)
-        at_s = part.time_line.seconds(kept.x.astype("int64"))
-        style = "steps-post" if trace.style == "steps" else "default"
-        line, marker = ("", ".") if trace.style == "points" else ("-", "")
-        axes.plot(at_s, kept.y, drawstyle=style, linestyle=line, marker=marker, linewidth=1.0, label=_plain(trace.name))
-    axes.set_title(_plain(plot.title), fontsize="medium", loc="left")
-    axes.set_ylabel(_plain(plot.y_label))
-    if len(plot.traces) > 1:
-        axes.legend(fontsize="small", loc="upper right", ncols=min(len(plot.traces), 4))
 
 
 def _plain(text: str) -> str:

@@ -211,7 +211,11 @@ def modes(log: Log) -> list[StateSpan]:
         return _state_spans(log, *states, dict(px4.NAV_STATES))
     beats = autopilot_heartbeats(log)
     if beats is None:
-        return _bridged_modes(log)
+        table = bridge_topic(log, "state", "mode")
+        if table is None or table.columns["mode"].kind != "text" or not len(table):
+            return []
+        names, numbers_of = np.unique(table.values("mode"), return_inverse=True)
+        return _state_spans(log, table.stamp_ns, numbers_of, f"{table.name}.mode", dict(enumerate(names.tolist())))
     return _state_spans(
         log,
         beats.stamp_ns,
@@ -219,14 +223,6 @@ def modes(log: Log) -> list[StateSpan]:
         f"{beats.name}.custom_mode",
         dict(MODES[vehicle_kind(log)]),
     )
-
-
-def _bridged_modes(log: Log) -> list[StateSpan]:
-    table = bridge_topic(log, "state", "mode")
-    if table is None or table.columns["mode"].kind != "text" or not len(table):
-        return []
-    names, numbers_of = np.unique(table.values("mode"), return_inverse=True)
-    return _state_spans(log, table.stamp_ns, numbers_of, f"{table.name}.mode", dict(enumerate(names.tolist())))
 
 
 def texts(log: Log) -> list[LogText]:

@@ -42,7 +42,24 @@ def is_bag_folder(path: Path) -> bool:
 
 def open_bag_folder(path: Path) -> Log:
     """Open the bag in the folder. Raises LogError if there is none, or if no part of it can be read."""
-    folder = _read_folder(path)
+    metadata = path / METADATA
+    if not metadata.is_file():
+        folder = BagFolder(tuple(sorted(path.glob("*.db3"))), packed_messages=False)
+    else:
+        import yaml
+
+        try:
+            if metadata.stat().st_size > _MOST_METADATA:
+                raise LogError(f"{metadata}: is larger than 64 MiB; it is none of a bag")
+            about = yaml.safe_load(metadata.read_text("utf-8", "replace"))["rosbag2_bagfile_information"]
+            files = tuple(path / Path(str(name)).name for name in about["relative_file_paths"])
+            packed = str(about.get("compression_mode", "")).upper() == "MESSAGE"
+        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+            raise LogError(
+                f"{metadata}: is no metadata of a bag ({type(error).__name__}); "
+                f"make it anew with `ros2 bag reindex {path}`"
+            ) from error
+        folder = BagFolder(files, packed)
     opened = ExitStack()
     try:
         parts, absent = list[Log](), list[str]()
@@ -59,25 +76,6 @@ def open_bag_folder(path: Path) -> Log:
         return JoinedLog(path, parts, absent, opened.pop_all())
     finally:
         opened.close()
-
-
-def _read_folder(path: Path) -> BagFolder:
-    metadata = path / METADATA
-    if not metadata.is_file():
-        return BagFolder(tuple(sorted(path.glob("*.db3"))), packed_messages=False)
-    import yaml
-
-    try:
-        if metadata.stat().st_size > _MOST_METADATA:
-            raise LogError(f"{metadata}: is larger than 64 MiB; it is none of a bag")
-        about = yaml.safe_load(metadata.read_text("utf-8", "replace"))["rosbag2_bagfile_information"]
-        files = tuple(path / Path(str(name)).name for name in about["relative_file_paths"])
-        packed = str(about.get("compression_mode", "")).upper() == "MESSAGE"
-    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        raise LogError(
-            f"{metadata}: is no metadata of a bag ({type(error).__name__}); make it anew with `ros2 bag reindex {path}`"
-        ) from error
-    return BagFolder(files, packed)
 
 
 def _unpacked_file(file: Path, opened: ExitStack) -> Path:

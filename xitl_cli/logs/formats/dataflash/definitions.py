@@ -166,7 +166,11 @@ def _fields(length: int, letters: str, names: tuple[str, ...]) -> tuple[tuple[Re
         first, last = unknown[0], unknown[-1]
     elif rest:
         why = f"FMT gives it {length} bytes and letters for {length - rest}"
-        doubtful = _of_another_width(letters, rest, names)
+        # Indices of letters that can be wrong if one letter is, and the correct one is `rest` bytes wider.
+        widths = set(WIDTHS.values())
+        doubtful = [place for place, letter in enumerate(letters) if WIDTHS[letter] + rest in widths]
+        if doubtful[:1] == [0] and letters[0] == "Q" and names[:1] == ("TimeUS",):
+            del doubtful[0]
         if doubtful:
             first, last = doubtful[0], doubtful[-1]
         else:
@@ -185,15 +189,6 @@ def _fields(length: int, letters: str, names: tuple[str, ...]) -> tuple[tuple[Re
             fields.append(RecordField(name, letter, at))
             at += WIDTHS[letter]
     return tuple(fields), tuple(unread) if fields else (), why
-
-
-def _of_another_width(letters: str, rest: int, names: tuple[str, ...]) -> list[int]:
-    """Indices of letters that can be wrong if one letter is, and the correct one is `rest` bytes wider."""
-    widths = set(WIDTHS.values())
-    found = [place for place, letter in enumerate(letters) if WIDTHS[letter] + rest in widths]
-    if found[:1] == [0] and letters[0] == "Q" and names[:1] == ("TimeUS",):
-        del found[0]
-    return found
 
 
 def _distinct(names: tuple[str, ...], count: int) -> list[str]:

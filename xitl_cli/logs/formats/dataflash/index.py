@@ -191,7 +191,11 @@ class _DefinitionSearch:
 
         Its apparent type then has another description, or no rows. None also if several records are possible.
         """
-        columns = self._columns_with_units()
+        # Number of columns in the FMTU record, by type.
+        columns: dict[int, int] = {}
+        for versions in self.versions.values():
+            if versions[0].name == "FMTU":
+                columns |= self._spoken_of(versions[0])
         several = [one for versions in self.versions.values() if len(versions) > 1 for one in versions]
         likely = [one for one in (*self._refused, *several) if one.length == length]
         if not likely:
@@ -224,14 +228,6 @@ class _DefinitionSearch:
         """Whether rows of this FMTU description refer to described types."""
         spoken = self._spoken_of(units)
         return len(spoken) > 1 and sum(one in self.versions for one in spoken) > 0.8 * len(spoken)
-
-    def _columns_with_units(self) -> dict[int, int]:
-        """Number of columns in the FMTU record, by type."""
-        found: dict[int, int] = {}
-        for versions in self.versions.values():
-            if versions[0].name == "FMTU":
-                found |= self._spoken_of(versions[0])
-        return found
 
     def _spoken_of(self, units: RecordDefinition) -> dict[int, int]:
         types, columns = (

@@ -59,29 +59,25 @@ def find_heads(data: Bytes, forget: Forget) -> Heads:
         np.equal(data[at + 1 : at + 1 + count], 0x95, out=b)
         np.logical_and(a, b, out=a)
         first[count:] = False
-        place = _true(first)
+        # Indices of True in a sparse mask, found eight at a time. Its length is a multiple of 8.
+        eights = first.view("<u8")
+        groups = np.flatnonzero(eights != 0)
+        bits = eights[groups]
+        below = bits - _ONE
+        rest = bits & below
+        found = [(groups << 3) + (np.bitwise_count(below & ~bits) >> 3)]
+        while rest.any():
+            several = np.flatnonzero(rest)
+            groups, bits = groups[several], rest[several]
+            below = bits - _ONE
+            rest = bits & below
+            found.append((groups << 3) + (np.bitwise_count(below & ~bits) >> 3))
+        place = np.asarray(found[0], np.int64) if len(found) == 1 else np.sort(np.concatenate(found))
         place += at
         places.append(place)
         type_ids.append(data[place + 2])
         forget(at, at + _BLOCK)
     return Heads(np.concatenate(places), np.concatenate(type_ids))
-
-
-def _true(mask: NDArray[np.bool_]) -> Places:
-    """Indices of True in a sparse mask, found eight at a time. Its length is a multiple of 8."""
-    eights = mask.view("<u8")
-    groups = np.flatnonzero(eights != 0)
-    bits = eights[groups]
-    below = bits - _ONE
-    rest = bits & below
-    found = [(groups << 3) + (np.bitwise_count(below & ~bits) >> 3)]
-    while rest.any():
-        several = np.flatnonzero(rest)
-        groups, bits = groups[several], rest[several]
-        below = bits - _ONE
-        rest = bits & below
-        found.append((groups << 3) + (np.bitwise_count(below & ~bits) >> 3))
-    return np.asarray(found[0], np.int64) if len(found) == 1 else np.sort(np.concatenate(found))
 
 
 def u64_at(data: Bytes, places: Places) -> NDArray[np.uint64]:
@@ -157,14 +153,8 @@ class _RecordChain:
         self._place, self._type_id = heads.place, heads.type_id
         self._count = len(heads.place)
         self._length = types.lengths_of(heads)
-        self._linked, self._sound = self._relations()
-        self._spans: list[tuple[int, int]] = []
-        self._repaired: list[tuple[int, int]] = []
-        self._found = FoundRecords(heads.place, heads.type_id)
-
-    def _relations(self) -> tuple[bytes, bytes]:
-        """One byte per header: whether its record ends at the very next header, and whether at any. The file's end
-        counts as one."""
+        # One byte per header: whether its record ends at the very next header, and whether at any. The
+        # file's end counts as one.
         place, length, count = self._place, self._length, self._count
         linked, sound = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         for at in range(0, count, _STEP):
@@ -179,7 +169,10 @@ class _RecordChain:
             ends_at_head = place[np.minimum(target, count - 1)] == end[rest]
             here[rest] = ends_at_head | (end[rest] == self._size)
             sound[at:until] = here
-        return linked.tobytes(), sound.tobytes()
+        self._linked, self._sound = linked.tobytes(), sound.tobytes()
+        self._spans: list[tuple[int, int]] = []
+        self._repaired: list[tuple[int, int]] = []
+        self._found = FoundRecords(heads.place, heads.type_id)
 
     def run(self) -> FoundRecords:
         count, sound = self._count, self._sound
@@ -205,9 +198,6 @@ class _RecordChain:
                 if not self._keep_fmt(place, until):
                     self._lose(place, until, "the type number of a record is damaged")
                 now = inner
-        return self._gather()
-
-    def _gather(self) -> FoundRecords:
         found = self._found
         if self._spans != [(0, self._count)]:
             found.place, found.type_id = (

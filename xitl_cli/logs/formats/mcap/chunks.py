@@ -163,7 +163,12 @@ def scan(data: bytes, begin: int, end: int, fits: Fits | None, *, loose: bool = 
             if len(found) >= _ROWS_AT_ONCE:
                 blocks.append(np.array(found, dtype=np.uint64))
                 found.clear()
-        elif opcode and stop <= end and (opcode in _IN_CHUNKS or not loose) and _readable(opcode, length):
+        elif (
+            opcode
+            and stop <= end
+            and (opcode in _IN_CHUNKS or not loose)
+            and (opcode != records.MESSAGE or length >= 22)
+        ):
             try:
                 if opcode == records.SCHEMA:
                     content.schemas.append(SchemaRecord.parse(data[at + 9 : stop]))
@@ -183,10 +188,6 @@ def scan(data: bytes, begin: int, end: int, fits: Fits | None, *, loose: bool = 
         blocks.append(np.array(found, dtype=np.uint64))
     content.rows = _rows(blocks)
     return content
-
-
-def _readable(opcode: int, length: int) -> bool:
-    return opcode != records.MESSAGE or length >= 22
 
 
 def _rows(blocks: list[NDArray[np.uint64]]) -> MessageRows:

@@ -178,7 +178,23 @@ def from_summary(source: FileReader, losses: RecordingLosses) -> RecordingIndex 
         list[StatisticsRecord](),
     )
     try:
-        _read_summary(data, index, entries, statistics)
+        at = 0
+        while at < len(data):
+            if len(data) - at < 9:
+                raise MalformedError
+            opcode, length = records.HEAD.unpack_from(data, at)
+            body = data[at + 9 : at + 9 + length]
+            if len(body) != length:
+                raise MalformedError
+            at += 9 + length
+            if opcode == records.SCHEMA:
+                index.add_schema(SchemaRecord.parse(body))
+            elif opcode == records.CHANNEL:
+                index.add_channel(ChannelRecord.parse(body))
+            elif opcode == records.CHUNK_INDEX:
+                entries.append(ChunkIndexRecord.parse(body))
+            elif opcode == records.STATISTICS:
+                statistics.append(StatisticsRecord.parse(body))
     except MalformedError:
         return None
     if not statistics or not _agree(index, entries, statistics[-1]):
@@ -199,28 +215,6 @@ def _footer(source: FileReader) -> tuple[int, int, int] | None:
         return None
     start, crc = records.parse_footer(tail[9:])
     return start, crc, place
-
-
-def _read_summary(
-    data: bytes, index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: list[StatisticsRecord]
-) -> None:
-    at = 0
-    while at < len(data):
-        if len(data) - at < 9:
-            raise MalformedError
-        opcode, length = records.HEAD.unpack_from(data, at)
-        body = data[at + 9 : at + 9 + length]
-        if len(body) != length:
-            raise MalformedError
-        at += 9 + length
-        if opcode == records.SCHEMA:
-            index.add_schema(SchemaRecord.parse(body))
-        elif opcode == records.CHANNEL:
-            index.add_channel(ChannelRecord.parse(body))
-        elif opcode == records.CHUNK_INDEX:
-            entries.append(ChunkIndexRecord.parse(body))
-        elif opcode == records.STATISTICS:
-            statistics.append(StatisticsRecord.parse(body))
 
 
 def _agree(index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: StatisticsRecord) -> bool:

@@ -240,7 +240,11 @@ class _Writer:
         self, packed: bytes, data: bytes, compression: str, channel: NDArray[np.uint16], offsets: NDArray[np.int64]
     ) -> None:
         """Write a chunk and the indexes of its messages, which begin at `offsets` in `data`."""
-        stamp_ns = _log_times(data, offsets)
+        if not len(offsets):
+            stamp_ns = np.zeros(0, dtype=np.uint64)
+        else:
+            anywhere: NDArray[np.uint64] = np.ndarray((len(data) - 7,), "<u8", data, strides=(1,))
+            stamp_ns = anywhere[offsets + _LOG_TIME]
         first, last = (int(stamp_ns.min()), int(stamp_ns.max())) if len(stamp_ns) else (0, 0)
         if len(stamp_ns):
             span = self._span or (first, last)
@@ -306,10 +310,3 @@ def _messages(data: bytes, content: ChunkContent, known: NDArray[np.bool_]) -> t
     view = memoryview(data)
     kept = [view[at : at + each] for at, each in zip(begin.tolist(), size.tolist(), strict=True)]
     return b"".join(kept), np.cumsum(size) - size
-
-
-def _log_times(data: bytes, offsets: NDArray[np.int64]) -> NDArray[np.uint64]:
-    if not len(offsets):
-        return np.zeros(0, dtype=np.uint64)
-    anywhere: NDArray[np.uint64] = np.ndarray((len(data) - 7,), "<u8", data, strides=(1,))
-    return anywhere[offsets + _LOG_TIME]

@@ -175,7 +175,19 @@ class Walk:
             head = ChunkHead.parse(self._source.peek(at, 9 + records.CHUNK_FIXED + 32), length)
             self._add_chunk(at, stop - at, head, head.data_size)
         elif opcode in _IN_CHUNKS:
-            return self._loose(at, length, end)
+            # Records outside chunks: consecutive records form an uncompressed chunk.
+            data = self._source.read(at, max(min(_BLOCK, end - at), 9 + length))
+            found = scan(data, 0, len(data), None, loose=True)
+            size = len(data) - found.cut
+            self._describe(found.schemas, found.channels)
+            if len(found.rows.size) and len(self._index.chunks) < MOST_CHUNKS:
+                chunk = Chunk(at, size, at, size, size, "", 0, 2**63 - 1, loose=True)
+                self._index.chunks.append(chunk)
+                self._index.settle_last(self._source.size)
+                self._count(chunk, found.rows)
+            for offset, lost in found.lost:
+                self._losses.note(at + offset, lost, "a record does not hold what it should")
+            return at + size
         elif opcode == records.HEADER:
             self._index.profile, self._index.library = records.parse_header(self._body(at, length))
         elif opcode == records.ATTACHMENT:
@@ -261,21 +273,6 @@ class Walk:
         self._describe(found.schemas, found.channels)
         self._count(chunk, found.rows)
 
-    def _loose(self, at: int, length: int, end: int) -> int:
-        """Records outside chunks: consecutive records form an uncompressed chunk."""
-        data = self._source.read(at, max(min(_BLOCK, end - at), 9 + length))
-        found = scan(data, 0, len(data), None, loose=True)
-        size = len(data) - found.cut
-        self._describe(found.schemas, found.channels)
-        if len(found.rows.size) and len(self._index.chunks) < MOST_CHUNKS:
-            chunk = Chunk(at, size, at, size, size, "", 0, 2**63 - 1, loose=True)
-            self._index.chunks.append(chunk)
-            self._index.settle_last(self._source.size)
-            self._count(chunk, found.rows)
-        for offset, lost in found.lost:
-            self._losses.note(at + offset, lost, "a record does not hold what it should")
-        return at + size
-
     def _describe(self, schemas: list[SchemaRecord], channels: list[ChannelRecord]) -> None:
         for schema in schemas:
             self._index.add_schema(schema)
@@ -288,7 +285,8 @@ class Walk:
         known = np.isin(rows.channel, list(self._index.channels))
         strangers = int((~known).sum())
         if strangers:
-            self._losses.note(chunk.place, int(rows.size[~known].sum()), _strangers(strangers))
+            messages = "a message" if strangers == 1 else f"{strangers} messages"
+            self._losses.note(chunk.place, int(rows.size[~known].sum()), f"{messages} of no channel that is described")
         if not self._counting or not known.any():
             return
         for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
@@ -308,8 +306,3 @@ def between(chunks: list[Chunk], begin: int, end: int) -> Iterator[tuple[int, in
         begin = max(begin, chunk.place + chunk.size)
     if end > begin:
         yield begin, end
-
-
-def _strangers(count: int) -> str:
-    messages = "a message" if count == 1 else f"{count} messages"
-    return f"{messages} of no channel that is described"

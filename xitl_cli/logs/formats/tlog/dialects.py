@@ -146,40 +146,34 @@ def definitions() -> Mapping[int, MavlinkDefinition]:
     for module in _MODULES:
         for number, generated in import_module(module).mavlink_map.items():
             if number not in found:
-                found[number] = _definition(number, generated)
+                made = vars(generated)
+                fields: dict[str, MavlinkField] = {}
+                offset = 0
+                units = made["fieldunits_by_name"]
+                codes = made["native_format"].decode().lstrip("<")
+                for name, code, count in zip(made["ordered_fieldnames"], codes, made["array_lengths"], strict=True):
+                    text = code == "c"
+                    dtype = np.dtype("u1") if text else np.dtype(f"<{code}")
+                    message = made["msgname"]
+                    unit = units.get(name, "")
+                    scale = None if text else scale_for(unit)
+                    column = Column(
+                        name,
+                        unit if scale is None else scale.unit,
+                        unit,
+                        "text" if text else "number",
+                        () if text or not count else (count,),
+                    )
+                    fields[name] = MavlinkField(
+                        name, offset, dtype, count, text, scale, unknown_value(message, name), column
+                    )
+                    offset = fields[name].end
+                instance = made["instance_field"]
+                found[number] = MavlinkDefinition(
+                    number,
+                    made["msgname"],
+                    made["crc_extra"],
+                    {name: fields[name] for name in made["fieldnames"]},
+                    None if instance is None or fields[instance].text else instance,
+                )
     return found
-
-
-def _definition(number: int, generated: type) -> MavlinkDefinition:
-    made = vars(generated)
-    fields: dict[str, MavlinkField] = {}
-    offset = 0
-    units = made["fieldunits_by_name"]
-    codes = made["native_format"].decode().lstrip("<")
-    for name, code, count in zip(made["ordered_fieldnames"], codes, made["array_lengths"], strict=True):
-        text = code == "c"
-        dtype = np.dtype("u1") if text else np.dtype(f"<{code}")
-        fields[name] = _field(made["msgname"], name, offset, dtype, count, text, units.get(name, ""))
-        offset = fields[name].end
-    instance = made["instance_field"]
-    return MavlinkDefinition(
-        number,
-        made["msgname"],
-        made["crc_extra"],
-        {name: fields[name] for name in made["fieldnames"]},
-        None if instance is None or fields[instance].text else instance,
-    )
-
-
-def _field(
-    message: str, name: str, offset: int, dtype: np.dtype[np.generic], count: int, text: bool, unit: str
-) -> MavlinkField:
-    scale = None if text else scale_for(unit)
-    column = Column(
-        name,
-        unit if scale is None else scale.unit,
-        unit,
-        "text" if text else "number",
-        () if text or not count else (count,),
-    )
-    return MavlinkField(name, offset, dtype, count, text, scale, unknown_value(message, name), column)

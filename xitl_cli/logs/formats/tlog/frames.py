@@ -192,7 +192,12 @@ class FrameTable(Table):
         payload = start + np.where(second, 10, 6)
         stored = self._stored(field, payload, self._data[start + 1].astype(np.int64))
         if field.text:
-            return _text(stored)
+            # Text up to the first NUL.
+            if not stored.size:
+                return np.zeros(len(stored), dtype="U1")
+            texts = np.ascontiguousarray(stored).view(f"S{stored.shape[1]}")[:, 0]
+            shown = [text.split(b"\0", 1)[0].decode("ascii", errors="replace") for text in texts.tolist()]
+            return np.array(shown, dtype=np.str_)
         return stored if raw else _scaled(field, stored)
 
     def _stored(self, field: MavlinkField, payload: NDArray[np.int64], length: NDArray[np.int64]) -> NDArray[Any]:
@@ -214,15 +219,6 @@ class FrameTable(Table):
             found = self._data[np.where(inside, payload[cut, None] + offsets, 0)] * inside
             result[cut] = np.ascontiguousarray(found, dtype=np.uint8).view(field.dtype)
         return result if field.count else result[:, 0]
-
-
-def _text(characters: NDArray[np.uint8]) -> NDArray[np.str_]:
-    """Text up to the first NUL."""
-    if not characters.size:
-        return np.zeros(len(characters), dtype="U1")
-    texts = np.ascontiguousarray(characters).view(f"S{characters.shape[1]}")[:, 0]
-    shown = [text.split(b"\0", 1)[0].decode("ascii", errors="replace") for text in texts.tolist()]
-    return np.array(shown, dtype=np.str_)
 
 
 def _scaled(field: MavlinkField, stored: NDArray[Any]) -> NDArray[Any]:
