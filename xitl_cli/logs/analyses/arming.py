@@ -10,12 +10,12 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import FAILSAFE_ARMING_METHODS, arming_method_name, checks_left_out
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
-from xitl_cli.logs.tables.events import FAILSAFE_ARMING_METHODS, arming_method_name, checks_left_out
 
 _REFUSED = re.compile(r"^\s*(PreArm|Arm)\s*:\s*(.+?)\s*$", re.I)
 _PREARM_CHECK = 1 << 28  # MAV_SYS_STATUS_PREARM_CHECK

@@ -1,6 +1,6 @@
 """Attitude and impacts: capsized vessels, vehicles on their back, collisions.
 
-Normal values depend on the class of the vehicle (`tables/vehicles.py`), its own limits (ANGLE_MAX, ROLL_LIMIT_DEG) and
+Normal values depend on the class of the vehicle (`model/codes.py`), its own limits (ANGLE_MAX, ROLL_LIMIT_DEG) and
 the mode: a loop flown in ACRO gives no warning.
 """
 
@@ -14,6 +14,7 @@ import numpy as np
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.analyses.outputs import driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import BOAT_FRAME, FREE_ATTITUDE, MOTION_LIMITS, SURFACE_BOAT, MotionLimits, VehicleKind
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
@@ -21,8 +22,6 @@ from xitl_cli.logs.signals.sensors import STANDARD_GRAVITY_MPS2, InertialUnit, i
 from xitl_cli.logs.signals.series import first_instance, significant
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_heartbeats, firmware_text, parameter_values, vehicle_kind
-from xitl_cli.logs.tables.modes import FREE_ATTITUDE
-from xitl_cli.logs.tables.vehicles import BOAT_FRAME, MOTION_LIMITS, SURFACE_BOAT, MotionLimits, VehicleKind
 
 _TITLE = "Attitude and impacts"
 _SOURCES: tuple[signals.SignalSource, ...] = ("estimate", "truth")

@@ -15,13 +15,13 @@ import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.analyses.modes import ModeSpan, mode_spans
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import ALTITUDE_FRAMES, PLACE_COMMANDS, command_name
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
-from xitl_cli.logs.tables.commands import ALTITUDE_FRAMES, PLACE_COMMANDS, command_name
 
 _PLAUSIBLE_ITEMS = 5000
 

@@ -9,13 +9,19 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import (
+    FAILSAFE_REASONS,
+    NAVIGATING,
+    error_name,
+    is_failsafe_error,
+    mode_name,
+    reason_name,
+)
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import error_rows, vehicle_kind
-from xitl_cli.logs.tables.events import error_name, is_failsafe_error
-from xitl_cli.logs.tables.modes import FAILSAFE_REASONS, NAVIGATING, mode_name, reason_name
 
 _SAME_CAUSE_NS = 1_000_000_000
 _EVENT_NS = 3_000_000_000  # a run records a mode change up to 2 s after the heartbeat that shows it

@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Flags, Floats
-from xitl_cli.logs.signals import Series, outputs
-from xitl_cli.logs.signals.states import armed_rows, vehicle_kind
-from xitl_cli.logs.tables.commands import (
+from xitl_cli.logs.model.codes import (
     FIXED_OUTPUTS,
     MOTORS,
     OLD_FUNCTIONS,
     PORT_THROTTLE,
     STARBOARD_THROTTLE,
     THROTTLE,
+    VehicleKind,
     servo_function_name,
 )
-from xitl_cli.logs.tables.vehicles import VehicleKind
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Flags, Floats
+from xitl_cli.logs.signals import Series, outputs
+from xitl_cli.logs.signals.states import armed_rows, vehicle_kind
 
 _SHORTEST_US, _LONGEST_US = 500.0, 2500.0  # of a pulse; other values are not pulses
 _USUAL_US = (1100.0, 1900.0)

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import ERR_BATTERY_FAILSAFE
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import held_spans, runs, spells
 from xitl_cli.logs.signals.states import error_rows, parameter_values
-from xitl_cli.logs.tables.events import ERR_BATTERY_FAILSAFE
 
 _TITLE = "Power"
 _UNKNOWN_MV = 65535.0

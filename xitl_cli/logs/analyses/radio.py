@@ -8,6 +8,12 @@ import numpy as np
 
 from xitl_cli.logs.analyses.outputs import THROTTLES, OutputChannel, driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import (
+    CONTROLS,
+    ERR_RC_FAILSAFE,
+    PORT_THROTTLE,
+    STARBOARD_THROTTLE,
+)
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.model.table import Flags, Stamps
@@ -15,12 +21,6 @@ from xitl_cli.logs.signals import Series, outputs, rc_inputs
 from xitl_cli.logs.signals.series import listed, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import find_holds, held_spans, runs, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows, parameter_values
-from xitl_cli.logs.tables.commands import (
-    CONTROLS,
-    PORT_THROTTLE,
-    STARBOARD_THROTTLE,
-)
-from xitl_cli.logs.tables.events import ERR_RC_FAILSAFE
 
 _IN_FAILSAFE = 2  # RCI2.Flags
 _HELD_S = 5.0

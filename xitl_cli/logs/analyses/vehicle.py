@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from xitl_cli.logs.clocks.readings import utc_offset
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.clocks.utc import utc_offset
+from xitl_cli.logs.model.codes import MAV_TYPES, SITL_BOARD, board_name, release_name
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section, Value
 from xitl_cli.logs.model.table import Table
@@ -26,7 +27,6 @@ from xitl_cli.logs.signals.states import (
     last_parameters,
     vehicle_kind,
 )
-from xitl_cli.logs.tables.vehicles import MAV_TYPES, SITL_BOARD, board_name, release_name
 
 _EMBEDDED = re.compile(r"^xitl (\S+), messages and modes as")
 _HASH = re.compile(r"\(([0-9a-f]{6,12})\)")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.clocks.utc import UtcOffset, in_utc
+from xitl_cli.logs.clocks.readings import UtcOffset, in_utc
 from xitl_cli.logs.export.files import unique_names
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.query import merge_rows, rows_at_once

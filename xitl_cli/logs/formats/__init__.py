@@ -53,7 +53,7 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     """
     path = Path(path)
     if _is_bag_folder(path):
-        from xitl_cli.logs.formats.bag.folder import open_bag_folder
+        from xitl_cli.logs.formats.bag.ros2_bag import open_bag_folder
 
         return _of_vessel(open_bag_folder(path), vessel)
     path = recording_in(path)
@@ -97,14 +97,14 @@ def _is_bag_folder(path: Path) -> bool:
             return False
     except (OSError, ValueError):
         return False
-    from xitl_cli.logs.formats.bag.folder import is_bag_folder
+    from xitl_cli.logs.formats.bag.ros2_bag import is_bag_folder
 
     return is_bag_folder(path)
 
 
 def _bag(path: Path, head: bytes) -> Log:
     if head.startswith(_SQLITE_MAGIC):
-        from xitl_cli.logs.formats.bag.sqlite_bag import SqliteBag
+        from xitl_cli.logs.formats.bag.ros2_bag import SqliteBag
 
         return SqliteBag(path)
     from xitl_cli.logs.formats.bag.ros1_bag import Ros1Bag, refuse_other_version

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.expressions.evaluation import LACKING, Evaluation, Quantity
-from xitl_cli.logs.expressions.functions import ARITIES, TIMED
+from xitl_cli.logs.expressions.evaluation import ARITIES, LACKING, TIMED, Evaluation, Quantity
 from xitl_cli.logs.expressions.syntax import ExpressionError, Language, functions_in, names_in, parse
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log

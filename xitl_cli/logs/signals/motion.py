@@ -14,7 +14,6 @@ from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
 from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table
-from xitl_cli.logs.signals.lanes import rows_in_use
 from xitl_cli.logs.signals.series import (
     Series,
     SeriesReader,
@@ -26,6 +25,7 @@ from xitl_cli.logs.signals.series import (
     stacked_columns,
 )
 from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.signals.states import rows_in_use
 
 HIGHEST_M = 10e3  # beyond it, a local frame has no meaning
 

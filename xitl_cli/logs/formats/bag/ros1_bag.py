@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.bag.bag import BagLog, BagTopic
-from xitl_cli.logs.formats.mcap.chunks import PayloadBatch, join_payloads
-from xitl_cli.logs.formats.mcap.chunks import unpack as unpack_frames
+from xitl_cli.logs.formats.mcap.container import PayloadBatch, join_payloads
+from xitl_cli.logs.formats.mcap.container import unpack as unpack_frames
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Format

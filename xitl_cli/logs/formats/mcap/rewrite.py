@@ -20,10 +20,18 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap import records
-from xitl_cli.logs.formats.mcap.chunks import MESSAGE_OVERHEAD, ChunkContent, Chunks
-from xitl_cli.logs.formats.mcap.index import Chunk, RecordingIndex
-from xitl_cli.logs.formats.mcap.records import AttachmentRecord, ChannelRecord, OtherRecord, SchemaRecord
+from xitl_cli.logs.formats.mcap import container
+from xitl_cli.logs.formats.mcap.container import (
+    MESSAGE_OVERHEAD,
+    AttachmentRecord,
+    ChannelRecord,
+    Chunk,
+    ChunkContent,
+    Chunks,
+    OtherRecord,
+    RecordingIndex,
+    SchemaRecord,
+)
 from xitl_cli.logs.model.file_bytes import FileReader
 
 _PIECE = 16 << 20
@@ -110,7 +118,7 @@ class _Writer:
         self._attachment_indexes: list[written.AttachmentIndex] = []
         self._metadata_indexes: list[written.MetadataIndex] = []
         self._done = Rewritten()
-        self._put(records.MAGIC)
+        self._put(container.MAGIC)
         self._write(written.Header(index.profile, index.library))
 
     def chunk(self, chunk: Chunk) -> None:
@@ -203,7 +211,7 @@ class _Writer:
         summary = b"".join([*groups, *map(_bytes, offsets)])
         footer = _bytes(written.Footer(begin, at, 0))[:-4]
         self._put(summary + footer)
-        self._put(zlib.crc32(summary + footer).to_bytes(4, "little") + records.MAGIC)
+        self._put(zlib.crc32(summary + footer).to_bytes(4, "little") + container.MAGIC)
         return done
 
     def _is_whole(self, chunk: Chunk, content: ChunkContent) -> bool:
@@ -257,7 +265,7 @@ class _Writer:
             places[number] = self._at
             own = channel == number
             pairs = np.stack([stamp_ns[own], offsets[own].astype(np.uint64)], axis=1).astype("<u8").tobytes()
-            head = records.HEAD.pack(records.MESSAGE_INDEX, 6 + len(pairs)) + struct.pack("<HI", number, len(pairs))
+            head = container.HEAD.pack(container.MESSAGE_INDEX, 6 + len(pairs)) + struct.pack("<HI", number, len(pairs))
             self._put(head + pairs)
         self._chunk_indexes.append(
             written.ChunkIndex(

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
+from xitl_cli.logs.formats.mcap.container import PayloadBatch
 from xitl_cli.logs.model.table import ALL, Column, Kind, Rows, Table, steps_back
 
 MOST_ELEMENTS = 32
