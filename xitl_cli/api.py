@@ -65,8 +65,8 @@ def simulate(
     then is kept.
     """
     from xitl_cli.run.core.directory import default_path
+    from xitl_cli.run.nodes.display import NoDisplay
     from xitl_cli.run.session import run
-    from xitl_cli.run.status_display import NoDisplay
 
     own = {"clock.seed": seed, "clock.duration_s": duration_s}
     given = {key: value for key, value in own.items() if value is not None}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from xitl_cli.profile.schema import RunProfile
     from xitl_cli.record.topics import Topic
+    from xitl_cli.run.composition.parts import Place
     from xitl_cli.run.core.node import ControlNode, RunNode
     from xitl_cli.run.world.plant import PlantView
     from xitl_cli.scenery import Scenery
@@ -68,6 +69,9 @@ class NodeContext:
     rng: Generator
     """Random generator of this node. It depends on `clock.seed`, the vessel and the name of the plug-in alone."""
 
+    parts: Mapping[type, Any] = field(default_factory=dict)
+    """The objects that `NodeKind.needs` asks for, by type."""
+
 
 @dataclass(frozen=True, slots=True)
 class NodeKind:
@@ -84,6 +88,13 @@ class NodeKind:
 
     topics: Sequence[Topic] = ()
     """Topics that the node records. With several vessels, the vessel's name is in front of each name."""
+
+    needs: Sequence[type] = ()
+    """Other nodes of the vessel that `make` finds in `NodeContext.parts`, such as `AutopilotNode`. A run without one of
+    them is refused."""
+
+    place: Place | None = None
+    """Place of the node in a step, None for the usual one: after the mission's score, before the live outputs."""
 
 
 def keep_group(app: typer.Typer) -> None:

@@ -55,7 +55,7 @@ TIMED = """
 import json, sys, time
 from pathlib import Path
 from xitl_cli.main import main
-from xitl_cli.run.operator.node import OperatorNode
+from xitl_cli.run.nodes.operator import OperatorNode
 exchange, at = OperatorNode.exchange, {}
 def timed(self, step):
     exchange(self, step)

@@ -13,9 +13,9 @@ import pytest
 
 from tests.patience import PATIENCE_S
 from xitl_cli.profile import load_profile
+from xitl_cli.run.nodes.display import NoDisplay
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.session import run
-from xitl_cli.run.status_display import NoDisplay
 
 CLIENT = Path(__file__).parents[2] / "build/foxglove-client"
 

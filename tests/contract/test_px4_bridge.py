@@ -28,7 +28,6 @@ from sim_core.geodesy import LocalFrame
 from tests.doubles.capture import MAVLINK, OUTPUTS, SENSORS, read_capture
 from tests.patience import PATIENCE_S
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.drivers import why_not_armed
 
 DATA = Path(__file__).parents[1] / "data" / "px4"
 RECORDS = list(read_capture(DATA / "mission.xz"))
@@ -178,7 +177,7 @@ def test_a_refusal_is_told_by_its_cause_and_without_its_tab() -> None:
                 if is_known(frame):
                     view.handle(decode(frame))
     assert view.texts[-1] == "Arming denied: Resolve system health failures first"
-    assert why_not_armed(view.texts, view.unhealthy) == "; it said: Preflight Fail: barometer 0 missing"
+    assert view.why_not_armed() == "; it said: Preflight Fail: barometer 0 missing"
     assert "barometer" in view.unhealthy
     assert not view.ready_to_arm
 

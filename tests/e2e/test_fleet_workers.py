@@ -13,7 +13,7 @@ from conftest import payloads, summary
 from xitl_cli.profile import load_profile
 from xitl_cli.run import session
 from xitl_cli.run.links.agent_workers import AgentWorkers
-from xitl_cli.run.status_display import NoDisplay
+from xitl_cli.run.nodes.display import NoDisplay
 
 pytestmark = pytest.mark.slow
 

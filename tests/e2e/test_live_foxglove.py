@@ -18,9 +18,9 @@ from conftest import payloads
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
+from xitl_cli.run.nodes.display import NoDisplay
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.session import Result, run
-from xitl_cli.run.status_display import NoDisplay
 
 PROTOCOL = "foxglove.sdk.v1"
 MESSAGE, TIME, ANSWER = 1, 2, 3

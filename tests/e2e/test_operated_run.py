@@ -12,11 +12,11 @@ from conftest import differences, payloads
 from xitl_cli.logs import open_log
 from xitl_cli.plugins.view.recording import open_scene
 from xitl_cli.profile import load_profile
-from xitl_cli.run.operator.node import OperatorNode
+from xitl_cli.run.nodes.display import NoDisplay
+from xitl_cli.run.nodes.operator import OperatorNode
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.operator.replay import read_events
 from xitl_cli.run.session import run
-from xitl_cli.run.status_display import NoDisplay
 
 SECONDS = 24.0
 

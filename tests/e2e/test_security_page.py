@@ -21,9 +21,9 @@ from tests.free_ports import free_port
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.plugins.campaign import cluster
 from xitl_cli.profile import load_profile
+from xitl_cli.run.nodes.display import NoDisplay
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.session import run
-from xitl_cli.run.status_display import NoDisplay
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]

@@ -131,9 +131,9 @@ def sim(
     from xitl_cli.commands.sim_report import show_result
     from xitl_cli.profile import load_with_origins
     from xitl_cli.run.core.directory import default_path
+    from xitl_cli.run.nodes.display import make_display
     from xitl_cli.run.operator.operation import operation_of
     from xitl_cli.run.session import run
-    from xitl_cli.run.status_display import make_display
 
     if profile is not None and profile_option is not None:
         raise UserError(f"{profile} and --profile {profile_option}: are two profiles; give one of them")

@@ -11,8 +11,8 @@ from typing import Any
 from xitl_cli.errors import UserError
 from xitl_cli.experiment.report import ExperimentReport
 from xitl_cli.profile import load_profile
+from xitl_cli.run.nodes.display import NoDisplay
 from xitl_cli.run.session import INTERRUPTED, Result, run
-from xitl_cli.run.status_display import NoDisplay
 
 
 class InterruptedRunError(Exception):

@@ -1,14 +1,17 @@
 """One run of a profile: a plant, nodes and a loop.
 
-  session.py  from profile to summary: create the nodes, connect to them, run the loop, and always close everything
-  compose.py  creates every kind of node from the profile; the order of the list is the order of the calls
-  loop.py     wait for the instant, step the world, let every node sense, exchange and record
-  summary.py  summary.json, merged from the reports of the nodes; run_graph.py, view.py
-  core/       the base: the node interface, reports, time, statistics, seeds, faults, the run directory
-  world/      the simulated world: plant, scenery, waterway, encounters, scene
-  sensors/    the sensors: instruments, their messages, their faults
-  links/      agents: connection, inbox, accounts, timing, peers, loopbacks
-  nodes/      participants: autopilot, bridge, standby, companion, direct control, drivers, river, scores, recorders
+  session.py    from profile to summary: make the nodes, connect to them, run the loop, and always close everything
+  composition/  the declarations of all nodes: needs, product, place in the step; and how they are resolved
+  loop.py       wait for the instant, step the world, let every node sense, exchange and record
+  summary.py    summary.json, merged from the reports of the nodes; run_graph.py, verdict.py
+  core/         the base: the node interface, reports, time, statistics, seeds, faults, the run directory
+  world/        the simulated world: plant, scenery, waterway, encounters, scene
+  sensors/      the sensors: instruments, their messages, their faults
+  links/        agents: connection, inbox, accounts, timing, peers, loopbacks, commands of an autopilot
+  launch/       the firmware of other autopilots
+  nodes/        every node: autopilot, bridge, companion, direct control, drivers, river, operator, display, recorders
+  scores/       scores against the truth
+  operator/     actions of a person: their definition, their streams and their replay
 
 An IMU sample goes through world/plant.py, sensors/sensing.py, nodes/autopilot.py and links/connection.py. The motor
 commands return through links/inbox.py, nodes/autopilot.py, loop.py and world/plant.py. Each further vessel has its own

@@ -12,7 +12,7 @@ from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.mcap_file import RecordingError
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import PaceReport
-from xitl_cli.run.core.node import FleetStep, RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
+from xitl_cli.run.core.node import RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.plugin_error import PluginNodeError
 from xitl_cli.run.core.reports import Ending
@@ -104,10 +104,7 @@ class Loop:
         """Return the step of each vessel, indexed by group number."""
         plant = self._plant
         now_ns = plant.state.time_ns
-        if self._alone:
-            view = plant.vessels[0]
-            return [RunStep(number, now_ns, view.state, view.motion(), view.held)]
-        steps = [FleetStep.of(number, now_ns, view) for view in plant.vessels]
+        steps = [RunStep(number, now_ns, view, view.motion(), view.held) for view in plant.vessels]
         return [steps[0], *steps]
 
     def _call(self, groups: list[Group], steps: list[RunStep], of_lost: bool = False) -> None:

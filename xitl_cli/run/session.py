@@ -26,23 +26,24 @@ from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.mcap_file import ChannelMirror, McapFile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run.compose import RunSetup, compose, compose_world, link_names
+from xitl_cli.run.composition.parts import Parts, Place
+from xitl_cli.run.composition.setup import RunSetup, VesselSetup, is_awaited
+from xitl_cli.run.composition.vessel import link_names, vessel_parts
+from xitl_cli.run.composition.world import world_parts
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.live_output import live_outputs
-from xitl_cli.run.core.node import RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
+from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
 from xitl_cli.run.core.pace import Lockstep, OperatedLockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
-from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop, named
+from xitl_cli.run.nodes.display import StatusDisplay
+from xitl_cli.run.nodes.stations import StationAddresses
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
-from xitl_cli.run.operator.orders import Steering, VesselOrders
 from xitl_cli.run.sensors.compass import compass_warnings
-from xitl_cli.run.status_display import StatusDisplay
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 from xitl_cli.run.traffic.departure import departs_after
-from xitl_cli.run.traffic.receivers import AisReceiver
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
@@ -128,8 +129,27 @@ def run(
     if lead.ros.enabled and operation.pace is None:
         operation = replace(operation, pace=lead.ros.pace)
     with ExitStack() as opened:
-        drawn = lambda: scene().encode()  # noqa: E731
-        nodes = _composed(profiles, plant, scenery, out, make_display, interruption, opened, drawn, tell, operation)
+        stations = StationAddresses(profiles)
+        opened.callback(stations.close)
+        workers = fleet_workers(profiles)
+        if workers is not None:
+            opened.callback(workers.close)
+        setup = RunSetup(
+            profiles=profiles,
+            plant=plant,
+            scenery=scenery,
+            out=out,
+            operation=operation,
+            stations=stations,
+            voices=VesselVoices(),
+            live=live_outputs(profiles),
+            workers=workers,
+            make_display=make_display,
+            scene=lambda: scene().encode(),
+            tell=tell,
+            interrupted=interruption,
+        )
+        nodes = _composed(setup, opened)
         for name, node in nodes.named():
             with _of(name):
                 node.prepare()
@@ -210,42 +230,22 @@ class RunNodes:
         yield from (("", node) for node in self.world.behind)
 
 
-def _composed(
-    profiles: Sequence[RunProfile],
-    plant: Plant,
-    scenery: Scenery,
-    out: Path,
-    make_display: Callable[[], StatusDisplay],
-    interrupted: Callable[[], bool],
-    opened: ExitStack,
-    drawn: Callable[[], bytes],
-    tell: Callable[[str], None],
-    operation: Operation,
-) -> RunNodes:
-    """Create the nodes of a run; `opened` closes them. Raises UserError, which names the vessel of a fleet."""
-    setups, vessels, voices = [], [], VesselVoices()
-    receivers: dict[str, AisReceiver] = {}
-    orders: dict[str, VesselOrders] = {}
-    steering: dict[str, Steering] = {}
-    after = departs_after(profiles)
-    stations = StationAddresses(profiles)
-    opened.callback(stations.close)
-    live = live_outputs(profiles)
-    workers = fleet_workers(profiles)
-    if workers is not None:
-        opened.callback(workers.close)
-    for profile, view in zip(profiles, plant.vessels, strict=True):
-        with _of(profile.vessel):
-            seeds = Seeds(profile.clock.seed, profile.vessel)
-            own = out / profile.vessel
-            made = (profile, seeds, scenery, view, own, interrupted, stations, voices, after[profile.vessel], receivers)
-            acting = operation.operated, orders, steering, live
-            setups.append(RunSetup(*made, workers, *acting))
-            vessels.append(compose(setups[-1], opened))
-    warnings = tuple(stations.warnings)
-    known = [*scenery.warnings, *warnings]
-    world = compose_world(setups, vessels, plant, make_display, known, opened, drawn, tell, operation)
-    return RunNodes(world, tuple(vessels), warnings)
+def _composed(setup: RunSetup, opened: ExitStack) -> RunNodes:
+    """Make the nodes of a run; `opened` closes them. Raises UserError, which names the vessel of a fleet."""
+    made: dict[str, Parts] = {}
+    after = departs_after(setup.profiles)
+    for profile, view in zip(setup.profiles, setup.plant.vessels, strict=True):
+        name = profile.vessel
+        with _of(name):
+            seeds = Seeds(profile.clock.seed, name)
+            made[name] = vessel_parts(VesselSetup(setup, profile, seeds, view, setup.out / name, after[name]), opened)
+    world = world_parts(setup, made, opened)
+    vessels = tuple(
+        VesselNodes(profile.vessel, parts.need(ControlNode), parts.nodes(), is_awaited(profile))
+        for profile, parts in zip(setup.profiles, made.values(), strict=True)
+    )
+    ahead, behind = world.nodes(before=Place.COLLISIONS), world.nodes(after=Place.LIVE_VESSEL)
+    return RunNodes(WorldNodes(ahead, behind), vessels, tuple(setup.stations.warnings))
 
 
 def open_recorders(

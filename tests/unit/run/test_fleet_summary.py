@@ -16,8 +16,8 @@ from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import Ending, LinkReport, NodeReport
+from xitl_cli.run.nodes.display import LiveDisplay, PlainDisplay, RunStatus
 from xitl_cli.run.session import Result
-from xitl_cli.run.status_display import LiveDisplay, PlainDisplay, RunStatus
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 
 

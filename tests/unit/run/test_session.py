@@ -20,8 +20,8 @@ from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
+from xitl_cli.run.nodes.display import NoDisplay
 from xitl_cli.run.nodes.drivers import Course, NoDriver
-from xitl_cli.run.status_display import NoDisplay
 from xitl_cli.seeds import Seeds
 
 

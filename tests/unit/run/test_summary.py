@@ -24,7 +24,7 @@ from xitl_cli.run.core.reports import (
 )
 from xitl_cli.run.core.statistics import Histogram
 from xitl_cli.run.nodes.bridge import AutopilotReport
-from xitl_cli.run.nodes.mission_score import MissionScore
+from xitl_cli.run.scores.mission import MissionScore
 from xitl_cli.run.session import Result
 from xitl_cli.run.summary import RunOutcome, Sections, VesselOutcome, merged, summary_of
 

@@ -52,8 +52,8 @@ def run(steps: int, latency_s: float = 0.0) -> tuple[list[tuple[int, PointCloud]
     track = moving(velocity_ned_mps=(2.0, 0.0, 0.0), turning_degps=(0.0, 0.0, 10.0), steps=steps)
     for step in range(1, steps + 1):
         motion: Any = SimpleNamespace(pos_ned_m=track.pos_ned_m[step, None], rot_ned_frd=track.rot_ned_frd[step, None])
-        state: Any = None
-        for message in instrument.update(RunStep(step, step * STEP_NS, state, motion)):
+        world: Any = SimpleNamespace(state=None)
+        for message in instrument.update(RunStep(step, step * STEP_NS, world, motion)):
             came += [(step * STEP_NS, cloud) for cloud in clouds.handle(message)]
     instrument.close()
     return came, kept, instrument, caster

@@ -21,7 +21,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.live_output import LiveOutput, LiveRun
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.core.side_process import SideProcess
-from xitl_cli.run.operator.node import OperatorNode
+from xitl_cli.run.nodes.operator import OperatorNode
 
 SOURCE = "ros"
 OPENING_S = 60.0

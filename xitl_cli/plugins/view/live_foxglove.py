@@ -20,8 +20,8 @@ from xitl_cli.plugins.view.server import listen
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.live_output import LiveOutput, LiveRun
 from xitl_cli.run.core.node import RunNode, RunStep
+from xitl_cli.run.nodes.operator import OperatorNode
 from xitl_cli.run.operator.actions import ENVIRONMENT, GROUPS
-from xitl_cli.run.operator.node import OperatorNode
 
 if TYPE_CHECKING:
     from foxglove.websocket import (

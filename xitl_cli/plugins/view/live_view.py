@@ -31,9 +31,9 @@ from xitl_cli.run.core.live_output import LiveOutput, LiveRun, LiveVessel
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.core.pace import OperatedLockstep
 from xitl_cli.run.core.side_process import SideProcess
-from xitl_cli.run.nodes.mission_score import MissionNode
-from xitl_cli.run.operator.node import OperatorNode
-from xitl_cli.run.status_display import RunStatus
+from xitl_cli.run.nodes.display import RunStatus
+from xitl_cli.run.nodes.mission import MissionNode
+from xitl_cli.run.nodes.operator import OperatorNode
 from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scene import make_debris_scene, make_scripted_scene
 

@@ -27,9 +27,9 @@ class LiveVessel:
     """Its view of the plant, `run.world.plant.PlantView`."""
     control: ControlNode
     mission: Any
-    """The node of its mission score, `run.nodes.mission_score.MissionNode`."""
+    """The node of its mission score, `run.nodes.mission.MissionNode`."""
     status: Callable[[], Any]
-    """Its status now, `run.status_display.RunStatus`."""
+    """Its status now, `run.nodes.display.RunStatus`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Nodes: the parts of a run, behind one interface, and the data that the loop gives them.
 
-compose.py creates them from the profile. session.py and loop.py call, for each node in the order of the list:
+run/composition makes them from the profile. session.py and loop.py call, for each node in the order of the list:
 
     attach_operator(operator)  somebody may act in the run
     prepare                    connect to other processes and boards, before the recording begins
@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, Protocol
 
 from agent.wire.link import Link
 from sim_core.kinematics import Kinematics
@@ -54,60 +54,44 @@ class RunContext:
     vessel: str = ""
 
 
-class RunStep(NamedTuple):
-    """The world after a physics step. Arrays have a leading vessel axis (N, ...).
-
-    number: counts from 1. now_ns: simulation time at the end of the step. held: the vessel was frozen, see Progress.
-    """
-
-    number: int
-    now_ns: int
-    state: SimulationState
-    motion: Kinematics
-    held: bool = False
-
-    @property
-    def contacts(self) -> Contacts:
-        """Contacts of the vessel."""
-        return self.state.contacts
-
-
 class WorldView(Protocol):
-    """A vessel's view of the latest step of a fleet's world."""
-
-    held: bool
+    """A vessel's view of the latest step of the world."""
 
     @property
     def state(self) -> SimulationState: ...
     @property
     def contacts(self) -> Contacts: ...
-    def motion(self) -> Kinematics: ...
 
 
-class FleetStep(RunStep):
-    """Step of one vessel of a fleet. It holds the vessel's view of the plant and computes the state on request."""
+@dataclass(frozen=True, slots=True)
+class RunStep:
+    """The world after a physics step. Arrays have a leading vessel axis (N, ...)."""
 
-    __slots__ = ()
-
-    @classmethod
-    def of(cls, number: int, now_ns: int, view: WorldView) -> FleetStep:
-        """Create the step of the current state of the plant."""
-        return cls(number, now_ns, cast("SimulationState", view), view.motion(), view.held)
+    number: int
+    """Counts from 1."""
+    now_ns: int
+    """Simulation time at the end of the step."""
+    world: WorldView
+    motion: Kinematics
+    held: bool = False
+    """The vessel was frozen, see Progress."""
 
     @property
     def state(self) -> SimulationState:
-        return cast(WorldView, self[2]).state
+        """State of the world around the vessel. In a fleet it is made on request."""
+        return self.world.state
 
     @property
     def contacts(self) -> Contacts:
-        return cast(WorldView, self[2]).contacts
+        """Contacts of the vessel."""
+        return self.world.contacts
 
 
 class RunNode:
     """Base of all nodes. Each method does nothing; a node overrides those it needs. The module lists the calls."""
 
     def attach_operator(self, operator: Any) -> None:
-        """Pass on to `operator` (run.operator.node.OperatorNode) what people ask for. Called before `prepare`."""
+        """Pass on to `operator` (run.nodes.operator.OperatorNode) what people ask for. Called before `prepare`."""
 
     def mirror(self) -> ChannelMirror | None:
         """The object that receives each recorded message too, None for a node that does not."""
@@ -173,17 +157,14 @@ class ControlNode(RunNode):
 
 @dataclass(frozen=True, slots=True)
 class VesselNodes:
-    """Nodes of one vessel in the order of the calls; `control` is one of them.
-
-    name: name of the vessel, empty if there is only one. status: returns the vessel's status for a view. awaited: the
-    run waits until this vessel has finished.
-    """
+    """Nodes of one vessel in the order of the calls; `control` is one of them."""
 
     name: str
+    """Name of the vessel, empty if there is only one."""
     control: ControlNode
     nodes: tuple[RunNode, ...]
-    status: Callable[[], Any] = lambda: None
     awaited: bool = True
+    """The run waits until this vessel has finished."""
 
     @property
     def ahead(self) -> tuple[RunNode, ...]:

@@ -39,6 +39,9 @@ SUBSYSTEMS = {
 STARTING = (dialect.MAV_STATE_BOOT, dialect.MAV_STATE_CALIBRATING)
 """MAV_STATE_UNINIT is not included: it means "state is unknown", and simple vehicles always send it."""
 
+PREARM = ("PreArm: ", "Arm: ", "Preflight Fail: ")
+"""Prefixes of reasons that prevent arming, of ArduPilot and PX4."""
+
 
 class AgentView:
     """Handles every message and keeps the latest relevant values.
@@ -159,6 +162,15 @@ class AgentView:
         if text.endswith(ORIGIN_SET):
             self.has_origin = True
         self._on_text(message.severity, text)
+
+    def why_not_armed(self) -> str:
+        """Return the reasons that prevent arming, each once, as the end of a sentence.
+
+        Without reasons, return the last text and the unhealthy subsystems; empty without either.
+        """
+        reasons = list(dict.fromkeys(text for text in self.texts if text.startswith(PREARM)))
+        why = f"; it said: {', '.join(reasons or [self.texts[-1]])}" if self.texts else ""
+        return why if reasons or not self.unhealthy else f"{why}; not healthy: {', '.join(self.unhealthy)}"
 
     def _command_ack(self, message: Any) -> None:
         self.acks[message.command] = message.result

@@ -1,1 +1,1 @@
-"""Nodes of a run: autopilot, bridge, standby, companion, direct control, drivers."""
+"""Nodes of a run, one subject a file. run/composition declares when a run has each of them."""

@@ -15,7 +15,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.world import AisRadioSpec
 from xitl_cli.record.topics import AisReport
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
-from xitl_cli.run.nodes.autopilot_commands import Send
+from xitl_cli.run.links.autopilot_commands import Send
 from xitl_cli.run.traffic.ais import AisDimensions, AisStatic, sentences
 from xitl_cli.run.traffic.receivers import AisReceiver, SentenceReceiver, mavlink_receiver, px4_receiver
 from xitl_cli.run.traffic.self_report import VesselVoices

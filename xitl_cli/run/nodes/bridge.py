@@ -27,16 +27,16 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.launch.ardupilot import FirmwareLaunch, resolved_bridge
+from xitl_cli.run.launch.px4 import Px4Launch
 from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.links.autopilot_commands import Send
+from xitl_cli.run.links.bridge_clock import SIMULATED_UNEVEN_NS, AutopilotClock
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.links.setup import live_parameters, mission_plans
-from xitl_cli.run.nodes.autopilot_commands import Send
-from xitl_cli.run.nodes.bridge_clock import SIMULATED_UNEVEN_NS, AutopilotClock
 from xitl_cli.run.nodes.drivers import VehicleDriver
-from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.nodes.preparation import CalibrationStep, MissionStep, ParameterStep, Preparation
-from xitl_cli.run.nodes.px4_launch import Px4Launch
 
 MOVES_MPS = 0.2
 DRIVES = 0.02

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -22,7 +22,7 @@ from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import REPEAT_S, AutopilotCommands
 
 
 class VehicleDriver(RunNode):
@@ -128,7 +128,6 @@ def make_driver(
 
 READY_TIMEOUT_S = 60.0
 ASK_WHY_S = 5.0  # time before the timeout at which to ask for the reasons
-PREARM = ("PreArm: ", "Arm: ", "Preflight Fail: ")  # prefixes of ArduPilot and PX4
 
 
 class ArmingPhase(Enum):
@@ -184,20 +183,9 @@ class ArmingSequence:
         if self.phase is ArmingPhase.STARTED and commands.set_mode(sim_ns, self._mode):
             self.phase = ArmingPhase.UNDER_WAY
         if self.phase is not ArmingPhase.UNDER_WAY and sim_ns - self._from_ns > self._timeout_s * 1e9:
-            why = why_not_armed(commands.view.texts, commands.view.unhealthy)
+            why = commands.view.why_not_armed()
             raise UserError(f"gave up after {self._timeout_s:g} s of waiting for {self.phase.value}{why}")
         return self.phase is ArmingPhase.UNDER_WAY
-
-
-def why_not_armed(texts: Iterable[str], unhealthy: Sequence[str] = ()) -> str:
-    """Return the reasons that prevent arming, each once, as the end of a sentence.
-
-    Without reasons, return the last text and the unhealthy subsystems; empty without either.
-    """
-    said = list(texts)
-    reasons = list(dict.fromkeys(text for text in said if text.startswith(PREARM)))
-    why = f"; it said: {', '.join(reasons or said[-1:])}" if said else ""
-    return why if reasons or not unhealthy else f"{why}; not healthy: {', '.join(unhealthy)}"
 
 
 class MissionDriver(VehicleDriver):

@@ -6,7 +6,7 @@ from typing import Any
 
 from agent.wire import dialect
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 
 WATCHED_S = 3.0
 ENOUGH_SHARE = 0.8

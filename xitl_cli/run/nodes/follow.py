@@ -14,7 +14,7 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.profile.schema.agents import FollowSpec
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import Progress
-from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import REPEAT_S, AutopilotCommands
 from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, ArmingPhase, ArmingSequence, VehicleDriver
 from xitl_cli.run.traffic.following import MOVED_M, FollowLaw, LeaderTrack
 from xitl_cli.run.traffic.self_report import Point, VesselVoices

@@ -5,25 +5,17 @@ from __future__ import annotations
 import json
 import traceback
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
-
-from numpy.random import default_rng
 
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.link import Link
 from xitl_cli.errors import UserError
-from xitl_cli.plugin import NodeContext, NodeKind
-from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.recorder import Recorder, check_added_topic
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import Topic
-from xitl_cli.registry import NODES, load, package_of
-from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
+from xitl_cli.registry import NODES, package_of
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.core.plugin_error import PluginNodeError
-from xitl_cli.run.world.plant import PlantView
-from xitl_cli.scenery import Scenery
-from xitl_cli.seeds import Seeds
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -128,26 +120,3 @@ class PluginNode(RunNode):
         file = f"{path.parent.name}/{path.name}" if path.name == "__init__.py" else path.name
         why = f"{reason}, {file}:{last.lineno}"
         return f"{self._who} failed {when} ({why}); correct the plug-in or take it out of the profile"
-
-
-def plugin_nodes(
-    profile: RunProfile, plant: PlantView, scenery: Scenery, control: ControlNode, seeds: Seeds
-) -> list[PluginNode]:
-    """The nodes of the plug-ins in a vessel's profile, in the order of the profile.
-
-    Raises UserError for a plug-in that cannot be loaded, a topic that clashes, and a node that cannot be made.
-    """
-    nodes: list[PluginNode] = []
-    topics: list[Topic] = []
-    for name, keys in profile.plugins.items():
-        kind: NodeKind = load(NODES, name)
-        for topic in kind.topics:
-            try:
-                check_added_topic(topic, topics)
-            except UserError as error:
-                raise UserError(f"plugins.{name} ({package_of(NODES, name)}): {error}") from error
-            topics.append(topic)
-        rng = default_rng(seeds.sequence(f"plugins.{name}"))
-        context = NodeContext(name, profile, plant, scenery, control, seeds, rng)
-        nodes.append(PluginNode(name, partial(kind.make, keys, context), kind.topics))
-    return nodes

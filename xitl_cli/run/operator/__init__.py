@@ -1,1 +1,1 @@
-"""Actions of a person during a run: their definition, their execution, and their replay."""
+"""Actions of a person during a run: definition, streams and replay. nodes/operator.py carries them out."""

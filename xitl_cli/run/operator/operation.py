@@ -5,23 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import Profile
 from xitl_cli.run.operator.actions import ActionError, read_action
 from xitl_cli.run.operator.replay import TimedAction, read_events
 
-if TYPE_CHECKING:
-    from xitl_cli.run.operator.node import OperatorNode
-
 
 @dataclass(frozen=True, slots=True)
 class Operation:
     """Options for the operation of a run."""
 
-    people: tuple[Callable[[OperatorNode], object], ...] = ()
-    """Sources of actions during the run. Each gets the operator before the run begins."""
+    people: tuple[Callable[[Any], object], ...] = ()
+    """Sources of actions during the run. Each gets the `OperatorNode` before the run begins."""
     events: tuple[TimedAction, ...] = ()
     """Actions that are repeated."""
     pace: float | None = None

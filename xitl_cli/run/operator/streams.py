@@ -6,8 +6,7 @@ from collections.abc import Callable
 from enum import Enum
 
 from agent.mavlink.modes import shown_mode
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
-from xitl_cli.run.nodes.drivers import why_not_armed
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 
 SILENT_S = 1.0
 TOLD_S = 10.0
@@ -87,7 +86,7 @@ class VelocityStream:
             say("velocity: in GUIDED")
         elif not self._told and now_ns - self._since_ns > TOLD_S * 1e9:
             self._told = True
-            why = why_not_armed(commands.view.texts, commands.view.unhealthy)
+            why = commands.view.why_not_armed()
             say(f"velocity: not in GUIDED after {TOLD_S:g} s{why}; it is asked again")
 
     def _steer(self, now_ns: int, say: Say) -> None:

@@ -41,6 +41,16 @@ class Plant:
         self._commands: Sequence[Any] | None = None
         self._motors: Any = None
 
+    @property
+    def fleet(self) -> Fleet | None:
+        """The simulation of several vessels, None for one vessel."""
+        return self.simulation if isinstance(self.simulation, Fleet) else None
+
+    def need_fleet(self) -> Fleet:
+        """Return the simulation of several vessels."""
+        assert isinstance(self.simulation, Fleet)
+        return self.simulation
+
     def advance(self, commands: Sequence[Any]) -> SimulationState | FleetState:
         """Advance one physics step with motor commands (C,) from -1 to 1 by vessel.
 

@@ -24,8 +24,8 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.core.node import RunContext, SimulationClock
 from xitl_cli.run.core.pace import Lockstep
 from xitl_cli.run.nodes.direct_control import direct_control
-from xitl_cli.run.nodes.mission_score import MissionNode
-from xitl_cli.run.status_display import RunStatus
+from xitl_cli.run.nodes.display import RunStatus
+from xitl_cli.run.nodes.mission import MissionNode
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build_plant
 from xitl_cli.scenery import Scenery

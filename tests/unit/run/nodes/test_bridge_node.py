@@ -27,7 +27,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, BridgeNode, SchedulerRecord, drop_partial_record
 from xitl_cli.run.nodes.drivers import Course, NoDriver
 from xitl_cli.run.world.world import local_frame
@@ -76,8 +76,8 @@ class Case:
         self.hear(dialect.MAVLink_xitl_bridge_status_message(time_usec=1, **values))
 
     def update(self, sim_ns: int) -> None:
-        state: Any = None
-        self.bridge.exchange(RunStep(1, sim_ns, state, at_rest()))
+        world: Any = None
+        self.bridge.exchange(RunStep(1, sim_ns, world, at_rest()))
 
 
 def test_the_wrong_vehicle_ends_the_run_and_other_sentences_of_the_bridge_do_not() -> None:

@@ -15,7 +15,7 @@ from sim_core.geodesy import LocalFrame
 from sim_core.world.debris import no_debris
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.nodes.findings import FindingsNode
-from xitl_cli.run.nodes.obstacle_score import ObstacleScore
+from xitl_cli.run.scores.obstacles import ObstacleScore
 
 S = 1_000_000_000
 
@@ -45,8 +45,8 @@ def look(found: FindingsNode, step: int) -> None:
     motion = SimpleNamespace(
         pos_ned_m=np.array([[2.0 * seconds, 0.0, 0.0]]), quat_ned_frd=quat, rot_ned_frd=quat_to_matrix(quat)
     )
-    state = SimpleNamespace(debris=no_debris())
-    found.sense(RunStep(step, step * S // 400, state, motion))  # type: ignore[arg-type]
+    world = SimpleNamespace(state=SimpleNamespace(debris=no_debris()))
+    found.sense(RunStep(step, step * S // 400, world, motion))  # type: ignore[arg-type]
 
 
 def odometry(stamp_ns: int, *place: float, q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)) -> Any:

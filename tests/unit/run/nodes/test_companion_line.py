@@ -14,8 +14,8 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.peer import ProcessAgent
 from xitl_cli.run.nodes import companion as line
+from xitl_cli.run.nodes.display import NoDisplay, RunStatus
 from xitl_cli.run.session import INCOMPLETE, run
-from xitl_cli.run.status_display import NoDisplay, RunStatus
 
 PROFILE = """\
 extends: sitl

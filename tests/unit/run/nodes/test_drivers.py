@@ -15,7 +15,7 @@ from xitl_cli.profile.missions.ground_station_files import read_waypoints
 from xitl_cli.profile.schema.agents import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import (
     READY_TIMEOUT_S,
     Course,

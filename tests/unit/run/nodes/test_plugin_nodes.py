@@ -16,7 +16,7 @@ from xitl_cli.profile.load import recorded_profiles
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import Topic
 from xitl_cli.run import session
-from xitl_cli.run.status_display import NoDisplay
+from xitl_cli.run.nodes.display import NoDisplay
 
 DEPTH = '''
 from dataclasses import dataclass

@@ -15,9 +15,9 @@ from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.entry import ProfileError
 from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.nodes.display import NoDisplay
 from xitl_cli.run.nodes.river import river_from_profile
 from xitl_cli.run.session import run
-from xitl_cli.run.status_display import NoDisplay
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build_simulation
 from xitl_cli.seeds import Seeds

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from xitl_cli.profile.schema.faults import FaultSpec, LinkFault
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.links.connection import Silence
-from xitl_cli.run.nodes.standby import AgentSwitch, MotorRamp, TakeoverDecision
+from xitl_cli.run.links.standby import AgentSwitch, MotorRamp, TakeoverDecision
 from xitl_cli.seeds import Seeds
 
 MS = 1_000_000

@@ -10,7 +10,7 @@ from test_velocity_stream import AUTO, FRAME, GUIDED, HOLD, SET_MODE, Helm
 
 from agent.wire import dialect
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.operator.actions import GoTo
 
 PX4_LOITER, PX4_MISSION = 3 << 24 | 4 << 16, 4 << 24 | 4 << 16  # sub and main mode of a heartbeat

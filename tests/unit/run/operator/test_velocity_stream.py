@@ -11,8 +11,9 @@ from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import RosDriver, VehicleDriver
+from xitl_cli.run.nodes.vessel_orders import VesselOrders
 from xitl_cli.run.operator.actions import (
     ActionError,
     Arm,
@@ -22,7 +23,6 @@ from xitl_cli.run.operator.actions import (
     EndRun,
     SteerVelocity,
 )
-from xitl_cli.run.operator.orders import VesselOrders
 
 MS = 1_000_000
 FRAME = LocalFrame(-8.8, -63.95, 70.0)

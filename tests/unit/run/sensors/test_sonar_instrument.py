@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -12,7 +13,6 @@ from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.sonar import OVERHEAD_S, TURN_S, Below
 from sim_core.sensors.spec import SonarSpec
-from sim_core.simulation import SimulationState
 from sim_core.world.geometry import STEEL, Plane
 from sim_core.world.primitive_rays import PrimitiveCaster
 from xitl_cli.profile import load_profile
@@ -25,7 +25,7 @@ from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
 
 STEP_NS = 2_500_000
-NOWHERE = cast(SimulationState, None)
+NOWHERE: Any = SimpleNamespace(state=None)
 WALL = Below(PrimitiveCaster([Plane(np.array([-1.0, 0.0, 0.0]), -12.0, STEEL)]), -2.0)
 
 
@@ -120,14 +120,11 @@ def test_a_run_hears_where_its_boom_is() -> None:
     profile = load_profile("sitl", ["sensors.sonar={sector_deg: [-60.0, 0.0]}", boom]).runnable()
     seeds = Seeds(1)
     simulation, state = build_simulation(profile, seeds)
-    sonar, kept, motion = (
-        make_sonar(profile, seeds, Scenery(profile), Plant(simulation, state, np.random.default_rng(1)).vessels[0]),
-        Kept(),
-        state.vessel.motion,
-    )
+    world = Plant(simulation, state, np.random.default_rng(1)).vessels[0]
+    sonar, kept, motion = make_sonar(profile, seeds, Scenery(profile), world), Kept(), state.vessel.motion
     sonar.begin(cast(Any, kept))
     for step in range(1, 1600):
-        sonar.update(RunStep(step, step * STEP_NS, state, motion))
+        sonar.update(RunStep(step, step * STEP_NS, world, motion))
     sonar.close()
     points_ned_m = np.concatenate(kept.points) @ motion.rot_ned_frd[0].T + motion.pos_ned_m[0]
     on_boom = np.abs(points_ned_m[:, 0] - 19.7) < 1.0

@@ -19,8 +19,8 @@ from xitl_cli.plugins.studies.manoeuvres.measures import radius_of_95_percent
 from xitl_cli.profile import Profile, load_profile
 from xitl_cli.profile.schema.agents import AutopilotSpec, DriverSpec, MissionSpec, ScriptStep
 from xitl_cli.profile.schema.profile import ClockSpec, RecordingSpec
+from xitl_cli.run.nodes.display import NoDisplay
 from xitl_cli.run.session import run
-from xitl_cli.run.status_display import NoDisplay
 
 ARMED_S, SETTLED_S, ENDS_S = 5.0, 30.0, 80.0
 CURRENT_OF_SPEED, WIND_OF_THRUST, MOST_WIND_MPS = 0.1, 0.1, 8.0

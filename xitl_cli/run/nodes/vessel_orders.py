@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.schema.faults import FaultSpec
-from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
-from xitl_cli.run.nodes.drivers import VehicleDriver, why_not_armed
+from xitl_cli.run.links.autopilot_commands import REPEAT_S, AutopilotCommands
+from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.operator.actions import (
     ActionError,
@@ -33,31 +33,12 @@ from xitl_cli.run.operator.actions import (
     SteerVelocity,
     SwitchFault,
 )
+from xitl_cli.run.operator.steering import Order, Steering
 from xitl_cli.run.operator.streams import SILENT_S, Say, VelocityStream
 
 GIVE_UP_S = 10.0
 END_OF_ITS_OWN = "the vessel's driver has an end of its own; only a run with driver.kind: ros is ended so"
 SHIPPED = "faults/"
-Order = Arm | ChangeMode | GoTo | SteerVelocity | CommandMotor | ChangeMission | EndRun
-
-
-class Steering(Protocol):
-    """Receiver of an operator's orders to a vessel.
-
-    silences: number of command streams that ended without a request. asked_by: number of orders carried out, by client.
-    """
-
-    silences: int
-    asked_by: Counter[str]
-
-    def check(self, order: Order) -> None:
-        """Raise ActionError for an order that is not possible, or while no autopilot is present."""
-
-    def give(self, order: Order) -> None:
-        """Replace the former order."""
-
-    def update(self, now_ns: int, say: Say) -> None:
-        """Continue the order. Call it at every exchange, after the orders of that exchange."""
 
 
 @dataclass(slots=True)
@@ -68,7 +49,7 @@ class _Order:
     since_ns: int | None = None
 
 
-class VesselOrders:
+class VesselOrders(Steering):
     """Orders to one vessel with an autopilot. `commands`: the operator's commander, on the same link as the driver's.
 
     An order is repeated every second until the autopilot accepts it, refuses it, or 10 s have passed. The log reports
@@ -191,7 +172,7 @@ class VesselOrders:
                 say(f"{order.words}: accepted")
                 self._order = None
             elif (why := self._refusal(now_ns - order.since_ns)) is not None:
-                say(f"{order.words}: {why}{why_not_armed(commands.view.texts, commands.view.unhealthy)}")
+                say(f"{order.words}: {why}{commands.view.why_not_armed()}")
                 self._order = self._place = None
         if self._order is None and self._place is not None:
             self._repeat_place(now_ns)

@@ -12,10 +12,10 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import VehicleDriver
+from xitl_cli.run.nodes.vessel_orders import VesselOrders
 from xitl_cli.run.operator.actions import ActionError, SwitchFault
-from xitl_cli.run.operator.orders import VesselOrders
 from xitl_cli.seeds import Seeds
 
 FRAME = LocalFrame(-8.8, -63.95, 70.0)

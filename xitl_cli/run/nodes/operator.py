@@ -23,6 +23,7 @@ from xitl_cli.record.topics import OperatorAction, SeaComponents
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.core.pace import OperatedLockstep
 from xitl_cli.run.nodes.river import RiverNode
+from xitl_cli.run.nodes.vessel_orders import VesselOrders, link_fault_name
 from xitl_cli.run.operator.actions import (
     ENVIRONMENT,
     OF_PACE,
@@ -40,8 +41,8 @@ from xitl_cli.run.operator.actions import (
     read_action,
 )
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
-from xitl_cli.run.operator.orders import Order, Steering, VesselOrders, link_fault_name
 from xitl_cli.run.operator.replay import TimedAction
+from xitl_cli.run.operator.steering import Order, Steering
 
 SOURCE = "operator"
 REPLAYED = "--replay-events"

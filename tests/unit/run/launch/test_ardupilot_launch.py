@@ -11,9 +11,9 @@ import pytest
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.profile import ground_stations_of
+from xitl_cli.run.launch.ardupilot import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.links.setup import parameter_file_text, start_parameters
-from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from xitl_cli.run.status_display import LiveDisplay, PlainDisplay, RunStatus
+from xitl_cli.run.nodes.display import LiveDisplay, PlainDisplay, RunStatus
 
 
 def status(**values: object) -> RunStatus:

@@ -10,7 +10,7 @@ import pytest
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.standby import StandbyFollower
+from xitl_cli.run.links.standby import StandbyFollower
 
 S = 1_000_000_000
 FRAME = LocalFrame(-8.8, -63.95, 70.0)

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from agent.wire import dialect
-from xitl_cli.run.nodes import bridge_clock as module
-from xitl_cli.run.nodes.bridge_clock import LOCKSTEP_HZ, REALTIME_HZ, AutopilotClock
+from xitl_cli.run.links import bridge_clock as module
+from xitl_cli.run.links.bridge_clock import LOCKSTEP_HZ, REALTIME_HZ, AutopilotClock
 
 SECOND = 1_000_000_000
 MS = 1_000_000

@@ -13,8 +13,8 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import TakeoverEvent
 from xitl_cli.run.core.reports import TakeoverReport
 from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.links.connection import WARNING, AgentConnection
-from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 
 
 @dataclass(frozen=True, slots=True)

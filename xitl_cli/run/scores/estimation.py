@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_core.kinematics import Kinematics
 from xitl_cli.record.topics import MotionEstimate
-from xitl_cli.run.nodes.mission_score import RootMeanSquare
+from xitl_cli.run.scores.mission import RootMeanSquare
 
 KEPT_S = 1.0
 

@@ -13,9 +13,9 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.core.node import RunContext, RunStep, SimulationClock
 from xitl_cli.run.core.pace import OperatedLockstep
 from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.nodes.operator import OperatorNode
 from xitl_cli.run.nodes.river import river_from_profile
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
-from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build_plant
 from xitl_cli.scenery import Scenery
@@ -41,7 +41,7 @@ def parts(tmp_path: Path) -> Iterator[Parts]:
 
 def exchange(operator: OperatorNode, plant: Plant) -> None:
     view = plant.vessels[0]
-    operator.exchange(RunStep(1, plant.state.time_ns, view.state, view.motion(), view.held))
+    operator.exchange(RunStep(1, plant.state.time_ns, view, view.motion(), view.held))
 
 
 def test_a_launch_waits_for_the_exchange_and_is_known_before(parts: Parts) -> None:

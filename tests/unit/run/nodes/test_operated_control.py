@@ -9,12 +9,12 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
+from xitl_cli.run.nodes.display import NoDisplay
+from xitl_cli.run.nodes.operated_control import OperatedControl
+from xitl_cli.run.nodes.operator import OperatorNode
 from xitl_cli.run.operator.actions import ActionError, Arm, CommandMotor, EndRun, SteerVelocity
-from xitl_cli.run.operator.control import OperatedControl
-from xitl_cli.run.operator.node import OperatorNode
 from xitl_cli.run.operator.operation import Operation
 from xitl_cli.run.session import Result, run
-from xitl_cli.run.status_display import NoDisplay
 
 MS = 1_000_000
 STEP: Any = None  # motor commands need no step

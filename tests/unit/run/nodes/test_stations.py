@@ -15,8 +15,9 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.entry import ProfileError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.links import ports, stations
-from xitl_cli.run.links.stations import StationAddresses
+from xitl_cli.run.links import ports
+from xitl_cli.run.nodes import stations
+from xitl_cli.run.nodes.stations import StationAddresses
 
 
 @pytest.fixture

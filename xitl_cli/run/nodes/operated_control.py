@@ -16,6 +16,7 @@ from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.setup import embedded_parameters
 from xitl_cli.run.nodes.direct_control import DirectController, allocated, true_estimate
 from xitl_cli.run.operator.actions import ActionError, CommandMotor, EndRun, SteerVelocity
+from xitl_cli.run.operator.steering import Steering
 from xitl_cli.run.operator.streams import SILENT_S, Say
 
 T = TypeVar("T")
@@ -36,7 +37,7 @@ class _Repeated(Generic[T]):
         return now_ns - self._since_ns > silent_ns
 
 
-class OperatedControl(ControlNode):
+class OperatedControl(ControlNode, Steering):
     """Executes an operator's orders: direct motor commands, or a speed and a turn rate by the embedded control laws.
 
     The control laws use the truth as the estimate. The latest of the two kinds of orders counts. A command that was not

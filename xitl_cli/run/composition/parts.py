@@ -1,0 +1,207 @@
+"""Declarations of nodes, and their resolution: which nodes a run has, how each is made, and when it is called.
+
+A declaration is the function that makes a node. The types of its parameters are its needs. Its return type is what it
+provides to others:
+
+    @part(Place.LINKS, when=VesselSetup.has_autopilot)
+    def links(setup: VesselSetup, autopilot: AutopilotNode, companion: CompanionNode | None) -> LinkRecorder: ...
+
+`CompanionNode | None` is an optional need. A function that returns None adds no node to this run.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from enum import IntEnum, auto
+from functools import cache
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_type_hints
+
+from xitl_cli.errors import UserError
+from xitl_cli.run.core.node import RunNode
+
+T = TypeVar("T")
+
+
+class CompositionError(UserError):
+    """The declarations of a run do not fit together. The message names both sides."""
+
+
+class Place(IntEnum):
+    """Order of the calls in a step. The nodes of the world come first and last, those of each vessel in between."""
+
+    DISPLAY = auto()
+    OPERATOR = auto()
+    RIVER = auto()
+    COLLISIONS = auto()
+    AIS_RECEIVER = auto()
+    SENSORS = auto()
+    PERCEPTION = auto()
+    FINDINGS = auto()
+    DRIVER = auto()
+    FAULTS = auto()
+    COMPANION_INTAKE = auto()
+    TICK = auto()
+    CONTROL = auto()
+    """The node that moves the vessel. Nodes of an earlier place are called for all vessels before any of these waits
+    for an answer."""
+    AUTOPILOT_EVENTS = auto()
+    BRIDGE = auto()
+    COMPANION = auto()
+    ESTIMATE_RATE = auto()
+    LINKS = auto()
+    ROS_COMPANION = auto()
+    TRUTH = auto()
+    MODEL_RANGE = auto()
+    MISSION = auto()
+    PLUGINS = auto()
+    TRACK = auto()
+    LIVE_VESSEL = auto()
+    SCRIPTED_VESSELS = auto()
+    AIS = auto()
+    ENCOUNTERS = auto()
+    LAUNCHING = auto()
+    PACE = auto()
+    SHOWING = auto()
+    STATIONS = auto()
+    LIVE = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """An argument of a declaration."""
+
+    argument: str
+    kind: type
+    optional: bool = False
+    """None is passed when no node of this run provides it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The declaration of one node kind, or of an object that several nodes need."""
+
+    name: str
+    make: Callable[..., Any]
+    needs: tuple[Need, ...] = ()
+    provides: tuple[type, ...] = ()
+    place: Place | None = None
+    """Place in the step; None for an object that is not a node."""
+    when: Callable[[Any], bool] = lambda setup: True
+    """Whether a run with this setup has it."""
+    also_at: Mapping[Place, str] = field(default_factory=dict)
+    """Attributes of the node that are nodes at other places."""
+
+
+def part(
+    place: Place | None = None,
+    when: Callable[[Any], bool] = lambda setup: True,
+    provides: tuple[type, ...] = (),
+    also_at: Mapping[Place, str] | None = None,
+) -> Callable[[Callable[..., Any]], Part]:
+    """Declare the decorated function as a part. provides: interfaces that it provides besides its return type."""
+
+    def declare(make: Callable[..., Any]) -> Part:
+        needs, returned = _signature(make)
+        name = make.__name__.replace("_", " ")
+        return Part(name, make, needs, (*returned, *provides), place, when, also_at or {})
+
+    return declare
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """Everything that was made for a vessel, or for the world, by type."""
+
+    _made: Mapping[type, Any]
+    _placed: Sequence[tuple[Place, RunNode]]
+
+    def get(self, kind: type[T]) -> T | None:
+        """Return the object of this type, None when there is none."""
+        return self._made.get(kind)
+
+    def need(self, kind: type[T]) -> T:
+        """Return the object of this type. Raises CompositionError when there is none."""
+        made = self.get(kind)
+        if made is None:
+            raise CompositionError(f"no node of this run provides {kind.__name__}")
+        return made
+
+    def nodes(self, after: Place | None = None, before: Place | None = None) -> tuple[RunNode, ...]:
+        """Return the nodes in the order of the calls, those between two places alone if given."""
+        ordered = sorted(self._placed, key=lambda placed: placed[0])
+        return tuple(
+            node for place, node in ordered if (after is None or place > after) and (before is None or place < before)
+        )
+
+
+def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: object, opened: ExitStack) -> Parts:
+    """Make the parts that a run with this setup has, in the order of the list; `opened` closes them.
+
+    given: objects that exist already, by type. A part that others need is made before them. Raises CompositionError
+    for two providers of a type, a missing need and needs in a circle, and UserError for what a node refuses.
+    """
+    wanted = [declaration for declaration in declared if declaration.when(setup)]
+    providers: dict[type, Part] = {}
+    for declaration in wanted:
+        for kind in declaration.provides:
+            if kind in given or kind in providers:
+                other = providers[kind].name if kind in providers else "the run itself"
+                raise CompositionError(f"{declaration.name} and {other} both provide {kind.__name__}; leave one out")
+            providers[kind] = declaration
+    made: dict[type, Any] = dict(given)
+    placed: list[tuple[Place, RunNode]] = []
+    begun: list[Part] = []
+    done: list[Part] = []
+
+    def make(declaration: Part) -> None:
+        if declaration in done:
+            return
+        if declaration in begun:
+            circle = " → ".join(one.name for one in (*begun[begun.index(declaration) :], declaration))
+            raise CompositionError(f"nodes need each other in a circle: {circle}")
+        begun.append(declaration)
+        arguments = {}
+        for need in declaration.needs:
+            if need.kind in providers:
+                make(providers[need.kind])
+            argument = made.get(need.kind)
+            if argument is None and not need.optional:
+                raise CompositionError(
+                    f"{declaration.name} needs {need.kind.__name__}, which no node of this run provides"
+                )
+            arguments[need.argument] = argument
+        node = declaration.make(**arguments)
+        begun.remove(declaration)
+        done.append(declaration)
+        if node is None:
+            return
+        opened.callback(getattr(node, "close", lambda: None))
+        made.update(dict.fromkeys(declaration.provides, node))
+        if declaration.place is not None:
+            placed.append((declaration.place, node))
+        placed.extend((place, getattr(node, name)) for place, name in declaration.also_at.items())
+
+    for declaration in wanted:
+        make(declaration)
+    return Parts(made, placed)
+
+
+@cache
+def _signature(make: Callable[..., Any]) -> tuple[tuple[Need, ...], tuple[type, ...]]:
+    """Return the needs of a function, and the types that it provides, by its annotations."""
+    hints = get_type_hints(make)
+    returned = tuple(_types_of(hints.pop("return")))
+    needs = []
+    for name in inspect.signature(make).parameters:
+        kinds = list(_types_of(hints[name]))
+        needs.append(Need(name, kinds[0], optional=isinstance(hints[name], UnionType)))
+    return tuple(needs), returned
+
+
+def _types_of(hint: Any) -> Iterator[type]:
+    """Yield the types of a union, without None."""
+    yield from (kind for kind in (get_args(hint) if isinstance(hint, UnionType) else (hint,)) if kind is not type(None))

@@ -1,0 +1,129 @@
+"""The nodes of the world that the vessels share, of live outputs and of the operator. `Place` has their order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
+
+from sim_core.world.traffic import ScriptedVessel, scripted_motion
+from xitl_cli.run.composition.parts import Need, Part, Parts, Place, made_parts, part
+from xitl_cli.run.composition.setup import RunSetup
+from xitl_cli.run.core.live_output import LiveRun
+from xitl_cli.run.core.node import ControlNode, RunNode
+from xitl_cli.run.nodes.ais import AisNode, AisRecorder
+from xitl_cli.run.nodes.display import DisplayNode, StatusSource
+from xitl_cli.run.nodes.encounters import EncounterNode
+from xitl_cli.run.nodes.operator import OperatorNode
+from xitl_cli.run.nodes.recorders import PaceRecorder
+from xitl_cli.run.nodes.river import RiverNode, river_from_profile
+from xitl_cli.run.nodes.scripted import ScriptedRecorder
+from xitl_cli.run.nodes.stations import StationAddresses
+from xitl_cli.run.nodes.vessel_orders import VesselOrders
+from xitl_cli.run.operator.environment_changes import EnvironmentChanges
+from xitl_cli.run.operator.steering import Steering
+from xitl_cli.run.traffic.self_report import SelfReport, report_from_motion
+from xitl_cli.run.world.plant import Plant
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Vessels:
+    """Everything that was made for the vessels of a run."""
+
+    parts: Mapping[str, Parts]
+    """By the vessel's name, in the order of the run."""
+
+    def having(self, kind: type[T]) -> Mapping[str, T]:
+        """Return the object of this type of each vessel that has one, by the vessel's name."""
+        made = {name: parts.get(kind) for name, parts in self.parts.items()}
+        return {name: provided for name, provided in made.items() if provided is not None}
+
+
+def world_parts(setup: RunSetup, vessels: Mapping[str, Parts], opened: ExitStack) -> Parts:
+    """Make the nodes of the world; `opened` closes them. Raises UserError for a port that is not available."""
+    live = LiveRun(setup.plant, setup.scene, setup.tell, setup.interrupted)
+    declared = [*WORLD_PARTS]
+    for output in setup.live:
+        for node in output.world_nodes(live):
+            opened.callback(node.close)
+            declared.append(_live_part(node))
+    return made_parts(declared, {RunSetup: setup, Vessels: Vessels(vessels)}, setup, opened)
+
+
+@part(Place.DISPLAY, also_at={Place.SHOWING: "showing"})
+def display(setup: RunSetup, vessels: Vessels) -> DisplayNode:
+    warnings = [*setup.scenery.warnings, *setup.stations.warnings]
+    sources = list(vessels.having(StatusSource).values())
+    return DisplayNode(setup.make_display, warnings, setup.profile.clock, sources)
+
+
+@part(Place.RIVER, when=RunSetup.has_river, also_at={Place.LAUNCHING: "launching"})
+def river(setup: RunSetup, vessels: Vessels) -> RiverNode:
+    control = vessels.parts[setup.profile.vessel].need(ControlNode)
+    return river_from_profile(setup.profile, setup.seeds, setup.plant, lambda: control.progress)
+
+
+@part(Place.OPERATOR, when=RunSetup.operated)
+def operator(setup: RunSetup, vessels: Vessels, river: RiverNode) -> OperatorNode:
+    changes = EnvironmentChanges(setup.plant, setup.profile.environment, setup.seeds)
+    names = [profile.vessel for profile in setup.profiles]
+    steering, orders = vessels.having(Steering), vessels.having(VesselOrders)
+    node = OperatorNode(changes, river, names, steering, orders, setup.operation.events)
+    for attend in setup.operation.people:
+        attend(node)
+    return node
+
+
+@part(Place.SCRIPTED_VESSELS, when=RunSetup.has_traffic)
+def scripted_vessels(setup: RunSetup) -> ScriptedRecorder:
+    clock, recording = setup.profile.clock, setup.profile.recording
+    fleet = setup.plant.need_fleet()
+    for vessel in fleet.traffic:
+        setup.voices.add(vessel.name, partial(_scripted_report, setup.plant, vessel), lambda: False)
+    return ScriptedRecorder(fleet, clock.physics_rate_hz, recording.truth_rate_hz, recording.scene)
+
+
+@part(Place.AIS, when=RunSetup.is_fleet)
+def ais(setup: RunSetup, vessels: Vessels) -> AisNode:
+    return AisNode(list(setup.profiles), setup.voices, vessels.having(AisRecorder))
+
+
+@part(Place.ENCOUNTERS, when=RunSetup.is_fleet)
+def encounters(setup: RunSetup) -> EncounterNode:
+    profile = setup.profile
+    distance_m, rate_hz = profile.world.encounter_distance_m, profile.clock.physics_rate_hz
+    return EncounterNode(setup.plant, setup.plant.need_fleet(), distance_m, rate_hz)
+
+
+@part(Place.PACE)
+def pace(setup: RunSetup) -> PaceRecorder:
+    return PaceRecorder(setup.profile.clock)
+
+
+@part(Place.STATIONS)
+def stations(setup: RunSetup) -> StationAddresses:
+    return setup.stations
+
+
+WORLD_PARTS = (display, river, operator, scripted_vessels, ais, encounters, pace, stations)
+
+
+def _live_part(node: RunNode) -> Part:
+    return Part(
+        "live output", partial(_attached, node), (Need("operator", OperatorNode, optional=True),), place=Place.LIVE
+    )
+
+
+def _attached(node: RunNode, operator: OperatorNode | None) -> RunNode:
+    if operator is not None:
+        node.attach_operator(operator)
+    return node
+
+
+def _scripted_report(plant: Plant, vessel: ScriptedVessel) -> SelfReport:
+    now_ns = plant.state.time_ns
+    return report_from_motion(now_ns, scripted_motion([vessel], now_ns * 1e-9))

@@ -1,0 +1,1 @@
+"""How the firmware of another autopilot is started: its command line, files and ports."""
