@@ -304,12 +304,8 @@ def html(page: Page) -> str:
         _picker(page),
         *(_part(part, section_id, next_plot) for part, section_id in identified),
     ]
-    # The page's own script, in its own scope.
-    plotly, script, style = (
-        _plotly(),
-        ('(() => {"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"),
-        _asset("page.css"),
-    )
+    plotly, style = _plotly(), _asset("page.css")
+    script = '(() => {"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"  # in a separate scope
     playing = page.replay is not None and page.replay.html
     policy = (
         f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}"
