@@ -72,7 +72,12 @@ class Summary:
                     "rows": message.rows,
                     "rate_hz": message.rate_hz,
                     "instances": message.instances,
-                    "fields": None if message.columns is None else [_field(column) for column in message.columns],
+                    "fields": None
+                    if message.columns is None
+                    else [
+                        {"name": column.name, "unit": column.unit, "kind": column.kind, "shape": list(column.shape)}
+                        for column in message.columns
+                    ],
                 }
                 for message in self.messages
             ],
@@ -145,7 +150,3 @@ def _about(log: Log) -> tuple[Fact, ...]:
         return facts_of(log)
     except Exception:  # noqa: BLE001  a summary is shown of what can be told; `xitl logs analyze` names the fault
         return ()
-
-
-def _field(column: Column) -> dict[str, Any]:
-    return {"name": column.name, "unit": column.unit, "kind": column.kind, "shape": list(column.shape)}

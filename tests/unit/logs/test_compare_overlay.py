@@ -11,10 +11,9 @@ from made_log import MadeLog, MadeTable
 from made_vessel import vessel
 
 from xitl_cli.logs.compare import comparison
-from xitl_cli.logs.compare.comparison import compare
+from xitl_cli.logs.compare.comparison import channel_section, compare
 from xitl_cli.logs.compare.pairing import event_section, pair_logs
-from xitl_cli.logs.compare.profiles import channel_section
-from xitl_cli.logs.compare.trajectory_section import off_path_m, thinned_path
+from xitl_cli.logs.compare.trajectories import off_path_m, thinned_path
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from xitl_cli.logs.compare.trajectories import Trajectory
-from xitl_cli.logs.compare.trajectory_section import PosePair, trajectory_section
+from xitl_cli.logs.compare.trajectories import PosePair, Trajectory, trajectory_section
 from xitl_cli.logs.model.sections import Severity
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tests.recorded import EXTERNAL_AHRS
 from xitl_cli.logs.analyses import control
-from xitl_cli.logs.analyses.responses import response_delay_s, step_responses
+from xitl_cli.logs.analyses.control import response_delay_s, step_responses
 from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.model.sections import Section
 

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from agent.fcu.dataflash.format import FORMATS, header
-from xitl_cli.logs.formats.dataflash import index
+from xitl_cli.logs.formats.dataflash import records
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.formats.dataflash.records import Bytes, Forget, Heads, find_heads
 from xitl_cli.logs.model.errors import LogError
@@ -357,7 +357,7 @@ def test_a_log_of_more_than_2_gb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         places = np.concatenate((before.place, behind.place + begin + hole))
         return Heads(places, np.concatenate((before.type_id, behind.type_id)))
 
-    monkeypatch.setattr(index, "find_heads", beside_the_hole)
+    monkeypatch.setattr(records, "find_heads", beside_the_hole)
     with DataFlashLog(path) as log:
         table = log.tables["X"]
         assert table.values("N").tolist() == list(range(100))

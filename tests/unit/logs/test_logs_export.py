@@ -20,7 +20,7 @@ from mcap_ros2.decoder import DecoderFactory
 from tests.golden import Golden
 from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.logs import open_log
-from xitl_cli.logs.clocks.utc import utc_offset
+from xitl_cli.logs.clocks.readings import utc_offset
 from xitl_cli.logs.export.exporting import ExportResult, ExportSelection, export_log
 from xitl_cli.logs.export.files import file_names
 from xitl_cli.logs.export.mcap_export import field_names, type_names

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap_truth import is_equal, payloads_of
 
 from tests.recorded_run import recorded_run
-from xitl_cli.logs.formats.mcap import chunks
+from xitl_cli.logs.formats.mcap import container
 from xitl_cli.logs.formats.mcap import table as table_module
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.model.file_bytes import FileReader
@@ -153,7 +153,7 @@ def test_topics_too_large_to_keep_are_read_again(run: Path, monkeypatch: pytest.
 
     whole = values()
     monkeypatch.setattr(table_module, "_KEPT_BYTES", 0)
-    monkeypatch.setattr(chunks, "BATCH_BYTES", 1000)
+    monkeypatch.setattr(container, "BATCH_BYTES", 1000)
     with McapLog(run) as log:
         assert log.tables["/truth/state"].survey().kept is None
     assert values() == whole

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.signals.states import modes, vehicle_kind
-from xitl_cli.logs.tables.commands import MISSION_COMMANDS
-from xitl_cli.logs.tables.events import (
+from xitl_cli.logs.model.codes import (
     EKF_FAULTS,
+    MISSION_COMMANDS,
+    VehicleKind,
     arming_method_name,
     bit_names,
     checks_left_out,
@@ -16,9 +16,10 @@ from xitl_cli.logs.tables.events import (
     error_persists,
     event_name,
     internal_error_names,
+    mode_name,
+    reason_name,
 )
-from xitl_cli.logs.tables.modes import mode_name, reason_name
-from xitl_cli.logs.tables.vehicles import VehicleKind
+from xitl_cli.logs.signals.states import modes, vehicle_kind
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import ulog_writer as w
 
 from xitl_cli.logs import open_log, signals
 from xitl_cli.logs.analyses.catalogue import sections
-from xitl_cli.logs.clocks.utc import utc_offset
+from xitl_cli.logs.clocks.readings import utc_offset
 from xitl_cli.logs.formats.run_directory import logs_in, own_log_in
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Finding, Severity

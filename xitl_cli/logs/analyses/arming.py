@@ -10,12 +10,12 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import FAILSAFE_ARMING_METHODS, arming_method_name, checks_left_out
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
-from xitl_cli.logs.tables.events import FAILSAFE_ARMING_METHODS, arming_method_name, checks_left_out
 
 _REFUSED = re.compile(r"^\s*(PreArm|Arm)\s*:\s*(.+?)\s*$", re.I)
 _PREARM_CHECK = 1 << 28  # MAV_SYS_STATUS_PREARM_CHECK
@@ -55,7 +55,23 @@ def analyse(log: Log) -> Section | None:
     spans, rows, refusals = signals.armed(log), arm_switches(log), arm_refusals(log)
     grids = [_intervals(spans, rows, clock)] if spans else []
     if refusals:
-        grids.append(_refusals(refusals, clock))
+        grids.append(
+            Grid.limited(
+                "refusals",
+                "Reasons not to arm",
+                ("reason", "when", "times", "first (s)", "last (s)"),
+                [
+                    (
+                        each.reason,
+                        "at an attempt" if each.attempt else "before",
+                        each.count,
+                        clock.second(each.first_ns),
+                        clock.second(each.last_ns),
+                    )
+                    for each in refusals
+                ],
+            )
+        )
     findings = [*_never(log, spans, refusals, clock), *_how(rows, spans, clock)]
     lacks = () if _tells(log) else ("Whether it was armed is not logged: no ARM, EV or MSG, no heartbeat.",)
     facts = tuple(_facts(log, spans, refusals, clock))
@@ -114,7 +130,13 @@ def _facts(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
     yield Fact("first_armed_s", "First armed at", clock.second(first_ns), "s")
     if (ready_ns := _ready_ns(log)) is not None and ready_ns <= first_ns:
         yield Fact("ready_to_arm_s", "From checks passed to armed", rounded((first_ns - ready_ns) * 1e-9, 1), "s")
-    if (origin_ns := _origin_ns(log, clock)) is not None and origin_ns <= first_ns:
+    # First instant at which it was reported as set. A row at the very start of a log repeats an earlier one.
+    said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
+    table = log.tables.get("ORGN")
+    if table is not None and "Type" in table.columns:
+        rows = table.stamp_ns[np.asarray(table.values("Type", raw=True)) == 0]
+        said += [int(at_ns) for at_ns in rows if at_ns > clock.start_ns + _AGREES_NS]
+    if (origin_ns := min(said, default=None)) is not None and origin_ns <= first_ns:
         waited_s = rounded((first_ns - origin_ns) * 1e-9, 1)
         yield Fact("origin_to_arm_s", "From estimator origin to armed", waited_s, "s")
 
@@ -128,16 +150,6 @@ def _ready_ns(log: Log) -> int | None:
     present, health = (np.asarray(table.values(name, raw=True)).astype(np.int64) for name in names)
     good = np.flatnonzero(present & health & _PREARM_CHECK)
     return int(table.stamp_ns[good[0]]) if len(good) else None
-
-
-def _origin_ns(log: Log, clock: LogClock) -> int | None:
-    """First instant at which it was reported as set. A row at the very start of a log repeats an earlier one."""
-    said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
-    table = log.tables.get("ORGN")
-    if table is not None and "Type" in table.columns:
-        rows = table.stamp_ns[np.asarray(table.values("Type", raw=True)) == 0]
-        said += [int(at_ns) for at_ns in rows if at_ns > clock.start_ns + _AGREES_NS]
-    return min(said, default=None)
 
 
 def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: LogClock) -> Grid:
@@ -169,24 +181,6 @@ def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: Log
 def _row_at(rows: list[ArmSwitch], at_ns: int, armed: bool) -> ArmSwitch | None:
     near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
     return min(near, key=lambda row: abs(row.at_ns - at_ns), default=None)
-
-
-def _refusals(refusals: list[ArmRefusal], clock: LogClock) -> Grid:
-    return Grid.limited(
-        "refusals",
-        "Reasons not to arm",
-        ("reason", "when", "times", "first (s)", "last (s)"),
-        [
-            (
-                each.reason,
-                "at an attempt" if each.attempt else "before",
-                each.count,
-                clock.second(each.first_ns),
-                clock.second(each.last_ns),
-            )
-            for each in refusals
-        ],
-    )
 
 
 def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], clock: LogClock) -> Iterator[Finding]:

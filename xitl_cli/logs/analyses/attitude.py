@@ -1,6 +1,6 @@
 """Attitude and impacts: capsized vessels, vehicles on their back, collisions.
 
-Normal values depend on the class of the vehicle (`tables/vehicles.py`), its own limits (ANGLE_MAX, ROLL_LIMIT_DEG) and
+Normal values depend on the class of the vehicle (`model/codes.py`), its own limits (ANGLE_MAX, ROLL_LIMIT_DEG) and
 the mode: a loop flown in ACRO gives no warning.
 """
 
@@ -14,6 +14,7 @@ import numpy as np
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.analyses.outputs import driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import BOAT_FRAME, FREE_ATTITUDE, MOTION_LIMITS, SURFACE_BOAT, MotionLimits, VehicleKind
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
@@ -21,8 +22,6 @@ from xitl_cli.logs.signals.sensors import STANDARD_GRAVITY_MPS2, InertialUnit, i
 from xitl_cli.logs.signals.series import first_instance, significant
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_heartbeats, firmware_text, parameter_values, vehicle_kind
-from xitl_cli.logs.tables.modes import FREE_ATTITUDE
-from xitl_cli.logs.tables.vehicles import BOAT_FRAME, MOTION_LIMITS, SURFACE_BOAT, MotionLimits, VehicleKind
 
 _TITLE = "Attitude and impacts"
 _SOURCES: tuple[signals.SignalSource, ...] = ("estimate", "truth")
@@ -88,9 +87,20 @@ def analyse(log: Log) -> Section | None:
     if tilt is not None and not findings:
         steepest = float(tilt.tilt_deg.max())
         findings.append(Finding.ok("attitude.upright", f"It kept upright, to {steepest:.0f}°, and hit nothing"))
-    return Section(
-        "attitude", _TITLE, tuple(_facts(tilt, shocks, clock)), tuple(findings), plots=tuple(_plots(tilt, findings))
-    )
+    facts: list[Fact] = []
+    if tilt is not None:
+        on: Flags = inside(tilt.stamp_ns, clock.armed) if clock.armed else np.ones(len(tilt.stamp_ns), dtype=np.bool_)
+        if on.any():
+            for key, label, values in (
+                ("roll_max_deg", "Roll, largest", np.abs(tilt.roll_deg)),
+                ("pitch_max_deg", "Pitch, largest", np.abs(tilt.pitch_deg)),
+            ):
+                facts.append(Fact(key, label, significant(float(values[on].max()), 3), "deg"))
+    facts.append(Fact("shocks", "Shocks", len(shocks)))
+    if shocks:
+        largest = max(shock.size_mps2 for shock in shocks)
+        facts.append(Fact("largest_shock_mps2", "Largest shock", significant(largest, 3), "m/s²"))
+    return Section("attitude", _TITLE, tuple(facts), tuple(findings), plots=tuple(_plots(tilt, findings)))
 
 
 def vehicle_limits(kind: VehicleKind, parameters: Mapping[str, float]) -> MotionLimits:
@@ -288,33 +298,33 @@ def find_shocks(inertial: Sequence[InertialUnit], limits: MotionLimits) -> list[
     found: list[Shock] = []
     for unit in inertial:
         if unit.accel_mps2 is not None:
-            found += _shocks(unit, unit.accel_mps2, limits)
+            with np.errstate(invalid="ignore"):
+                known = (np.abs(unit.accel_mps2) < _NO_SENSOR_MPS2).all(axis=1)  # larger values are damage, not motion
+            stamps, accel = unit.stamp_ns[known], unit.accel_mps2[known]
+            size = np.linalg.norm(accel, axis=1)
+            shaken = np.abs(size - STANDARD_GRAVITY_MPS2)
+            rows = np.flatnonzero(shaken > limits.shock_mps2)
+            while len(rows):
+                row = int(rows[np.argmax(shaken[rows])])
+                at_ns = int(stamps[row])
+                rows = rows[np.abs(stamps[rows] - at_ns) > _CLUSTER_NS]
+                before = shaken[(stamps >= at_ns - _BEFORE_NS) & (stamps <= at_ns - _JUST_BEFORE_NS)]
+                usual = float(np.median(before)) if len(before) else 0.0
+                if shaken[row] > limits.shock_mps2 + _VIBRATIONS * usual:
+                    axis = float(np.abs(accel[row]).max()) / STANDARD_GRAVITY_MPS2
+                    ends = [end for end in _RANGES_G if 0.97 * end <= axis <= 1.04 * end]
+                    field = (unit.accel_fields or unit.gyro_fields)[0]
+                    found.append(
+                        Shock(
+                            at_ns, float(size[row]), usual, ends[0] if ends else None, unit.name, unit.table.name, field
+                        )
+                    )
     found.sort(key=lambda shock: -shock.size_mps2)
     kept: list[Shock] = []
     for shock in found:
         if all(abs(shock.at_ns - other.at_ns) > _CLUSTER_NS for other in kept):
             kept.append(shock)
     return sorted(kept, key=lambda shock: shock.at_ns)
-
-
-def _shocks(unit: InertialUnit, accel_mps2: Floats, limits: MotionLimits) -> Iterator[Shock]:
-    with np.errstate(invalid="ignore"):
-        known = (np.abs(accel_mps2) < _NO_SENSOR_MPS2).all(axis=1)  # larger values are damage, not motion
-    stamps, accel = unit.stamp_ns[known], accel_mps2[known]
-    size = np.linalg.norm(accel, axis=1)
-    shaken = np.abs(size - STANDARD_GRAVITY_MPS2)
-    rows = np.flatnonzero(shaken > limits.shock_mps2)
-    while len(rows):
-        row = int(rows[np.argmax(shaken[rows])])
-        at_ns = int(stamps[row])
-        rows = rows[np.abs(stamps[rows] - at_ns) > _CLUSTER_NS]
-        before = shaken[(stamps >= at_ns - _BEFORE_NS) & (stamps <= at_ns - _JUST_BEFORE_NS)]
-        usual = float(np.median(before)) if len(before) else 0.0
-        if shaken[row] > limits.shock_mps2 + _VIBRATIONS * usual:
-            axis = float(np.abs(accel[row]).max()) / STANDARD_GRAVITY_MPS2
-            ends = [end for end in _RANGES_G if 0.97 * end <= axis <= 1.04 * end]
-            field = (unit.accel_fields or unit.gyro_fields)[0]
-            yield Shock(at_ns, float(size[row]), usual, ends[0] if ends else None, unit.name, unit.table.name, field)
 
 
 def _impacts(
@@ -395,21 +405,6 @@ def _contacts(log: Log, clock: LogClock) -> Iterator[Finding]:
         ),
         "Look at the track beside the mission and the avoidance: it came too near.",
     )
-
-
-def _facts(tilt: TiltSeries | None, shocks: list[Shock], clock: LogClock) -> Iterator[Fact]:
-    if tilt is not None:
-        on: Flags = inside(tilt.stamp_ns, clock.armed) if clock.armed else np.ones(len(tilt.stamp_ns), dtype=np.bool_)
-        if on.any():
-            for key, label, values in (
-                ("roll_max_deg", "Roll, largest", np.abs(tilt.roll_deg)),
-                ("pitch_max_deg", "Pitch, largest", np.abs(tilt.pitch_deg)),
-            ):
-                yield Fact(key, label, significant(float(values[on].max()), 3), "deg")
-    yield Fact("shocks", "Shocks", len(shocks))
-    if shocks:
-        largest = max(shock.size_mps2 for shock in shocks)
-        yield Fact("largest_shock_mps2", "Largest shock", significant(largest, 3), "m/s²")
 
 
 def _plots(tilt: TiltSeries | None, findings: Sequence[Finding]) -> Iterator[Plot]:

@@ -11,8 +11,8 @@ import numpy as np
 import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.analyses import estimator_cores as cores
-from xitl_cli.logs.analyses import estimator_resets as resets
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import EKF_MAG_FUSION, EKF_SOURCE_SETS
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Floats, Stamps
@@ -20,7 +20,6 @@ from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import firmware_text
-from xitl_cli.logs.tables.events import EKF_MAG_FUSION, EKF_SOURCE_SETS
 
 _POSITION_M = (1.0, 3.0)
 _YAW_DEG = (5.0, 10.0)
@@ -152,7 +151,7 @@ _MOST_REFUSED = 100  # of each measurement and core, in the table
 
 def analyse(log: Log) -> Section | None:
     every = cores.estimator_cores(log)
-    tested = resets.test_ratios(log, every)
+    tested = cores.test_ratios(log, every)
     position, yaw = position_error(log), yaw_error(log)
     if not every and not tested and position is None and yaw is None:
         if log.of_topics:
@@ -161,9 +160,9 @@ def analyse(log: Log) -> Section | None:
         return Section("estimator", "Estimator", lacks=(lack,))
     clock = LogClock(log)
     stray_m = signals.stray_truth_m(log)
-    primary = resets.primary_core(every)
+    primary = cores.primary_core(every)
     core = cores.core_in_use(log, every, primary)
-    tested_in_use = resets.test_ratios(log, [core] if core is not None else [])
+    tested_in_use = cores.test_ratios(log, [core] if core is not None else [])
     found, used = cores.estimator_origin(log, every, clock), cores.filter_uses(log)
     if position is not None:
         position = position.while_in(clock.armed)
@@ -175,8 +174,8 @@ def analyse(log: Log) -> Section | None:
         Fact("primary_core", "Core in use", primary if every else None),
         *_origin_facts(found, every, clock),
         *_selection(log),
-        Fact("lane_switches", "Core switches", len(resets.lane_switches(log, every)) if every else None),
-        *resets.ratio_facts(tested_in_use, clock),
+        Fact("lane_switches", "Core switches", len(cores.lane_switches(log, every)) if every else None),
+        *cores.ratio_facts(tested_in_use, clock),
         *cores.agreement_facts(every, clock),
         *cores.step_facts(log),
         *cores.bias_facts(log, core),
@@ -186,16 +185,16 @@ def analyse(log: Log) -> Section | None:
         *_filters(used, clock),
         *cores.never_positioned(every, clock),
         *_height(log, found, clock),
-        *resets.refusal_findings(tested_in_use, clock),
-        *resets.reset_findings(log, every, core, clock),
-        *resets.unused_core_findings(log, every, clock),
+        *cores.refusal_findings(tested_in_use, clock),
+        *cores.reset_findings(log, every, core, clock),
+        *cores.unused_core_findings(log, every, clock),
         *cores.bias_findings(log, core, clock),
         *cores.agreement_findings(every, stray_m is not None, clock),
         *truth_findings(position, yaw, clock),
         *_not_truth(stray_m),
     ]
-    marks = (*_armed_marks(clock), *resets.reset_marks(log, every, core))
-    plots = [*_drawn(resets.ratio_plot(tested, marks)), *_innovations(core, marks), *truth_plots(position, yaw)]
+    marks = (*_armed_marks(clock), *cores.reset_marks(log, every, core))
+    plots = [*_drawn(cores.ratio_plot(tested, marks)), *_innovations(core, marks), *truth_plots(position, yaw)]
     grids = [each for each in (_uses(used, clock), _refusals(tested, clock)) if each is not None]
     known = tuple(fact for fact in facts if fact.value is not None)
     return Section(
@@ -340,7 +339,7 @@ def _uses(used: list[cores.FilterUse], clock: LogClock) -> Grid | None:
     return Grid.limited("filters", "Filter in use", ("from (s)", "until (s)", "duration (s)", "filter"), rows)
 
 
-def _refusals(tested: list[resets.TestRatios], clock: LogClock) -> Grid | None:
+def _refusals(tested: list[cores.TestRatios], clock: LogClock) -> Grid | None:
     rows = []
     for one in tested:
         for begin, end in one.refused[:_MOST_REFUSED]:

@@ -12,15 +12,14 @@ import numpy as np
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.analyses.modes import mode_spans
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model import codes as codes
+from xitl_cli.logs.model.codes import SWITCH_POSITIONS, SWITCH_SOURCES, VehicleKind, auxiliary_function_name
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals import LogText
 from xitl_cli.logs.signals.states import error_rows, event_rows, vehicle_kind
-from xitl_cli.logs.tables import events as codes
-from xitl_cli.logs.tables.commands import SWITCH_POSITIONS, SWITCH_SOURCES, auxiliary_function_name
-from xitl_cli.logs.tables.vehicles import VehicleKind
 
 _OVER = re.compile(r"\b(cleared|clear|over|off|recovered|resolved|ended|restored|back|healthy)\b", re.I)
 _ROWS: tuple[tuple[str, str, Severity], ...] = (
@@ -143,8 +142,15 @@ def analyse(log: Log) -> Section | None:
         return Section("events", "Events and errors", lacks=("The log has no EV, ERR, MSG or STATUSTEXT.",))
     clock, kind = LogClock(log), vehicle_kind(log)
     spans, told = error_spans(rows), reported_troubles(texts)
+    # One finding per subsystem and code: the open error first, else their number and duration.
+    from_errors: list[Finding] = []
+    groups: dict[tuple[int, int], list[ErrorSpan]] = {}
+    for span in spans:
+        if span.subsystem != codes.ERR_EKF_PRIMARY:
+            groups.setdefault((span.subsystem, span.code), []).append(span)
+    from_errors.extend(_error(subsystem, code, group, kind, clock) for (subsystem, code), group in groups.items())
     findings = [
-        *_from_errors(spans, kind, clock),
+        *from_errors,
         *_from_texts(log, told, spans, clock),
         *_internal_error_findings(log, clock),
         *_failure_of_run(log, clock),
@@ -168,7 +174,15 @@ def _open(span: ErrorSpan) -> bool:
 def _table(
     log: Log, texts: list[signals.LogText], rows: list[tuple[int, int, int]], kind: VehicleKind, clock: LogClock
 ) -> list[tuple[float, str, str, str]]:
-    found = [(text.at_ns, text.source.partition(".")[0], _level(text.severity), text.text) for text in texts]
+    found = [
+        (
+            text.at_ns,
+            text.source.partition(".")[0],
+            (_LEVELS[text.severity] if text.severity is not None and 0 <= text.severity < len(_LEVELS) else ""),
+            text.text,
+        )
+        for text in texts
+    ]
     found += [
         (at_ns, "ERR", "error" if code else "", codes.error_name(subsystem, code, kind))
         for at_ns, subsystem, code in rows
@@ -180,10 +194,6 @@ def _table(
     found += _switches(log)
     found.sort(key=lambda row: row[0])
     return [(clock.second(at_ns), source, level, what) for at_ns, source, level, what in found]
-
-
-def _level(severity: int | None) -> str:
-    return _LEVELS[severity] if severity is not None and 0 <= severity < len(_LEVELS) else ""
 
 
 def _switches(log: Log) -> list[tuple[int, str, str, str]]:
@@ -199,15 +209,6 @@ def _switches(log: Log) -> list[tuple[int, str, str, str]]:
         what = f"switch {auxiliary_function_name(function)} {SWITCH_POSITIONS.get(position, position)}"
         rows.append((at_ns, "AUXF", "", f"{what} ({by})" if by else what))
     return rows
-
-
-def _from_errors(spans: list[ErrorSpan], kind: VehicleKind, clock: LogClock) -> Iterator[Finding]:
-    """One finding per subsystem and code: the open error first, else their number and duration."""
-    groups: dict[tuple[int, int], list[ErrorSpan]] = {}
-    for span in spans:
-        if span.subsystem != codes.ERR_EKF_PRIMARY:
-            groups.setdefault((span.subsystem, span.code), []).append(span)
-    yield from (_error(subsystem, code, group, kind, clock) for (subsystem, code), group in groups.items())
 
 
 def _error(subsystem: int, code: int, group: list[ErrorSpan], kind: VehicleKind, clock: LogClock) -> Finding:
@@ -310,7 +311,18 @@ def _internal_error_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
         table = log.tables.get(name)
         column = None if table is None else first_of(table, columns)
         if table is not None and column is not None and (bits := _bits(table, column)):
-            yield _internal_errors(table, name, column, bits, clock)
+            rows = np.flatnonzero(np.asarray(table.values(column, raw=True)).astype(np.int64) & bits)
+            at_ns = int(table.stamp_ns[rows[0]])
+            only_reset = bits == codes.WATCHDOG_RESET
+            yield Finding.critical(
+                "events.internal_errors",
+                f"Internal errors of the firmware, first at {clock.text(at_ns)}: "
+                f"{', '.join(codes.internal_error_names(bits))}",
+                (Evidence(name, column, at_ns, int(table.stamp_ns[rows[-1]]), f"0x{bits:x}"),),
+                "The board was reset by its watchdog: look at WDOG."
+                if only_reset
+                else "Report it to ArduPilot with this log.",
+            )
             break
 
 
@@ -322,15 +334,3 @@ def _bits(table: Table, column: str) -> int:
         return 0
     bits = int(np.bitwise_or.reduce(values.astype(np.int64)))
     return bits & sum(1 << bit for bit in codes.INTERNAL_ERRORS)
-
-
-def _internal_errors(table: Table, name: str, column: str, bits: int, clock: LogClock) -> Finding:
-    rows = np.flatnonzero(np.asarray(table.values(column, raw=True)).astype(np.int64) & bits)
-    at_ns = int(table.stamp_ns[rows[0]])
-    only_reset = bits == codes.WATCHDOG_RESET
-    return Finding.critical(
-        "events.internal_errors",
-        f"Internal errors of the firmware, first at {clock.text(at_ns)}: {', '.join(codes.internal_error_names(bits))}",
-        (Evidence(name, column, at_ns, int(table.stamp_ns[rows[-1]]), f"0x{bits:x}"),),
-        "The board was reset by its watchdog: look at WDOG." if only_reset else "Report it to ArduPilot with this log.",
-    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -108,7 +108,17 @@ def analyse(log: Log) -> Section | None:
     findings = [_finding(fault, clock) for fault in faults]
     grids = [_grid(log, faults, clock)] if faults else []
     if takeovers is not None and handed:
-        findings += _takeovers(takeovers, clock)
+        for at_ns, one, other, silent_s, step in _rows(takeovers)[:20]:
+            silent = f", which had been silent for {silent_s:.2f} s" if math.isfinite(silent_s) else ""
+            stepped = f"; a motor command stepped by {step:.2f} at most" if math.isfinite(step) else ""
+            findings.append(
+                Finding.notice(
+                    "faults.takeover",
+                    f"At {clock.text(at_ns)} {other} took over from {one}{silent}{stepped}",
+                    (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s" if silent else ""),),
+                    "See the links and the scheduler for why the first one fell silent.",
+                )
+            )
         grids.append(
             Grid.limited(
                 "takeovers",
@@ -201,18 +211,6 @@ def _finding(fault: FaultSpan, clock: LogClock) -> Finding:
     )
 
 
-def _takeovers(table: Table, clock: LogClock) -> Iterator[Finding]:
-    for at_ns, one, other, silent_s, step in _rows(table)[:20]:
-        silent = f", which had been silent for {silent_s:.2f} s" if math.isfinite(silent_s) else ""
-        stepped = f"; a motor command stepped by {step:.2f} at most" if math.isfinite(step) else ""
-        yield Finding.notice(
-            "faults.takeover",
-            f"At {clock.text(at_ns)} {other} took over from {one}{silent}{stepped}",
-            (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s" if silent else ""),),
-            "See the links and the scheduler for why the first one fell silent.",
-        )
-
-
 def _rows(table: Table) -> list[tuple[int, str, str, float, float]]:
     return list(
         zip(
@@ -242,6 +240,22 @@ def _grid(log: Log, faults: Sequence[FaultSpan], clock: LogClock) -> Grid:
         if "/misses" in log.tables or "/clocks" in log.tables:
             late = 0 if misses is None else int(np.sum((misses.due_ns >= fault.from_ns) & (misses.due_ns <= lasting)))
         leapt = [step.size_s for step in steps if fault.from_ns - AFTER_NS <= step.at_ns <= lasting and step.size_s]
+        # Frames that all links counted as lost in this time.
+        table = log.tables.get("/links")
+        if table is None or not {"name", "lost", "gaps"} <= set(table.columns):
+            missing = None
+        else:
+            names, stamps = np.asarray(table.values("name")), table.stamp_ns
+            lost, gaps = (np.asarray(table.values(count, raw=True)).astype(np.int64) for count in ("lost", "gaps"))
+            counts = np.maximum(lost, gaps)
+            total = 0
+            for name in dict.fromkeys(names.tolist()):
+                mine = names == name
+                before = counts[mine & (stamps <= fault.from_ns)]
+                after = counts[mine & (stamps <= lasting)]
+                if len(after):
+                    total += max(int(after.max()) - (int(before.max()) if len(before) else 0), 0)
+            missing = total
         rows.append(
             (
                 fault.name,
@@ -249,7 +263,7 @@ def _grid(log: Log, faults: Sequence[FaultSpan], clock: LogClock) -> Grid:
                 None if fault.until_ns is None else clock.second(fault.until_ns),
                 fault.what,
                 fault.expected or None,
-                _missing(log, fault.from_ns, lasting),
+                missing,
                 late,
                 ", ".join(f"{size_s:+.3f} s" for size_s in leapt) or None,
             )
@@ -258,24 +272,6 @@ def _grid(log: Log, faults: Sequence[FaultSpan], clock: LogClock) -> Grid:
         "fault", "from (s)", "until (s)", "what", "to be seen", "frames lost then", "deadlines missed", "clock steps",
     )  # fmt: skip
     return Grid.limited("faults", "Faults on purpose, and what came with them", columns, rows)
-
-
-def _missing(log: Log, from_ns: int, until_ns: int) -> int | None:
-    """Frames that all links counted as lost in this time."""
-    table = log.tables.get("/links")
-    if table is None or not {"name", "lost", "gaps"} <= set(table.columns):
-        return None
-    names, stamps = np.asarray(table.values("name")), table.stamp_ns
-    lost, gaps = (np.asarray(table.values(count, raw=True)).astype(np.int64) for count in ("lost", "gaps"))
-    counts = np.maximum(lost, gaps)
-    total = 0
-    for name in dict.fromkeys(names.tolist()):
-        mine = names == name
-        before = counts[mine & (stamps <= from_ns)]
-        after = counts[mine & (stamps <= until_ns)]
-        if len(after):
-            total += max(int(after.max()) - (int(before.max()) if len(before) else 0), 0)
-    return total
 
 
 def _plots(log: Log, faults: Sequence[FaultSpan]) -> tuple[Plot, ...]:

@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.analyses.sensor_faults import switched_off
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import EKF_GPS_GLITCHING, ERR_GPS
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import texts
 from xitl_cli.logs.signals.gaps import regularity
-from xitl_cli.logs.signals.lanes import rows_in_use
 from xitl_cli.logs.signals.receivers import FIX_3D, FIX_NAMES, GnssReceiver, gnss_receivers
 from xitl_cli.logs.signals.series import listed, numbers, significant
 from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses, spells
-from xitl_cli.logs.signals.states import armed_rows, error_rows
-from xitl_cli.logs.tables.events import EKF_GPS_GLITCHING, ERR_GPS
+from xitl_cli.logs.signals.states import armed_rows, error_rows, rows_in_use
 
 _RTK = 5
 _SILENT_S = 1.0
@@ -146,7 +145,10 @@ def motion_section(receiver: GnssReceiver, clock: LogClock) -> Section:
                 Fact("position_step_error_m", "Position against velocity, median a fix", off_m, "m"),
                 Fact("speed_noise_mps", "Velocity from fix to fix, one sigma an axis", noise_mps, "m/s"),
             ]
-            plots.append(_motion_plot(receiver, good, length))
+            name = f"{receiver.name} position against velocity"
+            title = "How far each position is from where the velocity would have led"
+            trace = Trace(name, receiver.stamp_ns[good[1:]], length, "points")
+            plots.append(Plot(f"gnss_motion_{receiver.name}", title, "m", (trace,)))
     return Section("gnss", "GNSS", facts=tuple(facts), findings=tuple(findings), plots=tuple(plots))
 
 
@@ -158,7 +160,14 @@ def _jumps(
     if not len(rows):
         return
     largest = int(rows[np.argmax(length_m[rows])])
-    trusted_m = _stated(receiver, int(receiver.stamp_ns[good[largest + 1]]))
+    # Horizontal accuracy that the receiver reported at about that time; 0: unknown.
+    at_ns = int(receiver.stamp_ns[good[largest + 1]])
+    accuracy = receiver.accuracy
+    if accuracy is None or accuracy.horizontal_m is None or not len(accuracy.stamp_ns):
+        trusted_m = 0.0
+    else:
+        row = min(int(np.searchsorted(accuracy.stamp_ns, at_ns)), len(accuracy.stamp_ns) - 1)
+        trusted_m = float(np.nan_to_num(accuracy.horizontal_m[row]))
     beyond = length_m[largest] > max(_JUMP_WARNING_M, 2.0 * trusted_m)
     speed = float(np.hypot(*moved[largest]) / step_s[largest])
     stamps_ns = receiver.stamp_ns[good[rows + 1]].tolist()
@@ -176,15 +185,6 @@ def _jumps(
         ),
         "Look at satellites and surroundings then (bridge, wall, interference): did the estimator follow?",
     )
-
-
-def _stated(receiver: GnssReceiver, at_ns: int) -> float:
-    """Horizontal accuracy that the receiver reported at about that time; 0: unknown."""
-    accuracy = receiver.accuracy
-    if accuracy is None or accuracy.horizontal_m is None or not len(accuracy.stamp_ns):
-        return 0.0
-    row = min(int(np.searchsorted(accuracy.stamp_ns, at_ns)), len(accuracy.stamp_ns) - 1)
-    return float(np.nan_to_num(accuracy.horizontal_m[row]))
 
 
 def _bias(
@@ -239,13 +239,6 @@ def _frozen(receiver: GnssReceiver, good: NDArray[np.intp], step_s: Floats, cloc
     )
 
 
-def _motion_plot(receiver: GnssReceiver, good: NDArray[np.intp], length_m: Floats) -> Plot:
-    name = f"{receiver.name} position against velocity"
-    title = "How far each position is from where the velocity would have led"
-    trace = Trace(name, receiver.stamp_ns[good[1:]], length_m, "points")
-    return Plot(f"gnss_motion_{receiver.name}", title, "m", (trace,))
-
-
 _TITLE = "GNSS"
 _POOR_SHARE = 0.05
 _FEW_SATELLITES = 6
@@ -272,6 +265,12 @@ def analyse(log: Log) -> Section | None:
     findings += [finding for part in moved for finding in part.findings]
     findings += _two_receivers(found, clock)
     findings += _glitches(log, clock)
+    lacks: list[str] = []
+    for receiver in found:
+        if receiver.accuracy is None or receiver.accuracy.horizontal_m is None:
+            lacks.append(f"{receiver.name} states no accuracy (GPA.HAcc).")
+        if receiver.week is not None and not (np.nan_to_num(receiver.week[fixed_rows(receiver)]) > 0).any():
+            lacks.append(f"{receiver.name} tells no GPS time (week 0): the log cannot be placed in UTC by it.")
     return Section(
         "gnss",
         _TITLE,
@@ -279,7 +278,7 @@ def analyse(log: Log) -> Section | None:
         findings=tuple(findings),
         grids=(_grid(found), *(grid for part in moved for grid in part.grids)),
         plots=(*_plots(found, findings), *(plot for part in moved[:2] for plot in part.plots)),
-        lacks=tuple(_lacks(found)),
+        lacks=tuple(lacks),
     )
 
 
@@ -327,7 +326,10 @@ def _quality(receiver: GnssReceiver) -> Iterator[Finding]:
 def _two_receivers(found: list[GnssReceiver], clock: LogClock) -> Iterator[Finding]:
     """Distance between two receivers of one vehicle, compared with their usual distance."""
     for one, other in combinations([each for each in found if fixed_rows(each).sum() >= 10], 2):
-        if one.message.rpartition(":")[0] != other.message.rpartition(":")[0] or _units_differ(one, other):
+        # Whether two tables are different receivers. Telemetry of a receiver is not a second receiver.
+        if one.message.rpartition(":")[0] != other.message.rpartition(":")[0] or (
+            {one.message.rpartition(":")[2], other.message.rpartition(":")[2]} == {"XITL_GNSS", "GPS_RAW_INT"}
+        ):
             continue
         near = np.searchsorted(other.stamp_ns, one.stamp_ns).clip(1, len(other.stamp_ns) - 1)
         near -= (one.stamp_ns - other.stamp_ns[near - 1]) < (other.stamp_ns[near] - one.stamp_ns)
@@ -349,11 +351,6 @@ def _two_receivers(found: list[GnssReceiver], clock: LogClock) -> Iterator[Findi
                 (Evidence(one.message, one.fields["lat"], int(one.stamp_ns[worst]), None, f"{apart[worst]:.1f} m"),),
                 "Compare both with the estimate to see which one strayed.",
             )
-
-
-def _units_differ(one: GnssReceiver, other: GnssReceiver) -> bool:
-    """Whether two tables are different receivers. Telemetry of a receiver is not a second receiver."""
-    return {one.message.rpartition(":")[2], other.message.rpartition(":")[2]} == {"XITL_GNSS", "GPS_RAW_INT"}
 
 
 def _glitches(log: Log, clock: LogClock) -> Iterator[Finding]:
@@ -468,11 +465,3 @@ def _plots(found: list[GnssReceiver], findings: list[Finding]) -> tuple[Plot, ..
     if trust:
         plots.append(Plot("gnss_accuracy", "Accuracy as the receiver states it", "m, m/s", tuple(trust), marks=marks))
     return tuple(plots)
-
-
-def _lacks(found: list[GnssReceiver]) -> Iterator[str]:
-    for receiver in found:
-        if receiver.accuracy is None or receiver.accuracy.horizontal_m is None:
-            yield f"{receiver.name} states no accuracy (GPA.HAcc)."
-        if receiver.week is not None and not (np.nan_to_num(receiver.week[fixed_rows(receiver)]) > 0).any():
-            yield f"{receiver.name} tells no GPS time (week 0): the log cannot be placed in UTC by it."

@@ -15,13 +15,13 @@ import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.analyses.modes import ModeSpan, mode_spans
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import ALTITUDE_FRAMES, PLACE_COMMANDS, command_name
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
-from xitl_cli.logs.tables.commands import ALTITUDE_FRAMES, PLACE_COMMANDS, command_name
 
 _PLAUSIBLE_ITEMS = 5000
 
@@ -60,7 +60,12 @@ class MissionVersion:
 
 def mission_rows(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
     """Stamp, number of items in the mission (0: unknown), and item, in the log's order."""
-    return _items_from_log(log) or _items_from_telemetry(log)
+    table = log.tables.get("CMD")
+    names = ("CNum", "CId", "Lat", "Lng", "Alt")
+    items_from_log = (
+        [] if table is None or not set(names) <= set(table.columns) else _rows(table, names, "CTot", "Frame")
+    )
+    return items_from_log or _items_from_telemetry(log)
 
 
 def mission_versions(log: Log) -> list[MissionVersion]:
@@ -105,14 +110,6 @@ def _add(found: list[MissionVersion], at_ns: int, items: dict[int, LoggedMission
     before = {seq: item for seq, item in found[-1].items.items() if seq} if found else None
     if before != {seq: item for seq, item in items.items() if seq}:
         found.append(MissionVersion(at_ns, dict(items)))
-
-
-def _items_from_log(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
-    table = log.tables.get("CMD")
-    names = ("CNum", "CId", "Lat", "Lng", "Alt")
-    if table is None or not set(names) <= set(table.columns):
-        return []
-    return _rows(table, names, "CTot", "Frame")
 
 
 def _items_from_telemetry(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
@@ -211,19 +208,18 @@ def leg_tracks(log: Log, plan: MissionVersion | None, legs: list[MissionLeg]) ->
             :, :2
         ]
         start = way[0] if before is None else _path([before], item)[0]
-        found.append(_against(way, start))
+        # Track of a leg. `way`: path relative to the waypoint at (0, 0). `start`: beginning of the line to
+        # it.
+        length_m = float(np.hypot(*start))
+        way_m = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+        if length_m < 0.1:
+            against = LegTrack(way_m, length_m)
+        else:
+            across = np.abs(way @ np.array([start[1], -start[0]])) / length_m
+            against = LegTrack(way_m, length_m, float(np.sqrt(np.mean(across**2))), float(across.max()))
+        found.append(against)
         before = item
     return found
-
-
-def _against(way: NDArray[Any], start: NDArray[Any]) -> LegTrack:
-    """Track of a leg. `way`: path relative to the waypoint at (0, 0). `start`: beginning of the line to it."""
-    length_m = float(np.hypot(*start))
-    way_m = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-    if length_m < 0.1:
-        return LegTrack(way_m, length_m)
-    across = np.abs(way @ np.array([start[1], -start[0]])) / length_m
-    return LegTrack(way_m, length_m, float(np.sqrt(np.mean(across**2))), float(across.max()))
 
 
 def overall_rms_m(legs: list[MissionLeg], sailed: list[LegTrack]) -> float | None:
@@ -258,7 +254,11 @@ def analyse(log: Log) -> Section | None:
         return None
     clock, modes = LogClock(log), mode_spans(log)
     legs = _legs(log, taken_up, reached, modes, clock)
-    complete_ns = _complete_ns(log)
+    said = [text.at_ns for text in signals.texts(log) if _COMPLETE.match(text.text)]
+    table = autopilot_messages(log, "MISSION_CURRENT")
+    if table is not None and "mission_state" in table.columns:
+        said += table.stamp_ns[np.asarray(table.values("mission_state", raw=True)) == _COMPLETE_STATE].tolist()
+    complete_ns = min(said, default=None)
     plan = _plan_in_force(loaded, legs)
     sailed = leg_tracks(log, plan, legs)
     wanted = len(plan.places) if plan else _last_item(log) or None
@@ -301,14 +301,6 @@ def reached_at(log: Log) -> list[tuple[int, int]]:
         if not any(other == seq and at_ns - when <= _REPEATED_NS for when, other in once[-3:]):
             once.append((at_ns, seq))
     return once
-
-
-def _complete_ns(log: Log) -> int | None:
-    said = [text.at_ns for text in signals.texts(log) if _COMPLETE.match(text.text)]
-    table = autopilot_messages(log, "MISSION_CURRENT")
-    if table is not None and "mission_state" in table.columns:
-        said += table.stamp_ns[np.asarray(table.values("mission_state", raw=True)) == _COMPLETE_STATE].tolist()
-    return min(said, default=None)
 
 
 def _last_item(log: Log) -> int:

@@ -9,13 +9,19 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import (
+    FAILSAFE_REASONS,
+    NAVIGATING,
+    error_name,
+    is_failsafe_error,
+    mode_name,
+    reason_name,
+)
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import error_rows, vehicle_kind
-from xitl_cli.logs.tables.events import error_name, is_failsafe_error
-from xitl_cli.logs.tables.modes import FAILSAFE_REASONS, NAVIGATING, mode_name, reason_name
 
 _SAME_CAUSE_NS = 1_000_000_000
 _EVENT_NS = 3_000_000_000  # a run records a mode change up to 2 s after the heartbeat that shows it
@@ -147,12 +153,6 @@ def _failsafe_at(log: Log, at_ns: int) -> str:
     return next(names, "").removesuffix(": occurred")
 
 
-def _evidence(span: ModeSpan) -> Evidence:
-    if span.number is None:
-        return Evidence("/autopilot/events", "reason", span.from_ns, value=span.cause)
-    return Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason))
-
-
 def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
     for before, span in zip([None, *spans[:-1]], spans, strict=True):
         if not span.failsafe:
@@ -162,10 +162,15 @@ def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
         severity = Severity.CRITICAL if interrupted else Severity.WARNING if on else Severity.NOTICE
         left = "" if before is None else f" out of {before.name}"
         state = "armed" if on else "not armed"
+        evidence = (
+            Evidence("/autopilot/events", "reason", span.from_ns, value=span.cause)
+            if span.number is None
+            else Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason))
+        )
         yield Finding(
             f"modes.failsafe{_KINDS.get(span.reason or 0, '')}",
             severity,
             f"At {clock.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
-            (_evidence(span),),
+            (evidence,),
             _STEPS.get(span.reason or 0, "Look at the events around this instant for what set it off."),
         )

@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Flags, Floats
-from xitl_cli.logs.signals import Series, outputs
-from xitl_cli.logs.signals.states import armed_rows, vehicle_kind
-from xitl_cli.logs.tables.commands import (
+from xitl_cli.logs.model.codes import (
     FIXED_OUTPUTS,
     MOTORS,
     OLD_FUNCTIONS,
     PORT_THROTTLE,
     STARBOARD_THROTTLE,
     THROTTLE,
+    VehicleKind,
     servo_function_name,
 )
-from xitl_cli.logs.tables.vehicles import VehicleKind
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Flags, Floats
+from xitl_cli.logs.signals import Series, outputs
+from xitl_cli.logs.signals.states import armed_rows, vehicle_kind
 
 _SHORTEST_US, _LONGEST_US = 500.0, 2500.0  # of a pulse; other values are not pulses
 _USUAL_US = (1100.0, 1900.0)
@@ -86,7 +86,13 @@ def output_channel(
     if each.unit != "us":
         if not each.values.any():
             return None
-        what = _recorded_name(log, channel)
+        # Function of a command in an xitl recording; empty if unknown.
+        table = log.tables.get("/actuators")
+        if table is None or "names" not in table.columns or not len(table.stamp_ns):
+            what = ""
+        else:
+            names = str(table.values("names")[0]).split(", ")
+            what = names[channel - 1] if channel <= len(names) else ""
         turns = what.startswith(("steering", "rudder"))
         name, driven = (what, _GROUND_STEERING) if turns else (f"motor {channel}", None)
         return OutputChannel(channel, name, driven, each, each.values, on, True, armed is not None)
@@ -96,18 +102,28 @@ def output_channel(
     pulse = np.where((each.values < _SHORTEST_US) | (each.values > _LONGEST_US), np.nan, each.values)
     if not np.isfinite(pulse).any():
         return None
-    ends = _output_range(channel, function, pulse, on, parameters, kind)
+    prefix = next((name for name in (f"SERVO{channel}_", f"RC{channel}_") if f"{name}MAX" in parameters), None)
+    low, high = (parameters.get(f"{prefix}{end}", us) for end, us in zip(("MIN", "MAX"), _USUAL_US, strict=True))
+    idles = function in MOTORS and kind not in _MOTORS_BOTH_WAYS
+    if idles:
+        low, high = _motor_ends(low, high, parameters)
+    known = prefix is not None and low < high
+    if not known:
+        wider = bool(np.nanmin(pulse) < _USUAL_US[0] or np.nanmax(pulse) > _USUAL_US[1])
+        low, high = (1000.0, 2000.0) if wider else _USUAL_US
+    turned = parameters.get(f"{prefix}REVERSED", 0.0) > 0.0 or parameters.get(f"{prefix}REV", 1.0) < 0.0
+    trim = parameters.get(f"{prefix}TRIM")
+    if idles or (kind == "plane" and function in THROTTLES and parameters.get("THR_MIN", 0.0) >= 0.0):
+        trim = high if turned and not idles else low  # TRIM is not used for these
+    if trim is None or not low <= trim <= high:
+        at_rest = pulse[~on & np.isfinite(pulse)]
+        trim = float(np.median(at_rest)) if len(at_rest) else 0.5 * (low + high)
+        trim = min(max(trim, low), high)
+    span = high - low
+    trim = low if trim - low < _AT_END * span else high if high - trim < _AT_END * span else trim
+    ends = OutputRange(low, high, trim, turned and not idles, known)
     name = f"output {channel}" if function is None else f"output {channel} ({servo_function_name(function)})"
     return OutputChannel(channel, name, function, each, ends.command(pulse), on, ends.known, armed is not None)
-
-
-def _recorded_name(log: Log, channel: int) -> str:
-    """Function of a command in an xitl recording; empty if unknown."""
-    table = log.tables.get("/actuators")
-    if table is None or "names" not in table.columns or not len(table.stamp_ns):
-        return ""
-    names = str(table.values("names")[0]).split(", ")
-    return names[channel - 1] if channel <= len(names) else ""
 
 
 def _function(channel: int, parameters: Mapping[str, float], kind: VehicleKind) -> int | None:
@@ -119,31 +135,6 @@ def _function(channel: int, parameters: Mapping[str, float], kind: VehicleKind) 
         return fixed if kind == "copter" and channel <= _FEWEST_MOTORS else None
     own = int(parameters.get(f"RC{channel}_FUNCTION", 0.0))
     return own if own or fixed is None else fixed
-
-
-def _output_range(
-    channel: int, function: int | None, pulse_us: Floats, on: Flags, parameters: Mapping[str, float], kind: VehicleKind
-) -> OutputRange:
-    prefix = next((name for name in (f"SERVO{channel}_", f"RC{channel}_") if f"{name}MAX" in parameters), None)
-    low, high = (parameters.get(f"{prefix}{end}", us) for end, us in zip(("MIN", "MAX"), _USUAL_US, strict=True))
-    idles = function in MOTORS and kind not in _MOTORS_BOTH_WAYS
-    if idles:
-        low, high = _motor_ends(low, high, parameters)
-    known = prefix is not None and low < high
-    if not known:
-        wider = bool(np.nanmin(pulse_us) < _USUAL_US[0] or np.nanmax(pulse_us) > _USUAL_US[1])
-        low, high = (1000.0, 2000.0) if wider else _USUAL_US
-    turned = parameters.get(f"{prefix}REVERSED", 0.0) > 0.0 or parameters.get(f"{prefix}REV", 1.0) < 0.0
-    trim = parameters.get(f"{prefix}TRIM")
-    if idles or (kind == "plane" and function in THROTTLES and parameters.get("THR_MIN", 0.0) >= 0.0):
-        trim = high if turned and not idles else low  # TRIM is not used for these
-    if trim is None or not low <= trim <= high:
-        at_rest = pulse_us[~on & np.isfinite(pulse_us)]
-        trim = float(np.median(at_rest)) if len(at_rest) else 0.5 * (low + high)
-        trim = min(max(trim, low), high)
-    span = high - low
-    trim = low if trim - low < _AT_END * span else high if high - trim < _AT_END * span else trim
-    return OutputRange(low, high, trim, turned and not idles, known)
 
 
 THROTTLES = (THROTTLE, PORT_THROTTLE, STARBOARD_THROTTLE)

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import ERR_BATTERY_FAILSAFE
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import held_spans, runs, spells
 from xitl_cli.logs.signals.states import error_rows, parameter_values
-from xitl_cli.logs.tables.events import ERR_BATTERY_FAILSAFE
 
 _TITLE = "Power"
 _UNKNOWN_MV = 65535.0
@@ -227,14 +227,38 @@ def analyse(log: Log) -> Section | None:
     if not found and supply is None and log.of_topics:
         return None
     findings = [finding for each in found for finding in _judged(each, parameters, clock)]
+    lacks: list[str] = []
+    if not found:
+        lacks.append("No battery is logged; set BATT_MONITOR, and the bit CURRENT of LOG_BITMASK.")
+    else:
+        for each in found:
+            if parameters and parameters.get(_prefix(each) + "LOW_VOLT", 0.0) <= 0.0:
+                lacks.append(
+                    f"{each.name} has no low level ({_prefix(each)}LOW_VOLT is 0): its voltage cannot be judged."
+                )
+            if each.current_a is None or not np.nan_to_num(each.current_a).any():
+                lacks.append(f"{each.name} measures no current.")
+    failsafes: list[Finding] = []
+    acted = [
+        (at_ns, code) for at_ns, subsystem, code in error_rows(log) if subsystem == ERR_BATTERY_FAILSAFE and code > 0
+    ]
+    if acted:
+        failsafes.append(
+            Finding.warning(
+                "power.failsafe",
+                f"The battery failsafe acted, first at {clock.text(acted[0][0])}",
+                tuple(Evidence("ERR", "ECode", at_ns, None, str(code)) for at_ns, code in acted[:8]),
+                "See the voltage then and what BATT_FS_LOW_ACT and BATT_FS_CRT_ACT order.",
+            )
+        )
     supplied = Section(
         "power",
         _TITLE,
         _facts(found[0], parameters) if found else (),
-        (*findings, *_failsafes(log, clock)),
+        (*findings, *failsafes),
         (_grid(found),) if found else (),
         _plots(found),
-        tuple(_lacks(found, parameters)),
+        tuple(lacks),
     )
     return Section.joined("power", _TITLE, (supplied, supply))
 
@@ -334,20 +358,6 @@ def _falls_at_end(each: Battery) -> Iterator[Finding]:
     )
 
 
-def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
-    acted = [
-        (at_ns, code) for at_ns, subsystem, code in error_rows(log) if subsystem == ERR_BATTERY_FAILSAFE and code > 0
-    ]
-    if not acted:
-        return
-    yield Finding.warning(
-        "power.failsafe",
-        f"The battery failsafe acted, first at {clock.text(acted[0][0])}",
-        tuple(Evidence("ERR", "ECode", at_ns, None, str(code)) for at_ns, code in acted[:8]),
-        "See the voltage then and what BATT_FS_LOW_ACT and BATT_FS_CRT_ACT order.",
-    )
-
-
 def resistance_ohm(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> float | None:
     """Slope of voltage over current between means of neighbouring seconds: differences cancel the discharge.
 
@@ -437,14 +447,3 @@ def _plots(found: list[Battery]) -> tuple[Plot, ...]:
     if currents:
         plots.append(Plot("battery_current", "Battery current", "A", currents))
     return tuple(plots)
-
-
-def _lacks(found: list[Battery], parameters: Mapping[str, float]) -> Iterator[str]:
-    if not found:
-        yield "No battery is logged; set BATT_MONITOR, and the bit CURRENT of LOG_BITMASK."
-        return
-    for each in found:
-        if parameters and parameters.get(_prefix(each) + "LOW_VOLT", 0.0) <= 0.0:
-            yield f"{each.name} has no low level ({_prefix(each)}LOW_VOLT is 0): its voltage cannot be judged."
-        if each.current_a is None or not np.nan_to_num(each.current_a).any():
-            yield f"{each.name} measures no current."

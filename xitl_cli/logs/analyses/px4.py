@@ -52,10 +52,21 @@ def analyse(log: Log) -> Section | None:
     if log.format != "ulog" or log.span_ns is None:
         return None
     clock = LogClock(log)
+    ends_armed: list[Finding] = []
+    states = px4.arm_states(log)
+    if states is not None and len(states[1]) and states[1][-1]:
+        ends_armed.append(
+            Finding.warning(
+                "px4.ends_armed",
+                "The log ends while the vehicle was armed: the supply failed, PX4 crashed, or the log was cut off",
+                (Evidence("vehicle_status", "arming_state", int(states[0][-1]), value="2"),),
+                "Look at the supply and for a fault log on the card; SDLOG_MODE decides until when PX4 logs.",
+            )
+        )
     findings = [
         *_failsafes(log, clock),
         *_detected(log, clock),
-        *_ends_armed(log),
+        *ends_armed,
         *_reported(signals.texts(log), clock),
         *_rejected(log, clock),
         *_resets(log, clock),
@@ -64,18 +75,19 @@ def analyse(log: Log) -> Section | None:
         *_load(log),
         *_dropouts(log),
     ]
-    return Section("px4", "PX4", tuple(_facts(log)), tuple(findings))
-
-
-def _facts(log: Log) -> Iterator[Fact]:
+    facts: list[Fact] = []
     load = px4.topic(log, "cpuload")
     for field, label in (("load", "Processor load, highest"), ("ram_usage", "Memory in use, highest")):
         values = None if load is None else numbers(load, field)
         if values is not None and _shares(values).any():
-            yield Fact(f"{field}_highest_percent", label, rounded(100.0 * float(_shares(values).max()), 1), "%")
+            highest = rounded(100.0 * float(_shares(values).max()), 1)
+            facts.append(Fact(f"{field}_highest_percent", label, highest, "%"))
     lost = log.tables.get("dropouts")
     duration = None if lost is None else numbers(lost, "duration")
-    yield Fact("dropouts_s", "Lost by the logger", 0.0 if duration is None else rounded(1e-3 * duration.sum()), "s")
+    facts.append(
+        Fact("dropouts_s", "Lost by the logger", 0.0 if duration is None else rounded(1e-3 * duration.sum()), "s")
+    )
+    return Section("px4", "PX4", tuple(facts), tuple(findings))
 
 
 def _shares(values: Floats) -> Floats:
@@ -156,18 +168,6 @@ def _detected(log: Log, clock: LogClock) -> Iterator[Finding]:
                 (Evidence("failure_detector_status", field, from_ns, until_ns, "1"),),
                 f"Look at attitude, outputs and supply just before; {parameter} sets when it reports.",
             )
-
-
-def _ends_armed(log: Log) -> Iterator[Finding]:
-    states = px4.arm_states(log)
-    if states is None or not len(states[1]) or not states[1][-1]:
-        return
-    yield Finding.warning(
-        "px4.ends_armed",
-        "The log ends while the vehicle was armed: the supply failed, PX4 crashed, or the log was cut off",
-        (Evidence("vehicle_status", "arming_state", int(states[0][-1]), value="2"),),
-        "Look at the supply and for a fault log on the card; SDLOG_MODE decides until when PX4 logs.",
-    )
 
 
 def _reported(texts: list[LogText], clock: LogClock) -> Iterator[Finding]:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from xitl_cli.logs.analyses.outputs import THROTTLES, OutputChannel, driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import (
+    CONTROLS,
+    ERR_RC_FAILSAFE,
+    PORT_THROTTLE,
+    STARBOARD_THROTTLE,
+)
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.model.table import Flags, Stamps
@@ -15,12 +21,6 @@ from xitl_cli.logs.signals import Series, outputs, rc_inputs
 from xitl_cli.logs.signals.series import listed, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import find_holds, held_spans, runs, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows, parameter_values
-from xitl_cli.logs.tables.commands import (
-    CONTROLS,
-    PORT_THROTTLE,
-    STARBOARD_THROTTLE,
-)
-from xitl_cli.logs.tables.events import ERR_RC_FAILSAFE
 
 _IN_FAILSAFE = 2  # RCI2.Flags
 _HELD_S = 5.0
@@ -34,13 +34,42 @@ def input_section(
 ) -> Section:
     held = _held(channels, clock) if channels else ()
     lacks = [] if channels else ["No remote control input is logged; none is connected, or the bit RCIN is not set."]
+    # Plots of the channels that move.
+    traces = [
+        Trace(f"channel {channel}", each.stamp_ns, each.values, "steps")
+        for channel, each in channels.items()
+        if np.ptp(each.values) > 0.0
+    ]
+    # Share of the time with a weak signal; 255 in telemetry means unknown.
+    strength: list[Finding] = []
+    for table in tables_of(log, ("RSSI", "RC_CHANNELS")):
+        for field, scale, what in (("RXRSSI", 1.0, "signal strength"), ("RXLQ", 100.0, "link quality"),
+                                   ("rssi", 254.0, "signal strength")):  # fmt: skip
+            values = numbers(table, field, raw=True)
+            if values is None:
+                continue
+            known = np.isfinite(values) & (values >= 0.0) & (values != _NO_RSSI if field == "rssi" else True)
+            level, stamps = values[known] / scale, table.stamp_ns[known]
+            if len(level) < 5 or not level.any():
+                continue
+            weak = level < _WEAK
+            if float(weak.mean()) > _WEAK_SHARE:
+                strength.append(
+                    Finding.notice(
+                        "radio.weak",
+                        f"The {what} of the remote control was under {100.0 * _WEAK:.0f} % for "
+                        f"{100.0 * float(weak.mean()):.0f} % of the time, at least {100.0 * float(level.min()):.0f} %",
+                        tuple(Evidence(table.name, field, begin, end) for begin, end in spells(stamps, weak)),
+                        "Check antennas and range before the link is lost.",
+                    )
+                )
     return Section(
         "radio",
         _INPUT_TITLE,
         facts=(Fact("input_channels", "Input channels in use", len(channels)),),
-        findings=(*_failsafe(log, channels, parameters, clock), *held, *_strength(log)),
+        findings=(*_failsafe(log, channels, parameters, clock), *held, *strength),
         grids=(_input_grid(channels),) if channels else (),
-        plots=_input_plots(channels),
+        plots=((Plot("inputs", "Remote control", "µs", tuple(traces[:8])),) if traces else ()),
         lacks=tuple(lacks),
     )
 
@@ -119,29 +148,6 @@ def _held(channels: Mapping[int, Series], clock: LogClock) -> Iterator[Finding]:
     )
 
 
-def _strength(log: Log) -> Iterator[Finding]:
-    """Share of the time with a weak signal; 255 in telemetry means unknown."""
-    for table in tables_of(log, ("RSSI", "RC_CHANNELS")):
-        for field, scale, what in (("RXRSSI", 1.0, "signal strength"), ("RXLQ", 100.0, "link quality"),
-                                   ("rssi", 254.0, "signal strength")):  # fmt: skip
-            values = numbers(table, field, raw=True)
-            if values is None:
-                continue
-            known = np.isfinite(values) & (values >= 0.0) & (values != _NO_RSSI if field == "rssi" else True)
-            level, stamps = values[known] / scale, table.stamp_ns[known]
-            if len(level) < 5 or not level.any():
-                continue
-            weak = level < _WEAK
-            if float(weak.mean()) > _WEAK_SHARE:
-                yield Finding.notice(
-                    "radio.weak",
-                    f"The {what} of the remote control was under {100.0 * _WEAK:.0f} % for "
-                    f"{100.0 * float(weak.mean()):.0f} % of the time, at least {100.0 * float(level.min()):.0f} %",
-                    tuple(Evidence(table.name, field, begin, end) for begin, end in spells(stamps, weak)),
-                    "Check antennas and range before the link is lost.",
-                )
-
-
 def _input_grid(channels: Mapping[int, Series]) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for channel, each in channels.items():
@@ -149,16 +155,6 @@ def _input_grid(channels: Mapping[int, Series]) -> Grid:
         moves = "constant" if low == high else f"{100.0 * float((np.diff(each.values) != 0.0).mean()):.0f} % of rows"
         rows.append((channel, significant(low), significant(float(np.median(each.values))), significant(high), moves))
     return Grid("inputs", "Remote control, µs", ("channel", "least", "median", "most", "changes"), tuple(rows))
-
-
-def _input_plots(channels: Mapping[int, Series]) -> tuple[Plot, ...]:
-    """Plots of the channels that move."""
-    traces = [
-        Trace(f"channel {channel}", each.stamp_ns, each.values, "steps")
-        for channel, each in channels.items()
-        if np.ptp(each.values) > 0.0
-    ]
-    return (Plot("inputs", "Remote control", "µs", tuple(traces[:8])),) if traces else ()
 
 
 _OUTPUT_TITLE = "Outputs"
@@ -184,13 +180,36 @@ def output_section(log: Log, driven: Mapping[int, Series], parameters: Mapping[s
             "What the outputs drive is not known: the log has no SERVOn_FUNCTION; their ends are taken as 1100 and "
             "1900 µs, or 1000 and 2000 µs where pulses go beyond."
         )
+    marks = tuple(
+        Mark(each.at_ns, finding.key, each.until_ns, finding.severity)
+        for finding in findings
+        if finding.key in ("radio.saturated", "radio.too_slow")
+        for each in finding.evidence
+        if each.at_ns is not None
+    )
+    traces = [Trace(output.name, output.series.stamp_ns, 100.0 * output.command, "steps") for output in found[:8]]
+    # Share of the rows in which the steering controller demands its maximum, and in which its integrator is
+    # frozen.
+    facts: list[Fact] = []
+    table = log.tables.get("STER")
+    out = None if table is None else numbers(table, "SteerOut")
+    if out is not None and len(out):
+        share = 100.0 * float((np.abs(np.nan_to_num(out)) >= _STEERING_END - 1.0).mean())
+        facts.append(Fact("steering_at_limit_percent", "Steering at its end", significant(share, 3), "%"))
+    table = log.tables.get("PIDS")
+    flags = None if table is None else numbers(table, "Flags", raw=True)
+    if flags is not None and len(flags):
+        share = 100.0 * float(((np.nan_to_num(flags).astype(np.int64) & 1) != 0).mean())
+        facts.append(
+            Fact("steering_integrator_held_percent", "Steering rate controller limited", significant(share, 3), "%")
+        )
     return Section(
         "radio",
         _OUTPUT_TITLE,
-        facts=(Fact("outputs", "Outputs in use", len(found)), *_steering(log)),
+        facts=(Fact("outputs", "Outputs in use", len(found)), *tuple(facts)),
         findings=findings,
         grids=(_output_grid(found),) if found else (),
-        plots=_output_plots(found, findings),
+        plots=((Plot("outputs", "Outputs", "% of the way from trim", tuple(traces), marks=marks),) if traces else ()),
         lacks=tuple(lacks),
     )
 
@@ -338,24 +357,6 @@ def _too_slow(log: Log, found: list[OutputChannel], clock: LogClock) -> Iterator
     )
 
 
-def _steering(log: Log) -> tuple[Fact, ...]:
-    """Share of the rows in which the steering controller demands its maximum, and in which its integrator is frozen."""
-    facts: list[Fact] = []
-    table = log.tables.get("STER")
-    out = None if table is None else numbers(table, "SteerOut")
-    if out is not None and len(out):
-        share = 100.0 * float((np.abs(np.nan_to_num(out)) >= _STEERING_END - 1.0).mean())
-        facts.append(Fact("steering_at_limit_percent", "Steering at its end", significant(share, 3), "%"))
-    table = log.tables.get("PIDS")
-    flags = None if table is None else numbers(table, "Flags", raw=True)
-    if flags is not None and len(flags):
-        share = 100.0 * float(((np.nan_to_num(flags).astype(np.int64) & 1) != 0).mean())
-        facts.append(
-            Fact("steering_integrator_held_percent", "Steering rate controller limited", significant(share, 3), "%")
-        )
-    return tuple(facts)
-
-
 def _output_grid(found: list[OutputChannel]) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for output in found:
@@ -378,18 +379,6 @@ def _output_grid(found: list[OutputChannel]) -> Grid:
     columns = ("output", "least %", "mean %", "most %", "at the end %", "longest s", "swings a second")
     when = " while armed" if all(output.arming_known for output in found) else ""
     return Grid("outputs", f"Outputs{when}, % of the way from trim to the end", columns, tuple(rows))
-
-
-def _output_plots(found: list[OutputChannel], findings: Iterable[Finding]) -> tuple[Plot, ...]:
-    marks = tuple(
-        Mark(each.at_ns, finding.key, each.until_ns, finding.severity)
-        for finding in findings
-        if finding.key in ("radio.saturated", "radio.too_slow")
-        for each in finding.evidence
-        if each.at_ns is not None
-    )
-    traces = [Trace(output.name, output.series.stamp_ns, 100.0 * output.command, "steps") for output in found[:8]]
-    return (Plot("outputs", "Outputs", "% of the way from trim", tuple(traces), marks=marks),) if traces else ()
 
 
 def analyse(log: Log) -> Section | None:

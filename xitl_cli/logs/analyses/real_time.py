@@ -32,16 +32,40 @@ def analyse(log: Log) -> Section | None:
         return None
     shortfalls = figures.shortfalls()
     if shortfalls:
+        evidence: list[Evidence] = []
+        if figures.stalls:
+            evidence.append(Evidence(PACE, "stalled_s", value=f"{figures.stalled_s:.2f} s"))
+        if figures.physics is not None and figures.physics.missed:
+            evidence.append(Evidence("/tasks", "missed", value=f"{figures.physics.missed} of {figures.physics.cycles}"))
+        if figures.control is not None and figures.control.missed:
+            named = f"{figures.control.name} {figures.control.missed} of {figures.control.cycles}"
+            evidence.append(Evidence("/tasks", "missed", value=named))
+        if figures.link is not None and figures.link.lost:
+            evidence.append(Evidence(LINKS, "lost", value=f"{figures.link.name} {figures.link.lost}"))
+        for name, steps in figures.clock_steps:
+            evidence.append(Evidence(CLOCKS, "steps", value=f"{name} {steps}"))
         finding = Finding.critical(
             "real_time.not_kept",
             not_real_time(shortfalls),
-            tuple(_evidence(figures)),
+            tuple(evidence),
             "Take none of its timing for that of the real thing: run it on a machine with less to do, with a "
             "PREEMPT_RT kernel or a lower clock.physics_rate_hz, or in lockstep (`xitl doctor` looks at the machine).",
         )
     else:
         finding = Finding.ok("real_time.kept", "The run kept real time")
-    return Section("real_time", "Real time", tuple(_facts(figures)), (finding,))
+    facts: list[Fact] = []
+    if figures.physics is not None:
+        facts.append(Fact("physics_missed", "Physics deadlines missed", _percent(figures.physics.share), "%"))
+    if figures.control is not None:
+        label = f"Cycles missed of {figures.control.name}"
+        facts.append(Fact("agent_missed", label, _percent(figures.control.share), "%"))
+    if figures.link is not None:
+        facts.append(Fact("lost", f"Frames lost of {figures.link.name}", _percent(figures.link.share), "%"))
+    facts.append(Fact("stalls", "Stalls of more than 40 ms", figures.stalls))
+    facts.append(Fact("stalled_s", "In all", rounded(figures.stalled_s), "s"))
+    facts.append(Fact("longest_stall_s", "The longest", rounded(figures.longest_stall_s), "s"))
+    facts.append(Fact("slipped_s", "Behind the wall clock and not made up", rounded(figures.slipped_s), "s"))
+    return Section("real_time", "Real time", tuple(facts), (finding,))
 
 
 def measured(log: Log) -> RealTimeFigures | None:
@@ -53,11 +77,20 @@ def measured(log: Log) -> RealTimeFigures | None:
     tasks = [
         (task.node, TaskMissCount(task.name, task.cycles + task.skipped, task.missed)) for task in task_totals(log)
     ]
+    table = log.tables.get(LINKS)
+    losses: list[LinkLosses] = []
+    for name, row in _rows_of(table, "name").items():
+        assert table is not None
+        sent = round(_last(table, "sent", row))
+        if sent and "lost" in table.columns and float(table.values("lost")[row]) >= 0.0:
+            losses.append(
+                LinkLosses(name, sent, max(round(_last(table, "lost", row) - _last(table, "impaired", row)), 0))
+            )
     return RealTimeFigures(
         length_s=_wall_s(log),
         physics=worst([task for node, task in tasks if node == HOST]),
         control=None if spared else worst([task for node, task in tasks if node not in (HOST, COMPANION)]),
-        link=worst_link(list(_losses(log.tables.get(LINKS)))),
+        link=worst_link(losses),
         stalls=round(_last(pace, "stalls")),
         stalled_s=_last(pace, "stalled_s"),
         longest_stall_s=_last(pace, "longest_stall_s"),
@@ -92,48 +125,12 @@ def _rows_of(table: Table | None, key: str) -> dict[str, int]:
     return {str(name): row for row, name in enumerate(table.values(key).tolist())}
 
 
-def _losses(table: Table | None) -> Iterator[LinkLosses]:
-    for name, row in _rows_of(table, "name").items():
-        assert table is not None
-        sent = round(_last(table, "sent", row))
-        if sent and "lost" in table.columns and float(table.values("lost")[row]) >= 0.0:
-            yield LinkLosses(name, sent, max(round(_last(table, "lost", row) - _last(table, "impaired", row)), 0))
-
-
 def _steps(table: Table | None) -> Iterator[tuple[str, int]]:
     for name, row in _rows_of(table, "node").items():
         assert table is not None
         steps = round(_last(table, "steps", row))
         if steps and name != HOST:
             yield name, steps
-
-
-def _evidence(figures: RealTimeFigures) -> Iterator[Evidence]:
-    if figures.stalls:
-        yield Evidence(PACE, "stalled_s", value=f"{figures.stalled_s:.2f} s")
-    if figures.physics is not None and figures.physics.missed:
-        yield Evidence("/tasks", "missed", value=f"{figures.physics.missed} of {figures.physics.cycles}")
-    if figures.control is not None and figures.control.missed:
-        named = f"{figures.control.name} {figures.control.missed} of {figures.control.cycles}"
-        yield Evidence("/tasks", "missed", value=named)
-    if figures.link is not None and figures.link.lost:
-        yield Evidence(LINKS, "lost", value=f"{figures.link.name} {figures.link.lost}")
-    for name, steps in figures.clock_steps:
-        yield Evidence(CLOCKS, "steps", value=f"{name} {steps}")
-
-
-def _facts(figures: RealTimeFigures) -> Iterator[Fact]:
-    if figures.physics is not None:
-        yield Fact("physics_missed", "Physics deadlines missed", _percent(figures.physics.share), "%")
-    if figures.control is not None:
-        label = f"Cycles missed of {figures.control.name}"
-        yield Fact("agent_missed", label, _percent(figures.control.share), "%")
-    if figures.link is not None:
-        yield Fact("lost", f"Frames lost of {figures.link.name}", _percent(figures.link.share), "%")
-    yield Fact("stalls", "Stalls of more than 40 ms", figures.stalls)
-    yield Fact("stalled_s", "In all", rounded(figures.stalled_s), "s")
-    yield Fact("longest_stall_s", "The longest", rounded(figures.longest_stall_s), "s")
-    yield Fact("slipped_s", "Behind the wall clock and not made up", rounded(figures.slipped_s), "s")
 
 
 def _percent(share: float) -> float | None:

@@ -98,10 +98,32 @@ _GAP_STEP = (
 def timing_section(found: list[JudgedSensor], clock: LogClock, *, telemetry: bool) -> Section:
     """Gaps, wrong stamps, and different rates of instances of one message."""
     # Telemetry is thinned out as its link allows; the links section reports losses.
+    # One finding for all sensors on the clock that was set, because no sample is missing.
+    clock_jumps: list[Finding] = []
+    jumped = [sensor for sensor in found if sensor.clock_jumps]
+    if jumped:
+        at_ns, size_s = max(jumped[0].clock_jumps, key=lambda jump: abs(jump[1]))
+        many = len(jumped[0].clock_jumps)
+        again = "" if many == 1 else f", the largest of {many}"
+        *names, last = (sensor.name for sensor in jumped)
+        clock_jumps.append(
+            Finding.notice(
+                "sensors.clock_step",
+                f"The clock that stamps {', '.join(names)}{' and ' if names else ''}{last} jumped by "
+                f"{size_s:+.4g} s at {clock.text(at_ns)}{again}; no sample is missing there",
+                tuple(
+                    Evidence(sensor.message, None, jump[0], None, f"{jump[1]:+.4g} s")
+                    for sensor in jumped[:4]
+                    for jump in sensor.clock_jumps[:4]
+                ),
+                "Take times across it from the log's own stamps; a clock is set by a restart, by GPS or by a "
+                "ground station.",
+            )
+        )
     findings = (
         *_gaps(found, clock),
         *(one for sensor in found for one in _stamp_findings(sensor, telemetry)),
-        *_clock_jumps(found, clock),
+        *clock_jumps,
         *_rates(found),
     )
     return Section("sensors", "Sensors", findings=findings, plots=_gap_plot(found))
@@ -118,28 +140,6 @@ def _stamp_findings(sensor: JudgedSensor, telemetry: bool) -> Iterator[Finding]:
             (Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[0]), int(sensor.stamp_ns[-1])),),
             "Look for a clock that was set during the run, or a damaged part of the log.",
         )
-
-
-def _clock_jumps(found: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
-    """One finding for all sensors on the clock that was set, because no sample is missing."""
-    jumped = [sensor for sensor in found if sensor.clock_jumps]
-    if not jumped:
-        return
-    at_ns, size_s = max(jumped[0].clock_jumps, key=lambda jump: abs(jump[1]))
-    many = len(jumped[0].clock_jumps)
-    again = "" if many == 1 else f", the largest of {many}"
-    *names, last = (sensor.name for sensor in jumped)
-    yield Finding.notice(
-        "sensors.clock_step",
-        f"The clock that stamps {', '.join(names)}{' and ' if names else ''}{last} jumped by {size_s:+.4g} s at "
-        f"{clock.text(at_ns)}{again}; no sample is missing there",
-        tuple(
-            Evidence(sensor.message, None, jump[0], None, f"{jump[1]:+.4g} s")
-            for sensor in jumped[:4]
-            for jump in sensor.clock_jumps[:4]
-        ),
-        "Take times across it from the log's own stamps; a clock is set by a restart, by GPS or by a ground station.",
-    )
 
 
 def _rates(found: list[JudgedSensor]) -> Iterator[Finding]:
@@ -274,8 +274,8 @@ def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
     yield Finding(
         "sensors.missing",
         Severity.WARNING if share >= _MISSING_WARNING else Severity.NOTICE,
-        f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz ask for are missing, "
-        f"in {len(sensor.gaps)} gaps of up to {longest_s:.3g} s",
+        f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz ask for are "
+        f"missing, in {len(sensor.gaps)} gaps of up to {longest_s:.3g} s",
         (Evidence(sensor.message, sensor.field, int(sensor.gaps.from_ns[0]), int(sensor.gaps.until_ns[-1])),),
         _GAP_STEP,
     )
@@ -335,7 +335,24 @@ def trouble_section(
         stuck = _stuck(sensor, [each for each in found if each is not sensor], turning, speed, clock)
         by_sensor[sensor.name] = _with_health(stuck, sensor, armed.get(sensor.name), clock)
     units = [finding for unit in inertial for finding in (*_saturated(unit, clock), *_unit_errors(unit, clock))]
-    return Section("sensors", "Sensors", findings=(*_together(by_sensor, clock), *units))
+    # All findings. Sensors that stopped within a second share one finding, because none of them is the cause.
+    every = tuple(finding for findings in by_sensor.values() for finding in findings)
+    stopped = {name: one for name, findings in by_sensor.items() for one in findings if one.key == _STUCK}
+    begins = [_begin(one) for one in stopped.values()]
+    if len(stopped) < 2 or max(begins) - min(begins) > _AT_ONCE_NS:
+        together = every
+    else:
+        *names, last = stopped
+        one = Finding(
+            "sensors.stopped_together",
+            max(finding.severity for finding in stopped.values()),
+            f"{', '.join(names)} and {last} stopped together at {clock.text(min(begins))}, while the vehicle moved: "
+            "each shows one and the same value from then on",
+            tuple(evidence for finding in stopped.values() for evidence in finding.evidence),
+            "Look at what feeds them all: a link, a bus, or the process behind it.",
+        )
+        together = (one, *(finding for finding in every if finding.key != _STUCK))
+    return Section("sensors", "Sensors", findings=(*together, *units))
 
 
 def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None, clock: LogClock) -> list[Finding]:
@@ -363,25 +380,6 @@ def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None
     return [one, *stuck[1:], *_unwell(sensor, elsewhere, armed, clock)]
 
 
-def _together(by_sensor: Mapping[str, list[Finding]], clock: LogClock) -> tuple[Finding, ...]:
-    """All findings. Sensors that stopped within a second share one finding, because none of them is the cause."""
-    every = tuple(finding for findings in by_sensor.values() for finding in findings)
-    stopped = {name: one for name, findings in by_sensor.items() for one in findings if one.key == _STUCK}
-    begins = [_begin(one) for one in stopped.values()]
-    if len(stopped) < 2 or max(begins) - min(begins) > _AT_ONCE_NS:
-        return every
-    *names, last = stopped
-    one = Finding(
-        "sensors.stopped_together",
-        max(finding.severity for finding in stopped.values()),
-        f"{', '.join(names)} and {last} stopped together at {clock.text(min(begins))}, while the vehicle moved: "
-        "each shows one and the same value from then on",
-        tuple(evidence for finding in stopped.values() for evidence in finding.evidence),
-        "Look at what feeds them all: a link, a bus, or the process behind it.",
-    )
-    return (one, *(finding for finding in every if finding.key != _STUCK))
-
-
 def _begin(finding: Finding) -> int:
     return min((one.at_ns for one in finding.evidence if one.at_ns is not None), default=0)
 
@@ -401,7 +399,11 @@ def _stuck(
         why = _moved(sensor.sort, from_ns, until_ns, turning, speed)
         if why:
             certain.append((hold, why))
-        elif sensor.sort == "inertial unit" and until_ns - from_ns >= _UNEXPLAINED_S * 1e9 and _lively(sensor):
+        elif (
+            sensor.sort == "inertial unit"
+            and until_ns - from_ns >= _UNEXPLAINED_S * 1e9
+            and (sensor.holding.usual < 1.5)
+        ):
             doubtful.append(hold)
     findings = []
     if certain:
@@ -437,18 +439,23 @@ def _shared(sensor: JudgedSensor, from_ns: int, until_ns: int, others: Sequence[
     return bool(alike)
 
 
-def _lively(sensor: JudgedSensor) -> bool:
-    """Whether every sample usually shows noise."""
-    return sensor.holding.usual < 1.5
-
-
 def _moved(sort: str, from_ns: int, until_ns: int, turning: Series | None, speed: Series | None) -> str:
     """Motion that contradicts a constant value, as the end of a sentence; "" if there is none.
 
     Turns are those of the gyroscope, because a heading changes without a turn while the estimator searches for it.
     """
     if turning is not None and sort == "magnetometer":
-        turned_deg = _turned_deg(turning, from_ns, until_ns)
+        # Range of the heading (deg), from the rate without its median. A slow median may be a bias; a fast
+        # one is kept.
+        inside = (turning.stamp_ns >= from_ns) & (turning.stamp_ns <= until_ns)
+        if np.count_nonzero(inside) < 3:
+            turned_deg = 0.0
+        else:
+            rates, stamps = turning.values[inside], turning.stamp_ns[inside]
+            usual = float(np.median(rates))
+            if abs(usual) < _FAST_TURN_DEGPS:
+                rates = rates - usual
+            turned_deg = float(np.ptp(np.cumsum(rates[1:] * np.diff(stamps) * 1e-9)))
         if turned_deg > _TURN_DEG:
             return f"the vehicle turned by {turned_deg:.0f}°"
     if speed is not None and sort == "inertial unit":
@@ -456,18 +463,6 @@ def _moved(sort: str, from_ns: int, until_ns: int, turning: Series | None, speed
         if inside.any() and (fast := float(np.median(speed.values[inside]))) > _MOVING_MPS:
             return f"the vehicle made {fast:.2g} m/s"
     return ""
-
-
-def _turned_deg(rate_degps: Series, from_ns: int, until_ns: int) -> float:
-    """Range of the heading (deg), from the rate without its median. A slow median may be a bias; a fast one is kept."""
-    inside = (rate_degps.stamp_ns >= from_ns) & (rate_degps.stamp_ns <= until_ns)
-    if np.count_nonzero(inside) < 3:
-        return 0.0
-    rates, stamps = rate_degps.values[inside], rate_degps.stamp_ns[inside]
-    usual = float(np.median(rates))
-    if abs(usual) < _FAST_TURN_DEGPS:
-        rates = rates - usual
-    return float(np.ptp(np.cumsum(rates[1:] * np.diff(stamps) * 1e-9)))
 
 
 def _when(sensor: JudgedSensor, holds: list[HeldRows], clock: LogClock) -> str:

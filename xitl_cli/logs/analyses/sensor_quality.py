@@ -176,7 +176,9 @@ def _compasses(
     length = np.hypot(difference[:, 0], difference[:, 1])
     numbers = at_ns // WINDOW_NS
     a, b = mean[1][np.searchsorted(mean[0], numbers)], beside[1][np.searchsorted(beside[0], numbers)]
-    turned = np.degrees(np.abs(_wrapped(np.arctan2(a[:, 1], a[:, 0]) - np.arctan2(b[:, 1], b[:, 0]))))
+    turned = np.degrees(
+        np.abs(np.mod((np.arctan2(a[:, 1], a[:, 0]) - np.arctan2(b[:, 1], b[:, 0])) + np.pi, 2.0 * np.pi) - np.pi)
+    )
     rows.append(
         (
             f"{one.name}, {other.name}",
@@ -256,10 +258,6 @@ def _barometers(
         (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
         "Look for wind on an open case, sun or heat on one of them.",
     )
-
-
-def _wrapped(angle_rad: Floats) -> Floats:
-    return np.mod(angle_rad + np.pi, 2.0 * np.pi) - np.pi
 
 
 SHORTEST_S = 60.0

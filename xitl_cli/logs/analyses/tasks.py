@@ -49,7 +49,10 @@ def analyse(log: Log) -> Section | None:
     if found is not None:
         times, source = found
         if tasks_counted(times):
-            facts += _file_facts(times)
+            longest = max(times, key=lambda task: task.most_us)
+            facts.append(Fact("scheduler_tasks", "Tasks of the scheduler", len(times)))
+            facts.append(Fact("longest_task_us", f"Longest run ({longest.name})", longest.most_us, "us"))
+            facts.append(Fact("overruns", "Runs over their budget", sum(task.overruns for task in times)))
             findings += _file_findings(times, source)
             grids.append(_file_grid(times, source))
         else:
@@ -60,39 +63,33 @@ def analyse(log: Log) -> Section | None:
 
 def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
     """The tasks and their source: the log itself, else a file next to it. None if there is none."""
-    for text, source in (*_embedded(log), *_beside(log.path)):
-        tasks = parse_tasks(text)
-        if tasks:
-            return tasks, source
-    return None
-
-
-def _embedded(log: Log) -> list[tuple[str, str]]:
     if log.format != "dataflash" or "FILE" not in log.tables:
-        return []
-    from xitl_cli.logs.model.system_files import embedded_contents
+        embedded = []
+    else:
+        from xitl_cli.logs.model.system_files import embedded_contents
 
-    return [
-        (bytes(content[:TASKS_MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")
-        for name, content in embedded_contents(log).items()
-        if Path(name).name == FILE_NAME
-    ]
-
-
-def _beside(path: Path) -> list[tuple[str, str]]:
-    """Candidates: `<log>.tasks.txt`, or tasks.txt in the log's folder."""
+        embedded = [
+            (bytes(content[:TASKS_MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")
+            for name, content in embedded_contents(log).items()
+            if Path(name).name == FILE_NAME
+        ]
+    # Candidates: `<log>.tasks.txt`, or tasks.txt in the log's folder.
     found = []
     for candidate in (
-        path.with_name(path.name + "." + FILE_NAME),
-        path.with_suffix("." + FILE_NAME),
-        path.with_name(FILE_NAME),
+        log.path.with_name(log.path.name + "." + FILE_NAME),
+        log.path.with_suffix("." + FILE_NAME),
+        log.path.with_name(FILE_NAME),
     ):
         try:
             with candidate.open("rb") as file:
                 found.append((file.read(TASKS_MOST_BYTES).decode("utf-8", "replace"), candidate.name))
         except OSError:
             continue
-    return found
+    for text, source in (*embedded, *found):
+        tasks = parse_tasks(text)
+        if tasks:
+            return tasks, source
+    return None
 
 
 def _own_facts(own: list[TaskTotal]) -> Iterator[Fact]:
@@ -140,13 +137,6 @@ def _own_grid(own: list[TaskTotal], clock: LogClock) -> Grid:
         "run, mean (ms)", "longest (ms)", "at (s) ", "of a processor (%)",
     )  # fmt: skip
     return Grid.limited("tasks", "Tasks, those that take most time first", columns, rows)
-
-
-def _file_facts(times: list[TaskTime]) -> Iterator[Fact]:
-    longest = max(times, key=lambda task: task.most_us)
-    yield Fact("scheduler_tasks", "Tasks of the scheduler", len(times))
-    yield Fact("longest_task_us", f"Longest run ({longest.name})", longest.most_us, "us")
-    yield Fact("overruns", "Runs over their budget", sum(task.overruns for task in times))
 
 
 def _file_findings(times: list[TaskTime], source: str) -> Iterator[Finding]:

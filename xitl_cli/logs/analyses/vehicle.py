@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from xitl_cli.logs.clocks.readings import utc_offset
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.clocks.utc import utc_offset
+from xitl_cli.logs.model.codes import MAV_TYPES, SITL_BOARD, board_name, release_name
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section, Value
 from xitl_cli.logs.model.table import Table
@@ -26,7 +27,6 @@ from xitl_cli.logs.signals.states import (
     last_parameters,
     vehicle_kind,
 )
-from xitl_cli.logs.tables.vehicles import MAV_TYPES, SITL_BOARD, board_name, release_name
 
 _EMBEDDED = re.compile(r"^xitl (\S+), messages and modes as")
 _HASH = re.compile(r"\(([0-9a-f]{6,12})\)")
@@ -49,12 +49,34 @@ def facts_of(log: Log) -> tuple[Fact, ...]:
     """Facts from the log without an analysis, which is fast. Empty for a log without a stamped row."""
     if log.span_ns is None:
         return ()
+    beats = autopilot_heartbeats(log)
+    parameters = last_parameters(log)
+    logging: list[Fact] = []
+    rows = (("LOG_BITMASK", "log_bitmask"), ("LOG_DISARMED", "log_disarmed"), ("LOG_BACKEND_TYPE", "log_backend"))
+    logging.extend(
+        Fact(key, name, int(parameters[name])) for name, key in rows if abs(parameters.get(name, np.inf)) < 2**32
+    )
+    clock = LogClock(log)
+    times: list[Fact] = []
+    length_s = (clock.end_ns - clock.start_ns) * 1e-9
+    times.append(Fact("duration_s", "Duration", rounded(length_s, 1), "s"))
+    if log.base == "boot" and not log.zero_ns:
+        times.append(Fact("uptime_start_s", "Uptime at the start", rounded(clock.start_ns * 1e-9, 1), "s"))
+        times.append(Fact("uptime_end_s", "Uptime at the end", rounded(clock.end_ns * 1e-9, 1), "s"))
+    start, source = _utc_at_start(log, clock)
+    if start is not None:
+        times.append(Fact("utc_start", f"UTC at the start ({source})", start.strftime("%Y-%m-%d %H:%M:%S")))
+    times.extend(
+        Fact(f"recording_{key}", label, log.facts[key])
+        for key, label in (("profile", "Profile"), ("technique", "Technique"), ("seed", "Seed"))
+        if key in log.facts
+    )
     every = (
         Fact("vehicle", "Vehicle", None if (kind := vehicle_kind(log)) == "unknown" else kind),
-        Fact("vehicle_type", "Type", _mav_type(log)),
+        Fact("vehicle_type", "Type", None if beats is None else MAV_TYPES.get(int(beats.values("type", raw=True)[0]))),
         *_firmware(log),
-        *_times(log, LogClock(log)),
-        *_logging(last_parameters(log)),
+        *times,
+        *logging,
     )
     return tuple(fact for fact in every if fact.value is not None)
 
@@ -104,27 +126,6 @@ def _custom_version(said: Table) -> str | None:
     return text if text.isprintable() and text else None
 
 
-def _mav_type(log: Log) -> str | None:
-    beats = autopilot_heartbeats(log)
-    return None if beats is None else MAV_TYPES.get(int(beats.values("type", raw=True)[0]))
-
-
-def _times(log: Log, clock: LogClock) -> Iterator[Fact]:
-    length_s = (clock.end_ns - clock.start_ns) * 1e-9
-    yield Fact("duration_s", "Duration", rounded(length_s, 1), "s")
-    if log.base == "boot" and not log.zero_ns:
-        yield Fact("uptime_start_s", "Uptime at the start", rounded(clock.start_ns * 1e-9, 1), "s")
-        yield Fact("uptime_end_s", "Uptime at the end", rounded(clock.end_ns * 1e-9, 1), "s")
-    start, source = _utc_at_start(log, clock)
-    if start is not None:
-        yield Fact("utc_start", f"UTC at the start ({source})", start.strftime("%Y-%m-%d %H:%M:%S"))
-    yield from (
-        Fact(f"recording_{key}", label, log.facts[key])
-        for key, label in (("profile", "Profile"), ("technique", "Technique"), ("seed", "Seed"))
-        if key in log.facts
-    )
-
-
 def _utc_at_start(log: Log, clock: LogClock) -> tuple[datetime.datetime | None, str]:
     found = utc_offset(log)
     if found is None:
@@ -134,13 +135,6 @@ def _utc_at_start(log: Log, clock: LogClock) -> tuple[datetime.datetime | None, 
         return epoch + datetime.timedelta(microseconds=(clock.start_ns + found.offset_ns) // 1000), found.source
     except OverflowError:
         return None, ""
-
-
-def _logging(parameters: Mapping[str, float]) -> Iterator[Fact]:
-    rows = (("LOG_BITMASK", "log_bitmask"), ("LOG_DISARMED", "log_disarmed"), ("LOG_BACKEND_TYPE", "log_backend"))
-    yield from (
-        Fact(key, name, int(parameters[name])) for name, key in rows if abs(parameters.get(name, np.inf)) < 2**32
-    )
 
 
 def _simulated(log: Log, parameters: Mapping[str, float]) -> Iterator[Finding]:

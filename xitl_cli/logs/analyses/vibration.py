@@ -205,13 +205,23 @@ def analyse(log: Log) -> Section | None:
         )
     if model:
         lacks.append(_SIMULATED)
+    known = [np.nanmax(each.level_mps2) for each in levels if np.isfinite(each.level_mps2).any()]
+    largest = significant(float(max(known)), 3) if known else None
+    traces = [
+        Trace(f"{each.name} {letter}", each.stamp_ns, each.level_mps2[:, axis])
+        for each in levels[:3]
+        for axis, letter in enumerate("XYZ")
+    ]
     return Section(
         "vibration",
         _TITLE,
-        facts=_facts(levels),
+        facts=((Fact("largest_vibration_mps2", "Largest vibration level", largest, "m/s²"),) if levels else ()),
         findings=tuple(findings),
         grids=tuple(grid for grid in (_grid(levels, armed), _spectrum_grid(spectra, still)) if grid.rows),
-        plots=(*_level_plots(levels), *_spectrum_plots(spectra)),
+        plots=(
+            *((Plot("vibration", "Vibration levels", "m/s²", tuple(traces)),) if traces else ()),
+            *_spectrum_plots(spectra),
+        ),
         lacks=tuple(lacks),
     )
 
@@ -287,12 +297,6 @@ def _clips(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Itera
     )
 
 
-def _facts(levels: list[VibrationLevels]) -> tuple[Fact, ...]:
-    known = [np.nanmax(each.level_mps2) for each in levels if np.isfinite(each.level_mps2).any()]
-    largest = significant(float(max(known)), 3) if known else None
-    return (Fact("largest_vibration_mps2", "Largest vibration level", largest, "m/s²"),) if levels else ()
-
-
 def _grid(levels: list[VibrationLevels], armed: dict[str, Flags | None]) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for each in levels:
@@ -314,15 +318,6 @@ def _grid(levels: list[VibrationLevels], armed: dict[str, Flags | None]) -> Grid
     ever = any(on is not None and on.any() for on in armed.values())
     title = "Levels while armed, m/s²" if ever else "Levels, m/s²"
     return Grid("vibration", title, ("instance", "axis", "median", "99 %", "largest"), tuple(rows))
-
-
-def _level_plots(levels: list[VibrationLevels]) -> tuple[Plot, ...]:
-    traces = [
-        Trace(f"{each.name} {letter}", each.stamp_ns, each.level_mps2[:, axis])
-        for each in levels[:3]
-        for axis, letter in enumerate("XYZ")
-    ]
-    return (Plot("vibration", "Vibration levels", "m/s²", tuple(traces)),) if traces else ()
 
 
 @dataclass(frozen=True, slots=True)

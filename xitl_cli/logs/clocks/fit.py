@@ -140,7 +140,14 @@ def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
     level_ns = readings.level_ns
     y = (level_ns - level_ns[0]).astype(np.float64) * 1e-9
     side = SIDE if len(y) >= 6 * SIDE else 1
-    before, after = _sides(readings, y, side)
+    # Level of the `side` readings before and after each gap: the reading of least delay, or the median.
+    windows = sliding_window_view(y, side)
+    if readings.floor_ns is not None:
+        trip = sliding_window_view(readings.offset_ns - readings.floor_ns, side)
+        level = windows[np.arange(len(windows)), np.argmin(trip, axis=1)]
+    else:
+        level = windows.min(axis=1) if readings.late else np.median(windows, axis=1)
+    before, after = level[: len(level) - side], level[side:]
     between = np.arange(side, len(y) - side + 1)
     dx = x[np.minimum(between + side // 2, len(x) - 1)] - x[np.maximum(between - side // 2 - 1, 0)]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -172,17 +179,6 @@ def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
     if readings.late or side == 1:
         found = _without_bursts(found, x)
     return sorted(sorted(found, key=lambda one: -abs(one[1]))[:MOST_STEPS])
-
-
-def _sides(readings: ClockReadings, y: Floats, side: int) -> tuple[Floats, Floats]:
-    """Level of the `side` readings before and after each gap: the reading of least delay, or the median."""
-    windows = sliding_window_view(y, side)
-    if readings.floor_ns is not None:
-        trip = sliding_window_view(readings.offset_ns - readings.floor_ns, side)
-        level = windows[np.arange(len(windows)), np.argmin(trip, axis=1)]
-    else:
-        level = windows.min(axis=1) if readings.late else np.median(windows, axis=1)
-    return level[: len(level) - side], level[side:]
 
 
 def _lasts(readings: ClockReadings, x: Floats, y: Floats, first: int, last: int, size_s: float) -> bool:
@@ -434,25 +430,21 @@ def _fit(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[float, f
     x = (readings.first_ns - about_ns).astype(np.float64) * 1e-9
     y = (readings.offset_ns - base_ns).astype(np.float64) * 1e-9
     if readings.floor_ns is not None:
-        return _fit_exchanges(readings, readings.floor_ns, about_ns, base_ns)
+        # Fit by the estimator that the agent uses. An exchange counts as answered at once.
+        sync = ClockSync(MAX_DRIFT_PPM)
+        for first_ns, ceiling_ns, least_ns in zip(
+            (readings.first_ns - about_ns).tolist(),
+            (readings.offset_ns - base_ns).tolist(),
+            (readings.floor_ns - base_ns).tolist(),
+            strict=True,
+        ):
+            back_ns = first_ns + ceiling_ns - least_ns
+            sync.add(first_ns, first_ns + ceiling_ns, first_ns + ceiling_ns, back_ns)
+        if not sync.ready:
+            return 0.0, 0.0
+        estimate = sync.estimate
+        return estimate.drift_ppm * 1e-6, (sync.to_remote(0)) * 1e-9
     return lower_line(x, y) if readings.late else robust_line(x, y)
-
-
-def _fit_exchanges(readings: ClockReadings, floor_ns: Stamps, about_ns: int, base_ns: int) -> tuple[float, float]:
-    """Fit by the estimator that the agent uses. An exchange counts as answered at once."""
-    sync = ClockSync(MAX_DRIFT_PPM)
-    for first_ns, ceiling_ns, least_ns in zip(
-        (readings.first_ns - about_ns).tolist(),
-        (readings.offset_ns - base_ns).tolist(),
-        (floor_ns - base_ns).tolist(),
-        strict=True,
-    ):
-        back_ns = first_ns + ceiling_ns - least_ns
-        sync.add(first_ns, first_ns + ceiling_ns, first_ns + ceiling_ns, back_ns)
-    if not sync.ready:
-        return 0.0, 0.0
-    estimate = sync.estimate
-    return estimate.drift_ppm * 1e-6, (sync.to_remote(0)) * 1e-9
 
 
 def _jackknife(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[float | None, float | None]:

@@ -1,20 +1,252 @@
-"""Comparison of two logs, as `xitl logs compare` shows, writes and plots it."""
+"""Comparison of two logs, as `xitl logs compare` shows, writes and plots it.
+
+Differences of one quantity of both logs over their common time: motion, outputs, RC inputs.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.analyses.catalogue import analysis_failure, load_analysis
-from xitl_cli.logs.compare.pairing import Pairing, StartEvent, event_section, limited, pair_logs, precise_modes, zero_ns
-from xitl_cli.logs.compare.profiles import channel_section, motion_section
-from xitl_cli.logs.compare.trajectories import Alignment, Trajectory
-from xitl_cli.logs.compare.trajectory_section import common_poses, moved_poses, trajectory_section
+from xitl_cli.logs.compare.pairing import (
+    Pairing,
+    StartEvent,
+    best_lag,
+    common_samples,
+    event_section,
+    limited,
+    pair_logs,
+    precise_modes,
+    time_integral,
+    zero_ns,
+)
+from xitl_cli.logs.compare.trajectories import Alignment, Trajectory, common_poses, moved_poses, trajectory_section
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
-from xitl_cli.logs.signals import SignalSource, StateSpan
+from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.signals import Series, SignalSource, StateSpan
+from xitl_cli.logs.signals.series import column_series, first_series
+from xitl_cli.logs.signals.states import pulses
+
+
+@dataclass(frozen=True, slots=True)
+class SignalDifference:
+    """Difference of one quantity between two logs."""
+
+    name: str
+    unit: str
+    sources: tuple[str, str]
+    stamp_ns: Stamps
+    """(N,) A's own samples within the common time, on A's time."""
+    a: Floats
+    """(N,) A's values."""
+    b: Floats
+    """(N,) B's values, interpolated linearly."""
+    errors: Floats
+    """(N,) b minus a; for angles along the shorter arc."""
+    iae: float
+    """Integral of |b - a| over time (unit times s), by the trapezoidal rule, without gaps."""
+    rms: float
+    mean: float
+    most: float
+    """Largest of |errors|, at most_ns."""
+    most_ns: int
+    covered_s: float
+    """Time of the integral."""
+    correlation: float | None
+    """Highest correlation over shifts of B; None if one signal does not change."""
+    lag_s: float | None
+    """Delay of B at that shift (within 10 s); None if the correlation is too low."""
+
+    @property
+    def constant(self) -> bool:
+        """Whether both signals are constant."""
+        return not np.ptp(self.a) and not np.ptp(self.b)
+
+
+def signal_difference(name: str, a: Series, b: Series, pairing: Pairing) -> SignalDifference | None:
+    """Difference of two series; None without a common time of at least two samples."""
+    matched = common_samples(a, b, pairing)
+    if matched is None:
+        return None
+    stamps, in_a, in_b = matched
+    errors = (in_b - in_a + 180.0) % 360.0 - 180.0 if a.turns else in_b - in_a
+    worst = int(np.argmax(np.abs(errors)))
+    covered_s, iae = time_integral(stamps, np.abs(errors))
+    correlation, lag_s = best_lag(stamps, in_a, in_b, turns=a.turns)
+    return SignalDifference(
+        name,
+        a.unit,
+        (a.source, b.source),
+        stamps,
+        in_a,
+        in_b,
+        errors,
+        iae,
+        float(np.sqrt(np.mean(errors**2))),
+        float(np.mean(errors)),
+        float(abs(errors[worst])),
+        int(stamps[worst]),
+        covered_s,
+        correlation,
+        lag_s,
+    )
+
+
+_COLUMNS = ("quantity", "unit", "IAE", "RMS", "most", "mean", "B later (s)", "correlation")
+
+
+def difference_or_reason(name: str, a: Series | None, b: Series | None, pairing: Pairing) -> SignalDifference | str:
+    """The difference, or the sentence with the reason why there is none."""
+    if a is None or b is None:
+        without = "either log" if a is None and b is None else "A" if a is None else "B"
+        return f"{_capital(name)} is not in {without}."
+    if a.unit != b.unit:
+        return f"{_capital(name)} is in {a.unit or 'commands'} in A and in {b.unit or 'commands'} in B."
+    return signal_difference(name, a, b, pairing) or f"{_capital(name)} has no common time in both."
+
+
+def difference_grid(key: str, found: Sequence[SignalDifference]) -> tuple[Grid, ...]:
+    """One row per difference; empty without differences."""
+    return (Grid(f"{key}.differences", "B less A", _COLUMNS, tuple(map(_row, found))),) if found else ()
+
+
+def difference_plot(key: str, found: SignalDifference) -> Plot:
+    return Plot(
+        f"{key}.{found.name.replace(' ', '_')}",
+        _capital(found.name),
+        found.unit or "command",
+        (
+            Trace(f"A ({found.sources[0]})", found.stamp_ns, _unbroken(found, found.a)),
+            Trace(f"B ({found.sources[1]})", found.stamp_ns, _unbroken(found, found.b)),
+        ),
+    )
+
+
+def _row(found: SignalDifference) -> tuple[Value, ...]:
+    lag_s = None if found.lag_s is None else round(found.lag_s, 3) + 0.0
+    alike = None if found.correlation is None else round(found.correlation, 4)
+    numbers = (float(f"{each:.4g}") for each in (found.iae, found.rms, found.most, found.mean))
+    return (found.name, found.unit, *numbers, lag_s, alike)
+
+
+def _unbroken(found: SignalDifference, values: Floats) -> Floats:
+    """Values without the line across the plot at the step from 360 to 0."""
+    if found.unit != "deg" or np.ptp(values) < 180.0:
+        return values
+    drawn = values.astype(np.float64).copy()
+    drawn[1:][np.abs(np.diff(values)) > 180.0] = np.nan
+    return drawn
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def motion_section(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: SignalSource) -> Section | None:
+    """Speed over ground, yaw, altitude, roll, pitch, and the height of the estimators' origins if both log it."""
+    found, lacks = [], []
+    for name, in_a, in_b in (
+        ("speed over ground", signals.ground_speed(a, of_a), signals.ground_speed(b, of_b)),
+        ("yaw", signals.yaw(a, of_a), signals.yaw(b, of_b)),
+        ("altitude", _altitude(a, of_a), _altitude(b, of_b)),
+        ("roll", signals.roll(a, of_a), signals.roll(b, of_b)),
+        ("pitch", signals.pitch(a, of_a), signals.pitch(b, of_b)),
+        ("EKF origin height", *_origin_heights(a, b)),
+    ):
+        both = difference_or_reason(name, in_a, in_b, pairing)
+        if not isinstance(both, str):
+            found.append(both)
+        elif name != "EKF origin height":
+            lacks.append(both)
+    if not found and not lacks:
+        return None
+    plots = tuple(difference_plot("motion", each) for each in found)
+    return Section("motion", "Motion", grids=difference_grid("motion", found), plots=plots, lacks=tuple(lacks))
+
+
+def _altitude(log: Log, of: SignalSource) -> Series | None:
+    found = signals.position_geodetic(log, of)
+    if found is None:
+        return None
+    return Series(found.stamp_ns, found.values[:, 2], "m", f"{found.source} altitude", dropped=found.dropped)
+
+
+def _origin_heights(a: Log, b: Log) -> tuple[Series | None, Series | None]:
+    in_a, in_b = (
+        first_series(
+            log, lambda log: column_series(log, "XKF1", "OH", "m"), lambda log: column_series(log, "NKF1", "OH", "m")
+        )
+        for log in (a, b)
+    )
+    return in_a, in_b
+
+
+_Channels = dict[int, Series]
+
+
+def channel_section(a: Log, b: Log, pairing: Pairing) -> Section | None:
+    """Differences of channels. Channels that are constant in both are a fact, not a row. None if neither log has
+    any."""
+    found: list[SignalDifference] = []
+    facts: list[Fact] = []
+    lacks: list[str] = []
+    for words, in_a, in_b in (("output", *_outputs(a, b)), ("RC input", signals.rc_inputs(a), signals.rc_inputs(b))):
+        if not in_a and not in_b:
+            continue
+        if not in_a or not in_b:
+            lacks.append(f"{'B' if in_a else 'A'} logs no {words}s.")
+            continue
+        still = []
+        for channel in sorted(set(in_a) & set(in_b)):
+            both = difference_or_reason(f"{words} {channel}", in_a[channel], in_b[channel], pairing)
+            if isinstance(both, str):
+                lacks.append(both)
+            elif both.constant and both.most == 0.0:
+                still.append(channel)
+            else:
+                found.append(both)
+        if still:
+            key = f"same_{words.lower().replace(' ', '_')}s"
+            facts.append(Fact(key, f"{words[:1].upper()}{words[1:]}s equal, never moved", _listed(still)))
+        for name, alone in (("A", set(in_a) - set(in_b)), ("B", set(in_b) - set(in_a))):
+            if alone:
+                many = "s" if len(alone) > 1 else ""
+                lacks.append(
+                    f"{words[:1].upper()}{words[1:]}{many} {_listed(sorted(alone))} {'are' if many else 'is'} "
+                    f"in {name} alone."
+                )
+    if not found and not facts and not lacks:
+        return None
+    plots = tuple(difference_plot("channels", each) for each in found)
+    return Section(
+        "channels", "Channels", tuple(facts), grids=difference_grid("channels", found), plots=plots, lacks=tuple(lacks)
+    )
+
+
+def _outputs(a: Log, b: Log) -> tuple[_Channels, _Channels]:
+    """Outputs in one unit if both have it: commands, else pulse widths."""
+    in_a, in_b = signals.outputs(a), signals.outputs(b)
+    units = {each.unit for found in (in_a, in_b) for each in found.values()}
+    if len(units) < 2:
+        return in_a, in_b
+    wide_a, wide_b = pulses(a), pulses(b)
+    return (wide_a, wide_b) if wide_a and wide_b else (in_a, in_b)
+
+
+def _listed(channels: list[int]) -> str:
+    """Channel numbers as a list: 1 to 4, 17, 18."""
+    parts: list[list[int]] = []
+    for channel in channels:
+        if parts and channel == parts[-1][-1] + 1:
+            parts[-1].append(channel)
+        else:
+            parts.append([channel])
+    return ", ".join(f"{part[0]} to {part[-1]}" if len(part) > 2 else ", ".join(map(str, part)) for part in parts)
 
 
 def stray_truth_finding(name: str, log: Log) -> Finding | None:
@@ -155,11 +387,12 @@ def compare(
     pairing = limited(a, b, laid, from_s, until_s, armed)
     both = common_poses(a, b, pairing, of_a, of_b)
     zero = zero_ns(a, b, pairing)
+    # The section with findings that doubt the source used as truth.
+    section = _without_positions(a, b, of_a, of_b) if both is None else trajectory_section(both, align)
+    sides = (("A", a, of_a), ("B", b, of_b))
+    doubts = (stray_truth_finding(name, log) for name, log, of in sides if of == "truth")
     sections = [
-        _doubted(
-            _without_positions(a, b, of_a, of_b) if both is None else trajectory_section(both, align),
-            (("A", a, of_a), ("B", b, of_b)),
-        ),
+        replace(section, findings=(*section.findings, *(doubt for doubt in doubts if doubt is not None))),
         motion_section(a, b, pairing, of_a, of_b),
         channel_section(a, b, pairing),
         event_section(a, b, pairing, zero),
@@ -173,12 +406,6 @@ def compare(
         None if both is None else (both.a, moved_poses(both, align)[0]),
         (*signals.armed(a), *precise_modes(a)),
     )
-
-
-def _doubted(section: Section, sides: tuple[tuple[str, Log, SignalSource], ...]) -> Section:
-    """The section with findings that doubt the source used as truth."""
-    doubts = (stray_truth_finding(name, log) for name, log, of in sides if of == "truth")
-    return replace(section, findings=(*section.findings, *(doubt for doubt in doubts if doubt is not None)))
 
 
 def _without_positions(a: Log, b: Log, of_a: SignalSource, of_b: SignalSource) -> Section:

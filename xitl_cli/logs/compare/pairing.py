@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogPlacement
+from xitl_cli.logs.model.codes import NAVIGATING
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Grid, Section
 from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals import Series, StateSpan
 from xitl_cli.logs.signals.spans import runs
-from xitl_cli.logs.tables.modes import NAVIGATING
 
 _MOST_SAMPLES = 200_000
 _LONGEST_GAP_S = 2.0

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.clocks.utc import UtcOffset, in_utc
+from xitl_cli.logs.clocks.readings import UtcOffset, in_utc
 from xitl_cli.logs.export.files import unique_names
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.query import merge_rows, rows_at_once
@@ -74,24 +74,22 @@ class TableMessages:
         """One payload per row."""
         values = [self._values(field, rows) for field in self._fields]
         if all(field.column.kind == "number" and field.count != -1 for field in self._fields):
-            return self._fixed(values, len(rows))
+            count = len(rows)
+            names, formats, offsets, size = [], [], [], 0
+            for field in self._fields:
+                size += -size % field.dtype.itemsize
+                names.append(field.name)
+                formats.append((field.dtype, () if field.count is None else (field.count,)))
+                offsets.append(len(_HEADER) + size)
+                size += field.dtype.itemsize * (1 if field.count is None else field.count)
+            layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(_HEADER) + size})
+            packed = np.zeros(count, dtype=layout)
+            for name, column in zip(names, values, strict=True):
+                packed[name] = column
+            packed.view(np.uint8).reshape(count, layout.itemsize)[:, :4] = np.frombuffer(_HEADER, np.uint8)
+            data = packed.tobytes()
+            return (data[at : at + layout.itemsize] for at in range(0, len(data), layout.itemsize))
         return self._varying(values, len(rows))
-
-    def _fixed(self, values: Sequence[NDArray[Any]], count: int) -> Iterator[bytes]:
-        names, formats, offsets, size = [], [], [], 0
-        for field in self._fields:
-            size += -size % field.dtype.itemsize
-            names.append(field.name)
-            formats.append((field.dtype, () if field.count is None else (field.count,)))
-            offsets.append(len(_HEADER) + size)
-            size += field.dtype.itemsize * (1 if field.count is None else field.count)
-        layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(_HEADER) + size})
-        packed = np.zeros(count, dtype=layout)
-        for name, column in zip(names, values, strict=True):
-            packed[name] = column
-        packed.view(np.uint8).reshape(count, layout.itemsize)[:, :4] = np.frombuffer(_HEADER, np.uint8)
-        data = packed.tobytes()
-        return (data[at : at + layout.itemsize] for at in range(0, len(data), layout.itemsize))
 
     def _varying(self, values: Sequence[NDArray[Any]], count: int) -> Iterator[bytes]:
         for row in range(count):
@@ -134,7 +132,13 @@ def _append(payload: bytearray, field: _Field, value: Any) -> None:
         _pad(payload, field.dtype.itemsize)
         payload += value.tobytes()
     else:
-        items = value[: _used(value)]
+        # Length without the NaN that pad a row.
+        if value.dtype.kind != "f":
+            used = len(value)
+        else:
+            there = np.flatnonzero(~np.isnan(value))
+            used = int(there[-1]) + 1 if len(there) else 0
+        items = value[:used]
         _pad(payload, 4)
         payload += struct.pack("<I", len(items))
         if len(items):
@@ -144,14 +148,6 @@ def _append(payload: bytearray, field: _Field, value: Any) -> None:
 
 def _pad(payload: bytearray, size: int) -> None:
     payload += bytes(-(len(payload) - len(_HEADER)) % size)
-
-
-def _used(value: NDArray[Any]) -> int:
-    """Length without the NaN that pad a row."""
-    if value.dtype.kind != "f":
-        return len(value)
-    there = np.flatnonzero(~np.isnan(value))
-    return int(there[-1]) + 1 if len(there) else 0
 
 
 _CHUNK_BYTES = 1 << 20

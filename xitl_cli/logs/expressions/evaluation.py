@@ -1,16 +1,19 @@
-"""Evaluation of a tree over arrays: numbers, truths and texts, one per sample, with the unit of the result."""
+"""Evaluation of a tree over arrays: numbers, truths and texts, one per sample, with the unit of the result.
+
+Units of results: m/s times s is m. "" means unknown; None is the unit of a plain number, which fits any unit.
+"""
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.expressions.functions import ELEMENTWISE, TIMED, WHERE, Function, unwrapped
 from xitl_cli.logs.expressions.syntax import (
     Arithmetic,
     Call,
@@ -24,7 +27,214 @@ from xitl_cli.logs.expressions.syntax import (
     Tree,
     Word,
 )
-from xitl_cli.logs.expressions.units import Unit, power_unit, product_unit, same_unit
+
+Unit: TypeAlias = str | None
+
+_FACTOR = re.compile(r"(?P<symbol>[A-Za-zµ°%]+)\^?(?P<power>[²³]|\d)?")
+_RAISED = {"²": 2, "³": 3}
+_SHOWN = {1: "", 2: "²", 3: "³"}
+
+
+def same_unit(units: Sequence[Unit]) -> Unit:
+    """Unit of a sum, a choice or a distance: the common unit of all."""
+    known = [unit for unit in units if unit is not None]
+    if not known:
+        return None
+    return known[0] if len(set(known)) == 1 else ""
+
+
+def product_unit(left: Unit, right: Unit, power: int = 1) -> Unit:
+    """Unit of left times right to the power of 1 or -1."""
+    if right is None:
+        return left
+    divisor = _powers(right)
+    factors = {} if left is None else _powers(left)
+    if factors is None or divisor is None:
+        return ""
+    return _text({name: factors.get(name, 0) + power * divisor.get(name, 0) for name in {**factors, **divisor}})
+
+
+def power_unit(unit: Unit, exponent: float) -> Unit:
+    """Unit of a quantity to a power; "" if the powers are not whole."""
+    if unit is None:
+        return None
+    factors = _powers(unit)
+    if factors is None:
+        return ""
+    raised = {name: power * exponent for name, power in factors.items()}
+    powers = raised.values()
+    return (
+        _text({name: round(power) for name, power in raised.items()})
+        if all(float(power).is_integer() for power in powers)
+        else ""
+    )
+
+
+def _powers(unit: str) -> dict[str, int] | None:
+    """Powers of base units: {"m": 1, "s": -2} for "m/s/s". None if the unit is no such product, or is empty."""
+    if not unit:
+        return None
+    powers: dict[str, int] = {}
+    for number, part in enumerate(unit.split("/")):
+        for factor in re.split(r"[.·*]", part):
+            if number == 0 and factor == "1":
+                continue
+            found = _FACTOR.fullmatch(factor)
+            if found is None:
+                return None
+            power = _RAISED.get(found["power"] or "", 0) or int(found["power"] or 1)
+            powers[found["symbol"]] = powers.get(found["symbol"], 0) + (power if number == 0 else -power)
+    return powers
+
+
+def _text(powers: dict[str, int]) -> str:
+    """Unit in the notation of logs: m/s/s."""
+    above = [f"{name}{_SHOWN.get(power, f'^{power}')}" for name, power in powers.items() if power > 0]
+    below = [f"/{name}" * -power for name, power in powers.items() if power < 0]
+    return ".".join(above) + "".join(below) if above else "1" + "".join(below) if below else ""
+
+
+# The functions of the language: their arguments, their effect on arrays and on units.
+#
+# Angles of sin, cos and tan are radians. wrap180, wrap360 and wrap_pi bring angles and differences of angles into
+# ±180, 0 to 360 and ±π. Functions in `TIMED` work along time and get the seconds of their samples first:
+#
+#      unwrap(x)            an angle without its jumps: of 2π for radians, else of 360
+#      diff(x)              from sample to sample; the first is unknown
+#      derivative(x)        per second, by the second-order differences of uneven steps
+#      integral(x)          over time from the first sample, by the trapezoidal rule; unknown values add nothing
+#      smooth(x, seconds)   mean of known values within half of that time before and after
+
+Floats = NDArray[np.float64]
+UnitRule = Callable[[Sequence[Unit]], Unit]
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """One function."""
+
+    apply: Callable[..., Any]
+    """From arrays to an array."""
+    unit: UnitRule
+    least: int = 1
+    """Least number of arguments."""
+    most: int | None = 1
+    """Largest number of arguments."""
+    angles: str = ""
+    """Unit that angles should have."""
+
+
+def _wrapped(x: Any, turn: float, low: float) -> Any:
+    return np.mod(np.asarray(x, dtype=np.float64) - low, turn) + low
+
+
+def _least(*values: Any) -> Any:
+    return np.minimum.reduce(np.broadcast_arrays(*values))
+
+
+def _most(*values: Any) -> Any:
+    return np.maximum.reduce(np.broadcast_arrays(*values))
+
+
+def _same(units: Sequence[Unit]) -> Unit:
+    return same_unit(units)
+
+
+def _none(units: Sequence[Unit]) -> Unit:
+    return None
+
+
+def _always(unit: str) -> UnitRule:
+    return lambda units: unit
+
+
+ELEMENTWISE: Mapping[str, Function] = {
+    "abs": Function(np.abs, _same),
+    "sign": Function(np.sign, _none),
+    "floor": Function(np.floor, _same),
+    "ceil": Function(np.ceil, _same),
+    "sqrt": Function(np.sqrt, lambda units: power_unit(units[0], 0.5)),
+    "exp": Function(np.exp, _none),
+    "log": Function(np.log, _none),
+    "log10": Function(np.log10, _none),
+    "hypot": Function(lambda *sides: np.sqrt(sum(np.square(side, dtype=np.float64) for side in sides)), _same, 2, 3),
+    "sin": Function(np.sin, _none, angles="rad"),
+    "cos": Function(np.cos, _none, angles="rad"),
+    "tan": Function(np.tan, _none, angles="rad"),
+    "asin": Function(np.arcsin, _always("rad")),
+    "acos": Function(np.arccos, _always("rad")),
+    "atan": Function(np.arctan, _always("rad")),
+    "atan2": Function(np.arctan2, _always("rad"), 2, 2),
+    "radians": Function(np.radians, lambda units: _converted(units[0], "deg", "rad"), angles="deg"),
+    "degrees": Function(np.degrees, lambda units: _converted(units[0], "rad", "deg"), angles="rad"),
+    "wrap180": Function(lambda x: _wrapped(x, 360.0, -180.0), _same, angles="deg"),
+    "wrap360": Function(lambda x: _wrapped(x, 360.0, 0.0), _same, angles="deg"),
+    "wrap_pi": Function(lambda x: _wrapped(x, 2.0 * np.pi, -np.pi), _same, angles="rad"),
+    "min": Function(_least, _same, 2, None),
+    "max": Function(_most, _same, 2, None),
+    "clip": Function(lambda x, low, high: np.minimum(np.maximum(x, low), high), _same, 3, 3),
+}
+
+
+def _converted(unit: Unit, old: str, new: str) -> Unit:
+    """Unit after a conversion, also within a rate: deg/s becomes rad/s."""
+    factor = product_unit(new, old, -1)
+    return new if unit is None or unit == "" else product_unit(unit, factor)
+
+
+def unwrapped(x: Floats, turn: float) -> Floats:
+    """(N,) without jumps of more than half a turn. Unknown values are bridged from the last known value."""
+    found = np.array(x, dtype=np.float64)
+    known = np.isfinite(found)
+    found[known] = np.unwrap(found[known], period=turn)
+    return found
+
+
+def _diff(seconds: Floats, x: Floats) -> Floats:
+    return np.diff(x, prepend=np.nan)
+
+
+def _derivative(seconds: Floats, x: Floats) -> Floats:
+    if len(x) < 2:
+        return np.full(len(x), np.nan)
+    found: Floats = np.gradient(x, seconds)
+    return found
+
+
+def _integral(seconds: Floats, x: Floats) -> Floats:
+    strips = np.nan_to_num(0.5 * (x[1:] + x[:-1]) * np.diff(seconds), nan=0.0)
+    return np.concatenate(([0.0], np.cumsum(strips))) if len(x) else x
+
+
+_SAME_S = 1e-9
+
+
+def _smooth(seconds: Floats, x: Floats, window_s: float) -> Floats:
+    known = np.isfinite(x)
+    sums = np.concatenate(([0.0], np.cumsum(np.where(known, x, 0.0))))
+    counts = np.concatenate(([0], np.cumsum(known)))
+    half_s = 0.5 * window_s + _SAME_S  # includes rows exactly at the ends
+    first = np.searchsorted(seconds, seconds - half_s, "left")
+    after = np.searchsorted(seconds, seconds + half_s, "right")
+    found: Floats = (sums[after] - sums[first]) / (counts[after] - counts[first])
+    return found
+
+
+TIMED: Mapping[str, Function] = {
+    "unwrap": Function(unwrapped, _same),
+    "diff": Function(_diff, _same),
+    "derivative": Function(_derivative, lambda units: product_unit(units[0], "s", -1)),
+    "integral": Function(_integral, lambda units: product_unit(units[0], "s")),
+    "smooth": Function(_smooth, lambda units: units[0], 2, 2),
+}
+
+WHERE = "where"
+ARITIES: Mapping[str, tuple[int, int | None]] = {
+    **{name: (each.least, each.most) for name, each in {**ELEMENTWISE, **TIMED}.items()},
+    WHERE: (3, 3),
+}
+"""Number of arguments of each function. `where(condition, a, b)` is a if the condition holds, else b."""
+
 
 COMPARISONS: Mapping[str, Callable[[Any, Any], Any]] = {
     "==": operator.eq,
@@ -110,7 +320,14 @@ class Evaluation:
                 return self._comparison(node)
             case Call(function=name, arguments=arguments):
                 if name == WHERE:
-                    return self._where(arguments)
+                    truth, chosen, other = (
+                        self._truth(arguments[0]),
+                        self._number(arguments[1]),
+                        self._number(arguments[2]),
+                    )
+                    if chosen.lacking or other.lacking:
+                        return LACKING
+                    return Quantity(np.where(truth, chosen.values, other.values), same_unit((chosen.unit, other.unit)))
                 return self._call(node)
         raise AssertionError(node)
 
@@ -144,22 +361,15 @@ class Evaluation:
             unit = power_unit(left.unit, float(second)) if np.ndim(second) == 0 else None if left.unit is None else ""
         else:
             unit = same_unit((left.unit, right.unit))
-            self._note_sum(node, left, right, unit, values)
+            if left.unit and right.unit and not unit:
+                self.notes.append(f"{self._shown(node)} is of {left.unit} and {right.unit}")
+            half = _HALF_TURN.get(unit or "", np.inf)
+            if node.sign == "-" and right.unit and np.size(values) and np.nanmax(np.abs(values), initial=0.0) > half:
+                wrap = "wrap180" if unit == "deg" else "wrap_pi"
+                self.notes.append(
+                    f"{self._shown(node)} goes beyond half a turn; {wrap}({self._shown(node)}) {_SHORT_WAY}"
+                )
         return Quantity(values, unit)
-
-    def _note_sum(self, node: Arithmetic, left: Quantity, right: Quantity, unit: Unit, values: Any) -> None:
-        if left.unit and right.unit and not unit:
-            self.notes.append(f"{self._shown(node)} is of {left.unit} and {right.unit}")
-        half = _HALF_TURN.get(unit or "", np.inf)
-        if node.sign == "-" and right.unit and np.size(values) and np.nanmax(np.abs(values), initial=0.0) > half:
-            wrap = "wrap180" if unit == "deg" else "wrap_pi"
-            self.notes.append(f"{self._shown(node)} goes beyond half a turn; {wrap}({self._shown(node)}) {_SHORT_WAY}")
-
-    def _where(self, arguments: tuple[Tree, ...]) -> Quantity:
-        truth, chosen, other = self._truth(arguments[0]), self._number(arguments[1]), self._number(arguments[2])
-        if chosen.lacking or other.lacking:
-            return LACKING
-        return Quantity(np.where(truth, chosen.values, other.values), same_unit((chosen.unit, other.unit)))
 
     def _call(self, node: Call) -> Quantity:
         told = len(self.notes)
@@ -170,29 +380,24 @@ class Evaluation:
             return LACKING
         units = [value.unit for value in values]
         if node.function in TIMED:
-            return self._timed(node, TIMED[node.function], values, units)
+            function = TIMED[node.function]
+            seconds = self.seconds()
+            x = np.broadcast_to(np.asarray(values[0].values, dtype=np.float64), seconds.shape)
+            if node.function == "unwrap":
+                return Quantity(unwrapped(x, 2.0 * _HALF_TURN.get(units[0] or "", 180.0)), units[0])
+            further = [value.values for value in values[1:]]
+            if any(np.ndim(each) or not each > 0.0 for each in further):
+                raise ExpressionError(f"holds {self._shown(node)}: its time is a number of seconds above 0")
+            return Quantity(function.apply(seconds, x, *further), function.unit(units))
         function = ELEMENTWISE[node.function]
-        self._note_angles(node, function, units)
-        numbers = [np.asarray(value.values, dtype=np.float64) for value in values]
-        return Quantity(function.apply(*numbers), function.unit(units))
-
-    def _note_angles(self, node: Call, function: Function, units: list[Unit]) -> None:
         given = {"deg": "rad", "rad": "deg"}.get(function.angles)
         if given is not None and units[0] == given:
             argument = self._shown(node.arguments[0])
             turned = "radians" if function.angles == "rad" else "degrees"
             better = argument if node.function in ("radians", "degrees") else f"{node.function}({turned}({argument}))"
             self.notes.append(f"{self._shown(node)} takes {function.angles} and gets {given}; write {better}")
-
-    def _timed(self, node: Call, function: Function, values: list[Quantity], units: list[Unit]) -> Quantity:
-        seconds = self.seconds()
-        x = np.broadcast_to(np.asarray(values[0].values, dtype=np.float64), seconds.shape)
-        if node.function == "unwrap":
-            return Quantity(unwrapped(x, 2.0 * _HALF_TURN.get(units[0] or "", 180.0)), units[0])
-        further = [value.values for value in values[1:]]
-        if any(np.ndim(each) or not each > 0.0 for each in further):
-            raise ExpressionError(f"holds {self._shown(node)}: its time is a number of seconds above 0")
-        return Quantity(function.apply(seconds, x, *further), function.unit(units))
+        numbers = [np.asarray(value.values, dtype=np.float64) for value in values]
+        return Quantity(function.apply(*numbers), function.unit(units))
 
     def _number(self, node: Tree) -> Quantity:
         value = self.quantity(node)

@@ -279,7 +279,34 @@ class _Parser:
             self._next(operand=False)
             return Text(token.begin, token.end, token.text[1:-1])
         if token.kind == "name":
-            return self._named(token)
+            self._next(operand=False)
+            if token.text in _WORDS:
+                if _WORDS[token.text] is None and not self._language.null:
+                    self._refuse(f"holds {token.text}, which is not allowed")
+                return Word(token.begin, token.end, _WORDS[token.text])
+            if not self._is("("):
+                if "[" in token.text and not self._language.elements:
+                    self._refuse(f"holds {token.text}, and nothing here has elements")
+                return Name(token.begin, token.end, token.text)
+            if token.text not in self._language.functions:
+                there = ", ".join(self._language.functions)
+                self._refuse(f"calls what is not known and not allowed, {token.text}; there are {there}")
+            self._next(operand=True)
+            self._deeper()
+            arguments: list[Tree] = []
+            while not self._is(")"):
+                arguments.append(self.disjunction())
+                if not self._is(","):
+                    break
+                self._next(operand=True)
+            self._depth -= 1
+            self._close()
+            least, most = self._language.functions[token.text]
+            if len(arguments) < least or (most is not None and len(arguments) > most):
+                wanted = f"{least} or more" if most is None else str(least) if most == least else f"{least} to {most}"
+                shown = self._text[token.begin : self._ended]
+                self._refuse(f"holds {shown}, which is not allowed: {token.text} takes {wanted} values")
+            return Call(token.begin, self._ended, token.text, tuple(arguments))
         if self._is("("):
             self._next(operand=True)
             self._deeper()
@@ -288,39 +315,6 @@ class _Parser:
             self._close()
             return inner
         return self._unexpected()
-
-    def _named(self, token: _Token) -> Tree:
-        self._next(operand=False)
-        if token.text in _WORDS:
-            if _WORDS[token.text] is None and not self._language.null:
-                self._refuse(f"holds {token.text}, which is not allowed")
-            return Word(token.begin, token.end, _WORDS[token.text])
-        if not self._is("("):
-            if "[" in token.text and not self._language.elements:
-                self._refuse(f"holds {token.text}, and nothing here has elements")
-            return Name(token.begin, token.end, token.text)
-        if token.text not in self._language.functions:
-            there = ", ".join(self._language.functions)
-            self._refuse(f"calls what is not known and not allowed, {token.text}; there are {there}")
-        return self._call(token)
-
-    def _call(self, token: _Token) -> Tree:
-        self._next(operand=True)
-        self._deeper()
-        arguments: list[Tree] = []
-        while not self._is(")"):
-            arguments.append(self.disjunction())
-            if not self._is(","):
-                break
-            self._next(operand=True)
-        self._depth -= 1
-        self._close()
-        least, most = self._language.functions[token.text]
-        if len(arguments) < least or (most is not None and len(arguments) > most):
-            wanted = f"{least} or more" if most is None else str(least) if most == least else f"{least} to {most}"
-            shown = self._text[token.begin : self._ended]
-            self._refuse(f"holds {shown}, which is not allowed: {token.text} takes {wanted} values")
-        return Call(token.begin, self._ended, token.text, tuple(arguments))
 
     def _close(self) -> None:
         if not self._is(")"):
@@ -341,7 +335,9 @@ class _Parser:
     def _next(self, *, operand: bool) -> None:
         """Move to the next token. If an operand is expected, a / begins a topic."""
         self._ended = self._token.end
-        begin = _space_after(self._text, self._token.end)
+        found = _SPACE.match(self._text, self._token.end)
+        assert found is not None
+        begin = found.end()
         if begin == len(self._text):
             self._token = _Token("end", "", begin, begin)
             return
@@ -381,12 +377,6 @@ class _Parser:
 
     def _refuse(self, sentence: str) -> NoReturn:
         raise ExpressionError(sentence)
-
-
-def _space_after(text: str, at: int) -> int:
-    found = _SPACE.match(text, at)
-    assert found is not None
-    return found.end()
 
 
 def _unspaced(text: str, kind: str = "name") -> str:

@@ -53,7 +53,9 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     """
     path = Path(path)
     if _is_bag_folder(path):
-        return _of_vessel(_bag_folder(path), vessel)
+        from xitl_cli.logs.formats.bag.ros2_bag import open_bag_folder
+
+        return _of_vessel(open_bag_folder(path), vessel)
     path = recording_in(path)
     head, size = _head(path)
     try:
@@ -95,20 +97,14 @@ def _is_bag_folder(path: Path) -> bool:
             return False
     except (OSError, ValueError):
         return False
-    from xitl_cli.logs.formats.bag.folder import is_bag_folder
+    from xitl_cli.logs.formats.bag.ros2_bag import is_bag_folder
 
     return is_bag_folder(path)
 
 
-def _bag_folder(path: Path) -> Log:
-    from xitl_cli.logs.formats.bag.folder import open_bag_folder
-
-    return open_bag_folder(path)
-
-
 def _bag(path: Path, head: bytes) -> Log:
     if head.startswith(_SQLITE_MAGIC):
-        from xitl_cli.logs.formats.bag.sqlite_bag import SqliteBag
+        from xitl_cli.logs.formats.bag.ros2_bag import SqliteBag
 
         return SqliteBag(path)
     from xitl_cli.logs.formats.bag.ros1_bag import Ros1Bag, refuse_other_version
@@ -140,7 +136,16 @@ def _head(path: Path) -> tuple[bytes, int]:
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
-            raise LogError(f"{path}: is a directory; {_inside(path)}")
+            try:
+                names = sorted(entry.name for entry in path.iterdir() if entry.suffix.lower() in _ENDINGS)
+            except OSError:
+                names = []
+            inside = (
+                _WANTED
+                if not names
+                else f"give a file of it, such as {path / next((n for n in names if n == 'run.mcap'), names[0])}"
+            )
+            raise LogError(f"{path}: is a directory; {inside}")
         if not stat.S_ISREG(mode):  # a pipe would block until it has a writer
             raise LogError(f"{path}: is no regular file; save what comes from it to a file and give that")
         with path.open("rb") as file:
@@ -158,16 +163,6 @@ def _head(path: Path) -> tuple[bytes, int]:
 def _unreadable(path: Path, error: OSError | ValueError) -> LogError:
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return LogError(f"{path}: cannot be read ({reason}); check the path and its permissions")
-
-
-def _inside(directory: Path) -> str:
-    try:
-        names = sorted(entry.name for entry in directory.iterdir() if entry.suffix.lower() in _ENDINGS)
-    except OSError:
-        names = []
-    if not names:
-        return _WANTED
-    return f"give a file of it, such as {directory / next((n for n in names if n == 'run.mcap'), names[0])}"
 
 
 def _is_telemetry(head: bytes, size: int) -> bool:

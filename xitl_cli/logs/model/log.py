@@ -182,7 +182,7 @@ class Log(ABC):
         """Values of a name or an expression: `ATT.Roll`, `hypot(XKF1[0].VN, XKF1[0].VE)`.
 
         Its `stamp_ns`, `time_s` and `values` are (N,). `unit` is "" if it is unknown. Names are as for `xitl logs
-        plot`. model/named_signals.py describes the alignment of several messages on one time, expressions/functions.py
+        plot`. model/named_signals.py describes the alignment of several messages on one time, expressions/evaluation.py
         the functions. raw: use the values as they are stored. Raises LogError.
         """
         from xitl_cli.logs.model.named_signals import find_signal

@@ -16,8 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from xitl_cli.logs.expressions.evaluation import Evaluation, Quantity
-from xitl_cli.logs.expressions.functions import ARITIES
+from xitl_cli.logs.expressions.evaluation import ARITIES, Evaluation, Quantity
 from xitl_cli.logs.expressions.syntax import ExpressionError, Language, Name, Tree, names_in, parse
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance, column_named, seconds_since

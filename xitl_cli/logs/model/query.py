@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.expressions.evaluation import LACKING, Evaluation, Quantity
-from xitl_cli.logs.expressions.functions import ARITIES, TIMED
+from xitl_cli.logs.expressions.evaluation import ARITIES, LACKING, TIMED, Evaluation, Quantity
 from xitl_cli.logs.expressions.syntax import ExpressionError, Language, functions_in, names_in, parse
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
@@ -117,7 +116,12 @@ class Condition:
             return self._truth(table, rows, zero_ns, raw, lacks)
         if table.name not in self._whole:  # functions along time need all rows of each instance
             whole = np.zeros(len(table), dtype=np.bool_)
-            for own in _rows_by_instance(table):
+            if table.instance is None:
+                rows_by_instance = [np.arange(len(table), dtype=np.intp)]
+            else:
+                numbers = table.values(table.instance, raw=True)
+                rows_by_instance = [np.flatnonzero(numbers == number) for number in np.unique(numbers)]
+            for own in rows_by_instance:
                 whole[own] = self._truth(table, own, zero_ns, raw, lacks)
             self._whole[table.name] = whole
         return self._whole[table.name][rows]
@@ -145,14 +149,23 @@ class Condition:
         self, path: str, table: Table, rows: Rows, zero_ns: int, raw: bool, lacks: Collection[str]
     ) -> Quantity:  # fmt: skip
         """A field of the row, else another message's signal at the row's time."""
-        base, element = _element_of(path)
+        # Split a path into field and element: "V[1]" gives ("V", 1).
+        found = _INDEXED.search(path)
+        base, element = (path, None) if found is None else (path[: found.start()], int(found[1]))
         if base in lacks:
             return LACKING
         if base == TIME and TIME not in table.columns:
             return Quantity(seconds_since(zero_ns, table.stamp_ns[rows]), "s")
         field = _own_field(table, base)
         if field is None and self._elsewhere(base):
-            return self._other(path, table.stamp_ns[rows], raw)
+            stamp_ns = table.stamp_ns[rows]
+            from xitl_cli.logs.model.named_signals import find_signal, interpolation
+
+            assert self._log is not None
+            if path not in self._others:
+                signal = find_signal(self._log, path, raw=raw)
+                self._others[path], self._units[path] = interpolation(signal), signal.unit
+            return Quantity(self._others[path](stamp_ns), self._units[path])
         if field is None and self._log is not None and "." in base and not any("." in name for name in table.columns):
             from xitl_cli.logs.model.named_signals import no_message
 
@@ -164,15 +177,6 @@ class Condition:
         from xitl_cli.logs.model.named_signals import table_of
 
         return self._log is not None and table_of(self._log, name) is not None
-
-    def _other(self, path: str, stamp_ns: Stamps, raw: bool) -> Quantity:
-        from xitl_cli.logs.model.named_signals import find_signal, interpolation
-
-        assert self._log is not None
-        if path not in self._others:
-            signal = find_signal(self._log, path, raw=raw)
-            self._others[path], self._units[path] = interpolation(signal), signal.unit
-        return Quantity(self._others[path](stamp_ns), self._units[path])
 
     def _field(self, table: Table, name: str, element: int | None, rows: Rows, raw: bool) -> Quantity:
         column = table.columns[name]
@@ -192,12 +196,6 @@ class Condition:
         return Quantity(values, column.raw_unit if raw else column.unit)
 
 
-def _element_of(path: str) -> tuple[str, int | None]:
-    """Split a path into field and element: "V[1]" gives ("V", 1)."""
-    found = _INDEXED.search(path)
-    return (path, None) if found is None else (path[: found.start()], int(found[1]))
-
-
 def _own_field(table: Table, name: str) -> str | None:
     """Field of the row with this name, with or without the message in front; None if the table has no such field."""
     columns = {column.casefold(): column for column in reversed(list(table.columns))}
@@ -205,13 +203,6 @@ def _own_field(table: Table, name: str) -> str | None:
     if name in table.columns or folded == TIME:
         return name
     return columns.get(folded, columns.get(folded.removeprefix(f"{table.name}.".casefold())))
-
-
-def _rows_by_instance(table: Table) -> list[NDArray[np.intp]]:
-    if table.instance is None:
-        return [np.arange(len(table), dtype=np.intp)]
-    numbers = table.values(table.instance, raw=True)
-    return [np.flatnonzero(numbers == number) for number in np.unique(numbers)]
 
 
 @dataclass(frozen=True, slots=True)

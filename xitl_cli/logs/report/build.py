@@ -20,7 +20,7 @@ from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Mark, Plot, Section, Trace
-from xitl_cli.logs.model.table import Floats, Stamps, whole_ns
+from xitl_cli.logs.model.table import whole_ns
 from xitl_cli.logs.model.text import resolve_name
 from xitl_cli.logs.report.contradictions import without_contradictions
 from xitl_cli.logs.report.file_report import FileReport, RefusedFile
@@ -57,10 +57,25 @@ def build_overview(logs: Sequence[Log], files: Sequence[FileReport]) -> Overview
         ReportLog(log, file.time_line, file.name if several else "") for log, file in zip(logs, files, strict=True)
     ]
     tracks, waypoints, origin = _ways(sources)
+    # One plot per unit: pulse widths, and commands from -1 to 1.
+    by_unit: dict[str, list[Trace]] = {}
+    for source in sources:
+        names = signals.output_names(source.log)
+        for channel, found in signals.outputs(source.log).items():
+            name = f"channel {channel}" if found.unit else names.get(channel, f"channel {channel}")
+            by_unit.setdefault(found.unit, []).append(_trace(source, name, found, "steps"))
     plots = [
         _over_time("overview.speed", "Speed over ground", "m/s", sources, _SPEEDS),
         _over_time("overview.yaw", "Yaw", "deg", sources, _YAWS),
-        *_outputs(sources),
+        *[
+            Plot(
+                "overview.outputs" + ("" if unit else ".command"),
+                "Outputs to motors and servos",
+                f"pulse ({unit})" if unit else "command",
+                tuple(traces),
+            )
+            for unit, traces in by_unit.items()
+        ],
     ]
     modes, armed = state_marks(sources, signals.modes), state_marks(sources, signals.armed)
     lacks = [
@@ -105,37 +120,14 @@ def _over_time(
     return Plot(key, title, f"{title.split()[0].lower()} ({unit})", tuple(traces)) if traces else None
 
 
-def _outputs(sources: Sequence[ReportLog]) -> list[Plot]:
-    """One plot per unit: pulse widths, and commands from -1 to 1."""
-    by_unit: dict[str, list[Trace]] = {}
-    for source in sources:
-        names = signals.output_names(source.log)
-        for channel, found in signals.outputs(source.log).items():
-            name = f"channel {channel}" if found.unit else names.get(channel, f"channel {channel}")
-            by_unit.setdefault(found.unit, []).append(_trace(source, name, found, "steps"))
-    return [
-        Plot(
-            "overview.outputs" + ("" if unit else ".command"),
-            "Outputs to motors and servos",
-            f"pulse ({unit})" if unit else "command",
-            tuple(traces),
-        )
-        for unit, traces in by_unit.items()
-    ]
-
-
 def _trace(source: ReportLog, name: str, found: Series, style: Style = "line") -> Trace:
     at_ns = whole_ns(source.time_line.seconds(found.stamp_ns) * 1e9)
     values = found.values
     if found.turns:
-        at_ns, values = _broken_turns(at_ns, values)
+        # Values without the line across the plot at the step from 360 to 0.
+        turns = np.flatnonzero(np.abs(np.diff(values)) > 180.0) + 1
+        at_ns, values = np.insert(at_ns, turns, at_ns[turns]), np.insert(values, turns, np.nan)
     return thin(Trace(source.named(name), at_ns, values, style), over_time=True)
-
-
-def _broken_turns(at_ns: Stamps, degrees: Floats) -> tuple[Stamps, Floats]:
-    """Values without the line across the plot at the step from 360 to 0."""
-    turns = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
-    return np.insert(at_ns, turns, at_ns[turns]), np.insert(degrees, turns, np.nan)
 
 
 def state_marks(sources: Sequence[ReportLog], read: Callable[[Log], list[StateSpan]]) -> tuple[Mark, ...]:

@@ -160,7 +160,13 @@ def grid_markup(shown: Grid) -> str:
         f'<th scope="col"{_right(right)}>{escape(name)}</th>'
         for name, right in zip(shown.columns, numeric, strict=True)
     )
-    wide = _is_wide(shown)
+    # Whether a table has sentences, and more columns than fit next to them on a small screen.
+    rows = shown.rows[:_MOST_ROWS]
+    longest = [
+        max(len(name), *(len(wording.value_text(row[index], name)) for row in rows if index < len(row)), 0)
+        for index, name in enumerate(shown.columns)
+    ]
+    wide = max(longest, default=0) >= _SENTENCE and sum(min(length, _SENTENCE) for length in longest) >= _WIDE
     labels = [f' data-column="{escape(name)}"' if wide else "" for name in shown.columns]
     body = "".join(
         "<tr data-find>"
@@ -180,16 +186,6 @@ def grid_markup(shown: Grid) -> str:
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(shown.title)}">'
         f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></figure>"
     )
-
-
-def _is_wide(shown: Grid) -> bool:
-    """Whether a table has sentences, and more columns than fit next to them on a small screen."""
-    rows = shown.rows[:_MOST_ROWS]
-    longest = [
-        max(len(name), *(len(wording.value_text(row[index], name)) for row in rows if index < len(row)), 0)
-        for index, name in enumerate(shown.columns)
-    ]
-    return max(longest, default=0) >= _SENTENCE and sum(min(length, _SENTENCE) for length in longest) >= _WIDE
 
 
 def lacks_markup(sentences: Sequence[str]) -> str:
@@ -293,13 +289,23 @@ def html(page: Page) -> str:
         return f"p{next(numbers)}"
 
     nonce = secrets.token_urlsafe(16)
-    beside = _track(page, next_plot) + _replay(page.replay, nonce)
+    overview = page.overview
+    if overview is None or not overview.tracks:
+        track = ""
+    else:
+        origin = overview.origin
+        note = "" if origin is None else f"metres about {origin[0]:.6f}°, {origin[1]:.6f}°"
+        track = plot_markup(
+            next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview)
+        )
+    beside = track + _replay(page.replay, nonce)
     body = [
         _overview(page, next_plot),
         _picker(page),
         *(_part(part, section_id, next_plot) for part, section_id in identified),
     ]
-    plotly, script, style = _plotly(), _script(), _asset("page.css")
+    plotly, style = _plotly(), _asset("page.css")
+    script = '(() => {"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"  # in a separate scope
     playing = page.replay is not None and page.replay.html
     policy = (
         f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}"
@@ -388,42 +394,29 @@ def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], beside: st
     return f'<section id="findings"{laid}><h2>Findings</h2><div class="list">{listed}</div>{side}</section>'
 
 
-def _track(page: Page, next_plot: Callable[[], str]) -> str:
-    overview = page.overview
-    if overview is None or not overview.tracks:
-        return ""
-    origin = overview.origin
-    note = "" if origin is None else f"metres about {origin[0]:.6f}°, {origin[1]:.6f}°"
-    return plot_markup(next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview))
-
-
 def _replay(replay: Replay | None, nonce: str) -> str:
     """Frame of the replay. It is created on demand, because it takes a graphics context and time to unpack."""
     if replay is None:
         return ""
     if not replay.html:
         return f'<p class="replay-lack">{escape(wording.sentence_text(replay.note))}</p>' if replay.note else ""
-    data = json_text({"html": _with_nonce(replay.html, nonce), "lateS": replay.late_s})
+    # Prepare HTML for a frame of the page, which inherits the page's policy. Each script, and each script that
+    # these create, gets the nonce. No text of a log can know it.
+    lets_make = (
+        f'<script nonce="{nonce}">(() => {{ const make = document.createElement; '
+        "document.createElement = function (name, ...rest) { const made = make.call(this, name, ...rest); "
+        f'if (String(name).toLowerCase() === "script") made.nonce = "{nonce}"; return made; }}; }})();</script>'
+    )
+    known = re.sub(r"<script(?=[\s>])", f'<script nonce="{nonce}"', replay.html)
+    data = json_text(
+        {"html": re.sub(r"<head[^>]*>", lambda head: head[0] + lets_make, known, count=1), "lateS": replay.late_s}
+    )
     return (
         f'<figure class="replay" id="replay"><figcaption><h3>Replay in 3D</h3>'
         '<button type="button" id="play" aria-expanded="false">Show</button>'
         f'<span class="note">{len(data) / 1e6:.1f} MB of this page</span></figcaption><div class="stage"></div>'
         f'<script type="application/json" id="replay-page">{data}</script></figure>'
     )
-
-
-def _with_nonce(html: str, nonce: str) -> str:
-    """Prepare HTML for a frame of the page, which inherits the page's policy.
-
-    Each script, and each script that these create, gets the nonce. No text of a log can know it.
-    """
-    lets_make = (
-        f'<script nonce="{nonce}">(() => {{ const make = document.createElement; '
-        "document.createElement = function (name, ...rest) { const made = make.call(this, name, ...rest); "
-        f'if (String(name).toLowerCase() === "script") made.nonce = "{nonce}"; return made; }}; }})();</script>'
-    )
-    known = re.sub(r"<script(?=[\s>])", f'<script nonce="{nonce}"', html)
-    return re.sub(r"<head[^>]*>", lambda head: head[0] + lets_make, known, count=1)
 
 
 def _replay_sources(nonce: str) -> str:
@@ -512,11 +505,6 @@ def _plotly() -> str:
         raise LogError(
             f"{file}: the plotly package lacks its script; reinstall it with `pip install --force-reinstall plotly`"
         ) from error
-
-
-def _script() -> str:
-    """The page's own script, in its own scope."""
-    return '(() => {"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"
 
 
 def _asset(name: str) -> str:

@@ -122,13 +122,24 @@ def report_page(report: Report) -> Page:
     notices += [f"{file.name}: {failure.sentence}" for file in report.files for failure in file.failures]
     overview = report.overview
     shown = overview.plots or overview.tracks or overview.modes or overview.armed or overview.lacks
+    marks: list[PageMark] = []
+    for found in report.findings:
+        if found.finding.severity == Severity.OK:
+            continue
+        line = found.file.time_line
+        for evidence in found.finding.evidence:
+            if evidence.at_ns is None or len(marks) >= _MOST_MARKS:
+                continue
+            from_s = line.second(evidence.at_ns)
+            until_s = from_s if evidence.until_ns is None else max(from_s, line.second(evidence.until_ns))
+            marks.append(PageMark("finding", from_s, until_s, found.finding.sentence, found.finding.severity))
     return Page(
         " + ".join(file.name for file in report.files) or "no log",
         "",
         parts,
         tuple(_card(file, several) for file in report.files),
         tuple(notices),
-        (*page_marks(overview), *_finding_marks(report)),
+        (*page_marks(overview), *tuple(marks)),
         overview if shown else None,
         _groups(report),
         report.signals,
@@ -168,21 +179,6 @@ def page_marks(overview: Overview) -> tuple[PageMark, ...]:
     modes = (PageMark("mode", *_bounds(mark.at_ns, mark.until_ns), mark.text) for mark in overview.modes)
     armed = (PageMark("armed", *_bounds(mark.at_ns, mark.until_ns), mark.text) for mark in overview.armed)
     return (*modes, *armed)
-
-
-def _finding_marks(report: Report) -> tuple[PageMark, ...]:
-    marks: list[PageMark] = []
-    for found in report.findings:
-        if found.finding.severity == Severity.OK:
-            continue
-        line = found.file.time_line
-        for evidence in found.finding.evidence:
-            if evidence.at_ns is None or len(marks) >= _MOST_MARKS:
-                continue
-            from_s = line.second(evidence.at_ns)
-            until_s = from_s if evidence.until_ns is None else max(from_s, line.second(evidence.until_ns))
-            marks.append(PageMark("finding", from_s, until_s, found.finding.sentence, found.finding.severity))
-    return tuple(marks)
 
 
 def _bounds(at_ns: int, until_ns: int | None) -> tuple[float, float]:

@@ -157,7 +157,22 @@ def map_payload(overview: Overview) -> dict[str, Any]:
 
 
 def page_payload(page: Page) -> dict[str, Any]:
-    return {"range": _range(page), "marks": [_mark(mark) for mark in page.marks]}
+    # First and last second of all time plots; of the marks if there are none.
+    bounds: list[float] = []
+    for part in page.parts:
+        for plot in part.section.plots:
+            if plot.kind == "time":
+                bounds += _ends(plot.traces, part.time_line)
+    if page.overview is not None:
+        for plot in page.overview.plots:
+            bounds += _ends(plot.traces, TimeLine())
+        bounds += [at for track in page.overview.tracks for at in (track.at_s[0], track.at_s[-1])]
+    bounds = bounds or [bound for mark in page.marks for bound in (mark.from_s, mark.until_s)] or [0.0, 1.0]
+    low, high = float(min(bounds)), float(max(bounds))
+    return {
+        "range": ([low, high] if high > low else [low - 0.5, high + 0.5]),
+        "marks": [_mark(mark) for mark in page.marks],
+    }
 
 
 def signals_payload(held: HeldLog) -> dict[str, Any]:
@@ -200,22 +215,6 @@ def _track(track: MapTrack) -> dict[str, Any]:
         "north": _numbers(track.north_m),
         "speed": None if track.speed_mps is None else _numbers(track.speed_mps),
     }
-
-
-def _range(page: Page) -> list[float]:
-    """First and last second of all time plots; of the marks if there are none."""
-    bounds: list[float] = []
-    for part in page.parts:
-        for plot in part.section.plots:
-            if plot.kind == "time":
-                bounds += _ends(plot.traces, part.time_line)
-    if page.overview is not None:
-        for plot in page.overview.plots:
-            bounds += _ends(plot.traces, TimeLine())
-        bounds += [at for track in page.overview.tracks for at in (track.at_s[0], track.at_s[-1])]
-    bounds = bounds or [bound for mark in page.marks for bound in (mark.from_s, mark.until_s)] or [0.0, 1.0]
-    low, high = float(min(bounds)), float(max(bounds))
-    return [low, high] if high > low else [low - 0.5, high + 0.5]
 
 
 def _ends(traces: tuple[Trace, ...], time_line: TimeLine) -> list[float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,8 +78,16 @@ def held_log(log: Log, time_line: TimeLine, label: str, most_bytes: int = MOST_B
         for table in _tables(log)
         for number, part in by_instance(table).items()
     ]
-    widths = [_width(part) for _, _, part in parts]
-    rows = next((rows for rows in _ROWS if _size(parts, widths, rows) <= most_bytes), _ROWS[-1])
+    widths = [min(sum(1 for _ in _numbers(part)), _MOST_COLUMNS) for _, _, part in parts]
+    rows = next(
+        (
+            rows
+            for rows in _ROWS
+            if sum(4 * (2 + width) * min(len(part), rows) for (_, _, part), width in zip(parts, widths, strict=True))
+            <= most_bytes
+        ),
+        _ROWS[-1],
+    )
     tables, left_out, left = [], 0, most_bytes
     for name, instance, part in parts:
         table, without = _held(name, instance, part, time_line, rows)
@@ -101,14 +109,6 @@ def _tables(log: Log) -> Iterator[Table]:
             yield from log.frame_tables(name).values()
         except KeyError:
             yield table
-
-
-def _width(part: Table) -> int:
-    return min(sum(1 for _ in _numbers(part)), _MOST_COLUMNS)
-
-
-def _size(parts: Sequence[tuple[str, int | None, Table]], widths: Sequence[int], rows: int) -> int:
-    return sum(4 * (2 + width) * min(len(part), rows) for (_, _, part), width in zip(parts, widths, strict=True))
 
 
 def _numbers(part: Table) -> Iterator[tuple[str, int | None]]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Sequence
 from contextlib import ExitStack
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +19,7 @@ from xitl_cli.logs.model.sections import Plot, Section, Trace
 from xitl_cli.logs.model.table import whole_ns
 from xitl_cli.logs.report.build import ReportLog, Style, open_all, short_names, state_marks, time_lines
 from xitl_cli.logs.report.file_report import RefusedFile
+from xitl_cli.logs.report.html import replace_file
 from xitl_cli.logs.report.model import Overview
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, page_marks
 from xitl_cli.logs.report.plots import ThinTrace, thin
@@ -95,3 +99,101 @@ def _trace(source: ReportLog, signal: LogSignal, from_s: float | None, until_s: 
 def _title(names: Sequence[str]) -> str:
     once = list(dict.fromkeys(names))
     return ", ".join(once[:_MOST_NAMES]) + (f" and {len(once) - _MOST_NAMES} more" if len(once) > _MOST_NAMES else "")
+
+
+# Time plots as one PNG, SVG or PDF file, drawn by matplotlib.
+
+IMAGE_KINDS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
+"""Suffixes of images, and the first bytes of each kind of file."""
+PAGE_SUFFIXES = (".html", ".htm")
+
+_WIDTH_IN, _PLOT_HEIGHT_IN, _MARGIN_IN = 10.0, 2.6, 0.9
+_DOTS_PER_INCH = 150
+_STYLE: Any = {"font.size": 9.0, "axes.grid": True, "grid.alpha": 0.3, "svg.fonttype": "none", "svg.hashsalt": "xitl",
+          "axes.formatter.useoffset": False}  # fmt: skip
+_DATES: dict[str, dict[str, Any]] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+
+
+def is_image(path: Path) -> bool:
+    """Whether the suffix is that of an image.
+
+    Raises LogError for a suffix of neither an image nor a page, and if matplotlib is missing.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in IMAGE_KINDS:
+        if suffix and suffix not in PAGE_SUFFIXES:
+            raise LogError(f"{path}: {suffix} is no kind of plot; name a file that ends in .html, .png, .svg or .pdf")
+        return False
+    if importlib.util.find_spec("matplotlib") is None:
+        raise LogError(
+            f"{path}: {suffix} needs matplotlib, not installed here; pip install 'xitl[figures]', or name a file that "
+            "ends in .html"
+        )
+    return True
+
+
+def refuse_other_image(path: Path) -> None:
+    """Raise LogError if a file of another kind exists at the path, because a log would be lost."""
+    try:
+        if path.is_dir():
+            raise LogError(f"{path}: is a directory; name a file in it, such as {path / 'plot.png'}")
+        if path.exists() and not (path.is_file() and _begins_as_its_kind(path)):
+            raise LogError(f"{path}: is there already and is no {path.suffix} image; name another file")
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+
+
+def _begins_as_its_kind(path: Path) -> bool:
+    beginning = IMAGE_KINDS[path.suffix.lower()]
+    with path.open("rb") as file:
+        return file.read(len(beginning)) in (b"", beginning)
+
+
+def write_image(page: Page, path: Path) -> None:
+    """Write all time plots below each other, on one time axis. Equal content gives equal bytes.
+
+    Replaces an earlier image of this kind. Raises LogError if it cannot be written.
+    """
+    refuse_other_image(path)
+    replace_file(path, _drawn(page, path.suffix.lower()))
+
+
+def _drawn(page: Page, suffix: str) -> bytes:
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    plots = [(part, plot) for part in page.parts for plot in part.section.plots if plot.kind == "time"]
+    with rc_context(_STYLE):
+        size_in = (_WIDTH_IN, _PLOT_HEIGHT_IN * len(plots) + _MARGIN_IN)
+        figure = Figure(figsize=size_in, layout="constrained")
+        figure.suptitle(_plain(page.title))
+        rows = figure.subplots(len(plots), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (part, plot) in zip(rows, plots, strict=True):
+            for trace in plot.traces:
+                kept = thin(trace, over_time=True)
+                at_s = part.time_line.seconds(kept.x.astype("int64"))
+                style = "steps-post" if trace.style == "steps" else "default"
+                line, marker = ("", ".") if trace.style == "points" else ("-", "")
+                axes.plot(
+                    at_s,
+                    kept.y,
+                    drawstyle=style,
+                    linestyle=line,
+                    marker=marker,
+                    linewidth=1.0,
+                    label=_plain(trace.name),
+                )
+            axes.set_title(_plain(plot.title), fontsize="medium", loc="left")
+            axes.set_ylabel(_plain(plot.y_label))
+            if len(plot.traces) > 1:
+                axes.legend(fontsize="small", loc="upper right", ncols=min(len(plot.traces), 4))
+        rows[-1].set_xlabel("time (s)")
+        written = BytesIO()
+        figure.savefig(written, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=_DATES[suffix])
+    return written.getvalue()
+
+
+def _plain(text: str) -> str:
+    """Text without the sign that begins a formula, and without the underscore that hides a label."""
+    escaped = text.replace("$", r"\$")
+    return f" {escaped}" if escaped.startswith("_") else escaped

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 
 from rich.console import Console
 from rich.text import Text
 
-from xitl_cli.logs.model.sections import Fact, Grid, Section, Severity
+from xitl_cli.logs.model.sections import Grid, Section, Severity
 from xitl_cli.logs.model.text import duration_text, plural, printable
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.causes import FindingGroup, group_findings
@@ -45,7 +44,10 @@ def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
         narrow.insert(0, beside.pop())
     for index in beside:  # a heading in one line, if it fits
         widths[index] += max(0, min(len(heads[index]) - widths[index], width - _total(widths, beside)))
-    lines = _table_head(heads, widths, right, beside)
+    wrapped = [textwrap.wrap(heads[index], widths[index] or 1) or [""] for index in beside]
+    rows = max(map(len, wrapped))
+    at_the_foot = [[""] * (rows - len(words)) + words for words in wrapped]
+    lines = [_table_line([words[row] for words in at_the_foot], widths, right, beside) for row in range(rows)]
     for row in shown:
         lines.append(_table_line([row[index] for index in beside], widths, right, beside))
         under = [", ".join(f"{heads[index]} {row[index]}" for index in narrow if row[index])]
@@ -59,13 +61,6 @@ def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
 
 def _total(widths: list[int], columns: list[int]) -> int:
     return sum(widths[index] for index in columns) + _APART * (len(columns) - 1)
-
-
-def _table_head(heads: list[str], widths: list[int], right: list[bool], columns: list[int]) -> list[str]:
-    wrapped = [textwrap.wrap(heads[index], widths[index] or 1) or [""] for index in columns]
-    rows = max(map(len, wrapped))
-    at_the_foot = [[""] * (rows - len(words)) + words for words in wrapped]
-    return [_table_line([words[row] for words in at_the_foot], widths, right, columns) for row in range(rows)]
 
 
 def _table_line(cells: list[str], widths: list[int], right: list[bool], columns: list[int]) -> str:
@@ -136,7 +131,16 @@ def _head(console: Console, file: FileReport, several: bool) -> None:
 
 def _group(console: Console, group: FindingGroup, several: bool) -> None:
     """Print a cause as a finding, and below it its consequences without their next steps."""
-    _finding(console, group.cause, several)
+    finding = group.cause.finding
+    _hanging(
+        console,
+        wording.SEVERITY_NAMES[finding.severity].upper(),
+        _STYLES[finding.severity],
+        _plain(wording.sentence_text(finding.sentence)),
+    )
+    _hanging(console, "", "", _plain(_place(group.cause, several), style="dim"))
+    if finding.next_step:
+        _hanging(console, "", "", _plain(f"→ {wording.sentence_text(finding.next_step)}"))
     if not group.consequences:
         return
     _hanging(console, "", "", _plain("What follows from it:"))
@@ -162,19 +166,6 @@ def _place(found: FileFinding, several: bool) -> str:
     return f"{place}: {'; '.join(evidence)}" if evidence else place
 
 
-def _finding(console: Console, found: FileFinding, several: bool) -> None:
-    finding = found.finding
-    _hanging(
-        console,
-        wording.SEVERITY_NAMES[finding.severity].upper(),
-        _STYLES[finding.severity],
-        _plain(wording.sentence_text(finding.sentence)),
-    )
-    _hanging(console, "", "", _plain(_place(found, several), style="dim"))
-    if finding.next_step:
-        _hanging(console, "", "", _plain(f"→ {wording.sentence_text(finding.next_step)}"))
-
-
 def show_section(console: Console, section: Section, label: str = "") -> None:
     if not (section.facts or section.grids or section.lacks):
         return
@@ -184,28 +175,20 @@ def show_section(console: Console, section: Section, label: str = "") -> None:
         title.append(f"  {label}", style="not bold dim")
     _line(console, title)
     if section.facts:
-        _facts(console, section.facts)
+        width = min(max(len(fact.label) for fact in section.facts), _LONGEST_LABEL)
+        for fact in section.facts:
+            unit = f" {fact.unit}" if fact.unit and fact.value is not None else ""
+            text = _plain(wording.value_text(fact.value, fact.label) + unit)
+            _hanging(console, f"  {printable(wording.sentence_text(fact.label))}", "", text, indent=width + 4)
     for grid in section.grids:
         if grid.rows:
-            _grid(console, grid)
+            _line(console, f"  {printable(wording.sentence_text(grid.title))}", "dim")
+            for line in grid_lines(grid, console.width - _GRID_INDENT, _MOST_ROWS):
+                _line(console, f"{'':{_GRID_INDENT}}{line}")
     for lack in section.lacks[:_MOST_LACKS]:
         _hanging(console, "lacks", "dim", _plain(wording.sentence_text(lack)))
     if len(section.lacks) > _MOST_LACKS:
         _hanging(console, "", "", Text(f"and {len(section.lacks) - _MOST_LACKS} more", style="dim"))
-
-
-def _facts(console: Console, facts: Sequence[Fact]) -> None:
-    width = min(max(len(fact.label) for fact in facts), _LONGEST_LABEL)
-    for fact in facts:
-        unit = f" {fact.unit}" if fact.unit and fact.value is not None else ""
-        text = _plain(wording.value_text(fact.value, fact.label) + unit)
-        _hanging(console, f"  {printable(wording.sentence_text(fact.label))}", "", text, indent=width + 4)
-
-
-def _grid(console: Console, grid: Grid) -> None:
-    _line(console, f"  {printable(wording.sentence_text(grid.title))}", "dim")
-    for line in grid_lines(grid, console.width - _GRID_INDENT, _MOST_ROWS):
-        _line(console, f"{'':{_GRID_INDENT}}{line}")
 
 
 def _hanging(console: Console, word: str, style: str, text: Text, indent: int = _INDENT) -> None:

@@ -72,7 +72,12 @@ def overlapping(values: NDArray[np.float64], period_s: float, points_per_decade:
     if not np.isfinite(values).all():
         raise ValueError("values must be finite; leave out what is not")
     samples = len(values)
-    sizes = _cluster_sizes(samples, points_per_decade)
+    longest = samples // FEWEST_CLUSTERS
+    if longest < 2:
+        sizes = np.empty(0, dtype=np.int64)
+    else:
+        points = max(2, math.ceil(points_per_decade * math.log10(longest)) + 1)
+        sizes = np.unique(np.rint(np.geomspace(1, longest, points)).astype(np.int64))
     # Subtract the mean first: the running sum stays small, and so does its rounding.
     angle = np.concatenate(([0.0], np.cumsum(values - values.mean()))) if samples else np.zeros(1)
     variance = np.empty(len(sizes))
@@ -114,20 +119,19 @@ def bias_instability(curve: AllanCurve) -> ReadOff | None:
     )
 
 
-def _cluster_sizes(samples: int, points_per_decade: int) -> NDArray[np.int64]:
-    longest = samples // FEWEST_CLUSTERS
-    if longest < 2:
-        return np.empty(0, dtype=np.int64)
-    points = max(2, math.ceil(points_per_decade * math.log10(longest)) + 1)
-    return np.unique(np.rint(np.geomspace(1, longest, points)).astype(np.int64))
-
-
 def _by_slope(curve: AllanCurve, slope: float, factor: float) -> ReadOff | None:
     """Mean of `sigma tau^-slope` over the widest part of the curve that has this slope, times `factor`."""
     if len(curve.tau_s) < 4 or not (curve.deviation > 0.0).all():
         return None
     x, y = np.log10(curve.tau_s), np.log10(curve.deviation)
-    local = _local_slopes(x, y)
+    # Slope of the regression line through the points within `reach` decades on both sides of each point.
+    local = np.empty(len(x))
+    for place, centre in enumerate(x):
+        near = np.abs(x - centre) <= 0.25
+        if np.count_nonzero(near) < 2:
+            near[max(0, place - 1) : place + 2] = True
+        xs, ys = x[near] - x[near].mean(), y[near]
+        local[place] = float(xs @ ys / (xs @ xs))
     # log10 of a value with a relative error e scatters by e / ln 10; neighbours on a short curve are strongly
     # correlated.
     scatter = curve.relative_error / math.log(10.0) * _DEVIATIONS
@@ -140,18 +144,6 @@ def _by_slope(curve: AllanCurve, slope: float, factor: float) -> ReadOff | None:
     level = float(np.average(y[part] - slope * x[part], weights=weights))
     error = float(np.average(curve.relative_error[part], weights=weights))  # as if the errors of all points were equal
     return ReadOff(factor * 10.0**level, error, float(curve.tau_s[first]), float(curve.tau_s[last]))
-
-
-def _local_slopes(x: NDArray[np.float64], y: NDArray[np.float64], reach: float = 0.25) -> NDArray[np.float64]:
-    """Slope of the regression line through the points within `reach` decades on both sides of each point."""
-    slopes = np.empty(len(x))
-    for place, centre in enumerate(x):
-        near = np.abs(x - centre) <= reach
-        if np.count_nonzero(near) < 2:
-            near[max(0, place - 1) : place + 2] = True
-        xs, ys = x[near] - x[near].mean(), y[near]
-        slopes[place] = float(xs @ ys / (xs @ xs))
-    return slopes
 
 
 def _widest(x: NDArray[np.float64], fits: NDArray[np.bool_]) -> tuple[int, int]:

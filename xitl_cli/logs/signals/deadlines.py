@@ -198,7 +198,25 @@ def task_totals(log: Log) -> list[TaskTotal]:
     """Last totals of every task."""
     table = log.tables.get("/tasks")
     if table is not None and set(table.columns) >= TASK_FIELDS:
-        return _recorded(table)
+        names = list(zip(table.values("node").tolist(), table.values("task").tolist(), strict=True))
+        last = {name: row for row, name in enumerate(names)}
+        return [
+            TaskTotal(
+                str(node),
+                str(task),
+                float(table.values("rate_hz", slice(row, row + 1))[0]),
+                _count(table, "cycles", row),
+                _count(table, "missed", row),
+                _count(table, "skipped", row),
+                _part(table, "start_jitter_mean_s", row, 1.0),
+                _part(table, "start_jitter_max_s", row, 1.0),
+                _instant(table, "worst_start_ns", row, 1),
+                _part(table, "run_mean_s", row, 1.0),
+                _part(table, "run_max_s", row, 1.0),
+                _instant(table, "worst_run_ns", row, 1),
+            )
+            for (node, task), row in last.items()
+        ]
     table = log.tables.get("TASK")
     if table is not None and {"Name", "Rate", "N", "Miss", "Skip"} <= set(table.columns):
         return _logged(table, log.tables.get("TSKQ"))
@@ -208,28 +226,6 @@ def task_totals(log: Log) -> list[TaskTotal]:
 def clock_stood_still(tasks: Sequence[TaskTotal]) -> bool:
     """Whether the clock did not advance while the tasks ran, as in lockstep."""
     return not any(task.run_max_s or task.start_max_s or task.missed for task in tasks)
-
-
-def _recorded(table: Table) -> list[TaskTotal]:
-    names = list(zip(table.values("node").tolist(), table.values("task").tolist(), strict=True))
-    last = {name: row for row, name in enumerate(names)}
-    return [
-        TaskTotal(
-            str(node),
-            str(task),
-            float(table.values("rate_hz", slice(row, row + 1))[0]),
-            _count(table, "cycles", row),
-            _count(table, "missed", row),
-            _count(table, "skipped", row),
-            _part(table, "start_jitter_mean_s", row, 1.0),
-            _part(table, "start_jitter_max_s", row, 1.0),
-            _instant(table, "worst_start_ns", row, 1),
-            _part(table, "run_mean_s", row, 1.0),
-            _part(table, "run_max_s", row, 1.0),
-            _instant(table, "worst_run_ns", row, 1),
-        )
-        for (node, task), row in last.items()
-    ]
 
 
 def _logged(table: Table, worst: Table | None) -> list[TaskTotal]:

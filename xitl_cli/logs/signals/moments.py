@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from xitl_cli.logs.model.codes import ARMED, DISARMED, error_name, event_name
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.signals.states import error_rows, event_rows, parameter_rows, vehicle_kind
-from xitl_cli.logs.tables.events import ARMED, DISARMED, error_name, event_name
 
 SPELL_NS = 2_000_000_000  # rows closer together belong to one action
 MOST = 2000

@@ -14,7 +14,6 @@ from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
 from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table
-from xitl_cli.logs.signals.lanes import rows_in_use
 from xitl_cli.logs.signals.series import (
     Series,
     SeriesReader,
@@ -26,6 +25,7 @@ from xitl_cli.logs.signals.series import (
     stacked_columns,
 )
 from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.signals.states import rows_in_use
 
 HIGHEST_M = 10e3  # beyond it, a local frame has no meaning
 
@@ -455,7 +455,15 @@ def position_ned(
     if geodetic is None:
         return None
     about = origin or _estimator_origin(log) or own or _first_place(geodetic)
-    path = _metres(log, geodetic, of, about)
+    # (N, 3) north, east, down about a position, in the metres of the world that the log uses.
+    simulated = _simulated(log)
+    frame = LocalFrame(*about)
+    if simulated is None or not (of == "truth" or follows_simulator(geodetic, simulated)):
+        path = frame.ned(*geodetic.values.T)
+    else:
+        own = _estimator_origin(log) or _first_place(simulated)
+        flat = ardupilot_ned(own, geodetic.values)
+        path = flat if about == own else frame.ned(*LocalFrame(*own).geodetic(flat))
     found = Series(geodetic.stamp_ns, path, "m", geodetic.source, dropped=geodetic.dropped)
     return LocalPosition(found, about)
 
@@ -474,17 +482,6 @@ def _first_place(geodetic: Series) -> tuple[float, float, float]:
     """First row, for use as an origin."""
     latitude, longitude, altitude = map(float, geodetic.values[0])
     return latitude, longitude, altitude if abs(altitude) <= HIGHEST_M else 0.0
-
-
-def _metres(log: Log, geodetic: Series, of: SignalSource, about: tuple[float, float, float]) -> Floats:
-    """(N, 3) north, east, down about a position, in the metres of the world that the log uses."""
-    simulated = _simulated(log)
-    frame = LocalFrame(*about)
-    if simulated is None or not (of == "truth" or follows_simulator(geodetic, simulated)):
-        return frame.ned(*geodetic.values.T)
-    own = _estimator_origin(log) or _first_place(simulated)
-    flat = ardupilot_ned(own, geodetic.values)
-    return flat if about == own else frame.ned(*LocalFrame(*own).geodetic(flat))
 
 
 def _px4_geodetic(log: Log, of: SignalSource = "estimate") -> Series | None:

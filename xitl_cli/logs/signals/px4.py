@@ -10,10 +10,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from sim_core.frames import quat_to_euler
+from xitl_cli.logs.model.codes import VehicleKind, kind_from_mav_type
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Flags, Floats, Selection, Stamps, Table
 from xitl_cli.logs.signals.series import Series, SignalSource, first_instance, make_series, numbers, stacked
-from xitl_cli.logs.tables.vehicles import VehicleKind, kind_from_mav_type
 
 NAV_STATES: Mapping[int, str] = {
     0: "Manual", 1: "Altitude", 2: "Position", 3: "Mission", 4: "Hold", 5: "Return", 6: "Position slow",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 
@@ -77,28 +76,29 @@ class RealTimeFigures:
 
     def shortfalls(self, limits: RealTimeLimits = LIMITS) -> tuple[str, ...]:
         """Violated limits, the most severe first; empty if the run was in real time."""
-        return tuple(self._shortfalls(limits))
-
-    def _shortfalls(self, limits: RealTimeLimits) -> Iterator[str]:
+        shortfalls: list[str] = []
         length_s = max(self.length_s, 1e-9)
         if self.longest_stall_s > limits.longest_stall_s or self.stalled_s > limits.stalled_share * length_s:
             times = "once" if self.stalls == 1 else f"{self.stalls} times"
             longest = "" if self.stalls == 1 else f", the longest {_seconds(self.longest_stall_s)}"
-            yield f"the host stalled {times}, {_seconds(self.stalled_s)} in all{longest}"
+            shortfalls.append(f"the host stalled {times}, {_seconds(self.stalled_s)} in all{longest}")
         if self.slipped_s > max(self.stalled_s, limits.stalled_share * length_s):
-            yield f"the host fell behind by {_seconds(self.slipped_s)} that were not made up"
+            shortfalls.append(f"the host fell behind by {_seconds(self.slipped_s)} that were not made up")
         if self.physics is not None and self.physics.share > limits.physics_missed_share:
-            yield f"{_percent(self.physics.share)} of the physics deadlines missed"
+            shortfalls.append(f"{_percent(self.physics.share)} of the physics deadlines missed")
         if self.control is not None and self.control.share > limits.cycles_missed_share:
             share, name = _percent(self.control.share), self.control.name
-            yield f"{share} of the agent's cycles missed ({name}: {self.control.missed} of {self.control.cycles})"
+            shortfalls.append(
+                f"{share} of the agent's cycles missed ({name}: {self.control.missed} of {self.control.cycles})"
+            )
         if self.link is not None and self.link.share > limits.lost_share:
-            yield f"{_percent(self.link.share)} of the frames lost ({self.link.name}: {self.link.lost})"
+            shortfalls.append(f"{_percent(self.link.share)} of the frames lost ({self.link.name}: {self.link.lost})")
         if self.stood_s > limits.stalled_share * length_s:
-            yield f"the simulated autopilot stood still for {_seconds(self.stood_s)}"
+            shortfalls.append(f"the simulated autopilot stood still for {_seconds(self.stood_s)}")
         for clock, steps in self.clock_steps:
             if steps > limits.clock_steps:
-                yield f"the clock of {clock} stepped {'once' if steps == 1 else f'{steps} times'}"
+                shortfalls.append(f"the clock of {clock} stepped {'once' if steps == 1 else f'{steps} times'}")
+        return tuple(shortfalls)
 
 
 def not_real_time(shortfalls: tuple[str, ...]) -> str:

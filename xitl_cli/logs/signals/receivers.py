@@ -84,7 +84,15 @@ _OLD_PX4 = "vehicle_gps_position"
 def gnss_receivers(log: Log) -> list[GnssReceiver]:
     """Every instance with at least three rows and at any time a fix or a satellite."""
     found: list[GnssReceiver] = []
-    for table in [*(tables_of(log, _KINDS) or tables_of(log, (_OLD_PX4,))), *_ros(log)]:
+    # Sensor_msgs/NavSatFix topics of receivers, without a simulator's truth.
+    for table in [
+        *(tables_of(log, _KINDS) or tables_of(log, (_OLD_PX4,))),
+        *[
+            table
+            for name, table in log.tables.items()
+            if topic_source(name) == "estimate" and {"status.status", "latitude"} <= set(table.columns)
+        ],
+    ]:
         for number, each in by_instance(table).items():
             if len(each) >= 3 and (receiver := _receiver(log, instance_label(table, number), each, number)) is not None:
                 found.append(receiver)
@@ -96,15 +104,6 @@ def injected_receivers(log: Log) -> list[GnssReceiver]:
     names = [f"{name}:XITL_GNSS" for name in log.tables if name.endswith("/link/agent/tx")]
     found = [_receiver(log, "XITL_GNSS", log.tables[name], 0) for name in names if name in log.tables]
     return [receiver for receiver in found if receiver is not None and len(receiver.stamp_ns) >= 3]
-
-
-def _ros(log: Log) -> list[Table]:
-    """sensor_msgs/NavSatFix topics of receivers, without a simulator's truth."""
-    return [
-        table
-        for name, table in log.tables.items()
-        if topic_source(name) == "estimate" and {"status.status", "latitude"} <= set(table.columns)
-    ]
 
 
 def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | None:
@@ -130,6 +129,13 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | 
         return None
     blind = (fix < 2) | ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
     speed = _plausible(table, fields.get("speed"), columns.get("speed"))
+    # Dilution of precision. MAVLink's eph is a dilution times 100, or 65535 for unknown.
+    values = columns.get("hdop")
+    if values is None or "eph" not in table.columns or "hdop" in table.columns:
+        hdop = values
+    else:
+        raw = np.asarray(table.values("eph", raw=True), dtype=np.float64)
+        hdop = np.where(raw == 65535, np.nan, raw * 0.01)
     return GnssReceiver(
         name=name,
         message=table.name,
@@ -138,7 +144,7 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | 
         sample_ns=sample_times(table).clock_ns,
         fix=fix,
         satellites=None if satellites is None else np.where(satellites >= 255, np.nan, satellites),
-        hdop=_hdop(table, columns.get("hdop")),
+        hdop=hdop,
         lat_deg=np.where(blind, np.nan, lat),
         lon_deg=np.where(blind, np.nan, lon),
         vel_ned_mps=_velocity(table, speed, columns.get("course"), columns.get("down")),
@@ -155,14 +161,6 @@ def _plausible(table: Table, name: str | None, values: Floats | None) -> Floats 
     if table.name == "GPS" or not message_of(table.name).endswith(("_RAW", "_INT")):
         return values
     return np.where(np.asarray(table.values(name, raw=True)) == 65535, np.nan, values)
-
-
-def _hdop(table: Table, values: Floats | None) -> Floats | None:
-    """Dilution of precision. MAVLink's eph is a dilution times 100, or 65535 for unknown."""
-    if values is None or "eph" not in table.columns or "hdop" in table.columns:
-        return values
-    raw = np.asarray(table.values("eph", raw=True), dtype=np.float64)
-    return np.where(raw == 65535, np.nan, raw * 0.01)
 
 
 def _norm(table: Table) -> Floats | None:

@@ -97,6 +97,13 @@ def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]
     temperature = None if warmth is None else numbers(table, warmth)
     if temperature is not None and message_of(table.name) in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"):
         temperature = np.where(np.asarray(table.values(warmth or "", raw=True)) == 0, np.nan, temperature)
+    names = ("GH", "AH")
+    flags = [values for name in names if (values := numbers(table, name, raw=True)) is not None]
+    if not flags:
+        healthy = None
+    else:
+        well: Flags = np.stack(flags).min(axis=0) > 0.0
+        healthy = well
     return InertialUnit(
         name=name,
         table=table,
@@ -109,7 +116,7 @@ def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]
         temperature_degc=temperature,
         gyro_rate_hz=_positive_median(table, "GHz"),
         accel_rate_hz=_positive_median(table, "AHz"),
-        healthy=_healthy(table, ("GH", "AH")),
+        healthy=healthy,
     )
 
 
@@ -171,14 +178,6 @@ def _positive_median(table: Table, name: str) -> float | None:
         return None
     good = values[values > 0.0]
     return float(np.median(good)) if len(good) else None
-
-
-def _healthy(table: Table, names: tuple[str, ...]) -> Flags | None:
-    flags = [values for name in names if (values := numbers(table, name, raw=True)) is not None]
-    if not flags:
-        return None
-    well: Flags = np.stack(flags).min(axis=0) > 0.0
-    return well
 
 
 WINDOW_NS = 1_000_000_000
@@ -393,7 +392,12 @@ def _series_of(table: Table, message: _Message) -> Iterator[SensorSeries]:
         names = next((names for names in message.fields if all(name in each.columns for name in names)), None)
         if len(each) < 3 or names is None:
             continue
-        values = _values(each, names, message)
+        if len(names) == 1:
+            found = numbers(each, names[0], raw=message.raw)
+            values = None if found is None else found * message.factor
+        else:
+            several = stacked(each, names, raw=message.raw)
+            values = None if several is None else several * message.factor
         if values is None or not np.nan_to_num(values).any():
             continue
         health = first_of(each, message.health)
@@ -412,11 +416,3 @@ def _series_of(table: Table, message: _Message) -> Iterator[SensorSeries]:
             temperature_degc=None if warmth is None else numbers(each, warmth),
             calibrated=message.calibrated,
         )
-
-
-def _values(table: Table, names: tuple[str, ...], message: _Message) -> Floats | None:
-    if len(names) == 1:
-        found = numbers(table, names[0], raw=message.raw)
-        return None if found is None else found * message.factor
-    several = stacked(table, names, raw=message.raw)
-    return None if several is None else several * message.factor

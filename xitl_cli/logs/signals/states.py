@@ -1,4 +1,7 @@
-"""States reported by the autopilot: vehicle kind, parameters, events, errors, arming, modes, texts, RC, outputs."""
+"""States reported by the autopilot: vehicle kind, parameters, events, errors, arming, modes, texts, RC, outputs.
+
+Lanes of ArduPilot's estimator: the core in use over time.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,45 @@ from dataclasses import dataclass
 import numpy as np
 
 import xitl_cli.logs.signals.px4 as px4
+from xitl_cli.logs.model.codes import (
+    ARMED,
+    DISARMED,
+    MODES,
+    VehicleKind,
+    kind_from_build,
+    kind_from_mav_type,
+    kind_from_name,
+)
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, first_of
 from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
-from xitl_cli.logs.tables.events import ARMED, DISARMED
-from xitl_cli.logs.tables.modes import MODES
-from xitl_cli.logs.tables.vehicles import VehicleKind, kind_from_build, kind_from_mav_type, kind_from_name
+
+CORE = "C"
+_PRIMARY = "PI"
+
+
+def lanes(log: Log, family: str) -> tuple[Stamps, Stamps] | None:
+    """(N,) stamps, and the core in use by PI of a family ("XKF", "NKF"), in order of time; None if not logged."""
+    table = log.tables.get(f"{family}4")
+    if table is None or _PRIMARY not in table.columns or not len(table):
+        return None
+    order = np.argsort(table.stamp_ns, kind="stable")
+    return table.stamp_ns[order], np.asarray(table.values(_PRIMARY, raw=True))[order].astype(np.int64)
+
+
+def rows_in_use(log: Log, name: str) -> Table | None:
+    """Rows of XKF1, XKF3, NKF1 … of the core in use at each row.
+
+    Without a logged core in use, and for other messages, the result is that of `first_instance`.
+    """
+    table, known = log.tables.get(name), lanes(log, name[:-1])
+    if table is None or CORE not in table.columns or known is None:
+        return first_instance(log, name)
+    stamps, numbers = known
+    at = np.clip(np.searchsorted(stamps, table.stamp_ns, side="right") - 1, 0, None)
+    own = np.asarray(table.values(CORE, raw=True)).astype(np.int64) == numbers[at]
+    return Selection(table, own) if own.any() else first_instance(log, name)
+
 
 _PREFIXES = ("", "/link/agent/rx:")
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a camera …
@@ -211,7 +247,11 @@ def modes(log: Log) -> list[StateSpan]:
         return _state_spans(log, *states, dict(px4.NAV_STATES))
     beats = autopilot_heartbeats(log)
     if beats is None:
-        return _bridged_modes(log)
+        table = bridge_topic(log, "state", "mode")
+        if table is None or table.columns["mode"].kind != "text" or not len(table):
+            return []
+        names, numbers_of = np.unique(table.values("mode"), return_inverse=True)
+        return _state_spans(log, table.stamp_ns, numbers_of, f"{table.name}.mode", dict(enumerate(names.tolist())))
     return _state_spans(
         log,
         beats.stamp_ns,
@@ -219,14 +259,6 @@ def modes(log: Log) -> list[StateSpan]:
         f"{beats.name}.custom_mode",
         dict(MODES[vehicle_kind(log)]),
     )
-
-
-def _bridged_modes(log: Log) -> list[StateSpan]:
-    table = bridge_topic(log, "state", "mode")
-    if table is None or table.columns["mode"].kind != "text" or not len(table):
-        return []
-    names, numbers_of = np.unique(table.values("mode"), return_inverse=True)
-    return _state_spans(log, table.stamp_ns, numbers_of, f"{table.name}.mode", dict(enumerate(names.tolist())))
 
 
 def texts(log: Log) -> list[LogText]:

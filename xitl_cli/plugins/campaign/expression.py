@@ -16,8 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from xitl_cli.logs.expressions.evaluation import ARITHMETIC, COMPARISONS
-from xitl_cli.logs.expressions.functions import ARITIES, ELEMENTWISE
+from xitl_cli.logs.expressions.evaluation import ARITHMETIC, ARITIES, COMPARISONS, ELEMENTWISE
 from xitl_cli.logs.expressions.syntax import (
     Arithmetic,
     Call,

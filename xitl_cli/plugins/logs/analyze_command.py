@@ -135,18 +135,18 @@ def plot(
     Exit code 2 when a file cannot be read (the others are drawn).
     """
     from xitl_cli.logs.model.text import parse_optional_seconds
-    from xitl_cli.logs.report import html, image
-    from xitl_cli.logs.report.signal_page import signal_page
+    from xitl_cli.logs.report import html
+    from xitl_cli.logs.report.signal_page import is_image, refuse_other_image, signal_page, write_image
 
     files, signals = _files_and_signals(arguments)
     from_s, until_s = parse_optional_seconds(from_time), parse_optional_seconds(until_time)
     if from_s is not None and until_s is not None and until_s <= from_s:
         raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
     path = out or _beside(files[0], "plot")
-    drawn = image.is_image(path)
-    (image.refuse_other_image if drawn else html.refuse_other)(path)
+    drawn = is_image(path)
+    (refuse_other_image if drawn else html.refuse_other)(path)
     page, refusals = signal_page(files, signals, from_s, until_s, raw=raw, vessel=vessel)
-    (image.write_image if drawn else html.write_page)(page, path)
+    (write_image if drawn else html.write_page)(page, path)
     typer.echo(str(path))
     for notice in page.notices[len(refusals) :]:
         typer.echo(printable(notice), err=True)

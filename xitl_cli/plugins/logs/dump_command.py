@@ -41,7 +41,21 @@ class Asked:
 def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
     """Yield pieces of text, each with complete lines. Raises LogError for a field that none of the messages has."""
     zero, at_once = log.zero_ns, rows_at_once(log, tables)
-    columns = _columns(tables, asked.fields)
+    # The columns of each table: all if none is selected, otherwise the selected ones that it has.
+    if not asked.fields:
+        columns = [list(table.columns) for table in tables]
+    else:
+        found: list[list[str]] = [[] for _ in tables]
+        for name in asked.fields:
+            refusals = []
+            for table, names in zip(tables, found, strict=True):
+                try:
+                    names.append(column_named(table, name))
+                except LogError as error:
+                    refusals.append(error)
+            if len(refusals) == len(tables):
+                raise refusals[0]
+        columns = [list(dict.fromkeys(names)) for names in found]
     left = asked.limit
     layout: _Layout | None = None
     for batch in merge_rows(tables, *asked.span_ns, asked.condition, zero, at_once, raw=asked.raw):
@@ -191,20 +205,3 @@ class _Json:
             for since_ns, *row in zip(stretch.since_ns.tolist(), *columns, strict=True)
         )
         return [json.dumps(row, allow_nan=False, ensure_ascii=False) + "\n" for row in rows]
-
-
-def _columns(tables: Sequence[Table], wanted: Sequence[str]) -> list[list[str]]:
-    """Return the columns of each table: all if none is selected, otherwise the selected ones that it has."""
-    if not wanted:
-        return [list(table.columns) for table in tables]
-    found: list[list[str]] = [[] for _ in tables]
-    for name in wanted:
-        refusals = []
-        for table, names in zip(tables, found, strict=True):
-            try:
-                names.append(column_named(table, name))
-            except LogError as error:
-                refusals.append(error)
-        if len(refusals) == len(tables):
-            raise refusals[0]
-    return [list(dict.fromkeys(names)) for names in found]

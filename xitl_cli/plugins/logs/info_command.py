@@ -21,7 +21,27 @@ _TIME = {
 
 
 def summary_lines(summary: Summary, *, every_field: bool = False) -> Iterator[str]:
-    told = list(_told(summary))
+    told: list[tuple[str, str]] = []
+    health = summary.health
+    told.append(
+        ("format", f"{FORMAT_NAMES[summary.format]}, {_size(health.size_bytes)}, {plural(health.records, 'record')}")
+    )
+    if summary.span_s is None:
+        told.append(("time", "no row has a time stamp"))
+    else:
+        begin, end = summary.span_s
+        told.append(("time", f"{begin:.3f} to {end:.3f} s ({duration_text(end - begin)}) {_TIME[summary.base]}"))
+    if summary.start_utc is not None:
+        told.append(("start", f"{summary.start_utc} UTC"))
+    if vehicle := _vehicle(summary):
+        told.append(("vehicle", vehicle))
+    told.extend(summary.facts.items())
+    told.append(("health", "; ".join(["degraded" if health.degraded else "whole", *damage_sentences(health)])))
+    if health.degraded:
+        for each in health.damage[:_PLACES]:
+            told.append(("", f"at byte {each.place}: {each.why}, {plural(each.lost, 'byte')} lost"))
+        if health.damaged > _PLACES:
+            told.append(("", f"and {health.damaged - _PLACES} more places; --json lists the first 1000"))
     width = max(len(label) for label, _ in told) + 2
     yield printable(str(summary.path))
     for label, text in told:
@@ -34,27 +54,6 @@ def summary_lines(summary: Summary, *, every_field: bool = False) -> Iterator[st
         )
     yield ""
     yield from _messages(summary.messages, every_field)
-
-
-def _told(summary: Summary) -> Iterator[tuple[str, str]]:
-    health = summary.health
-    yield "format", f"{FORMAT_NAMES[summary.format]}, {_size(health.size_bytes)}, {plural(health.records, 'record')}"
-    if summary.span_s is None:
-        yield "time", "no row has a time stamp"
-    else:
-        begin, end = summary.span_s
-        yield "time", f"{begin:.3f} to {end:.3f} s ({duration_text(end - begin)}) {_TIME[summary.base]}"
-    if summary.start_utc is not None:
-        yield "start", f"{summary.start_utc} UTC"
-    if vehicle := _vehicle(summary):
-        yield "vehicle", vehicle
-    yield from summary.facts.items()
-    yield "health", "; ".join(["degraded" if health.degraded else "whole", *damage_sentences(health)])
-    if health.degraded:
-        for each in health.damage[:_PLACES]:
-            yield "", f"at byte {each.place}: {each.why}, {plural(each.lost, 'byte')} lost"
-        if health.damaged > _PLACES:
-            yield "", f"and {health.damaged - _PLACES} more places; --json lists the first 1000"
 
 
 def _vehicle(summary: Summary) -> str:
@@ -79,7 +78,11 @@ def _messages(messages: tuple[MessageSummary, ...], every_field: bool) -> Iterat
     yield head.removesuffix("  fields") if every_field else head
     begin = len(head) - len("fields")
     for message in messages:
-        rate = "-" if message.rate_hz is None else _rate(message.rate_hz)
+        rate = (
+            "-"
+            if message.rate_hz is None
+            else (f"{message.rate_hz:.0f}" if message.rate_hz >= 1000 else f"{message.rate_hz:.3g}")
+        )
         instances = "-" if message.instances is None else str(message.instances)
         front = f"{printable(message.name):<{name_width}} {message.rows:>8} {rate:>8} {instances:>4}  "
         columns = message.columns or ()
@@ -117,10 +120,6 @@ def _fitting(names: list[str], width: int) -> str:
             return line
         names = names[:-1]
     return f"{len(shown.split())} fields"
-
-
-def _rate(rate_hz: float) -> str:
-    return f"{rate_hz:.0f}" if rate_hz >= 1000 else f"{rate_hz:.3g}"
 
 
 def _size(size_bytes: int) -> str:

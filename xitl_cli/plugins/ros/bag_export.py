@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.clocks.utc import in_utc, utc_offset
+from xitl_cli.logs.clocks.readings import in_utc, utc_offset
 from xitl_cli.logs.export.exporting import BagFormat, ExportResult, ExportSelection
 from xitl_cli.logs.export.mcap_export import TableMessages, type_names
 from xitl_cli.logs.model.log import Log

@@ -8,9 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from xitl_cli.logs.formats.mcap.cdr import CdrDecoder, Ros1Decoder
-from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
+from xitl_cli.logs.formats.mcap.container import PayloadBatch, RecordingLosses
 from xitl_cli.logs.formats.mcap.file import unit_from_name
-from xitl_cli.logs.formats.mcap.index import RecordingLosses
 from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, UndecodableError, doubtful_rows
 from xitl_cli.logs.model.log import Base, Log, LogHealth
 from xitl_cli.logs.model.table import Table

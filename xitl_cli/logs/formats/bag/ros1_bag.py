@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.bag.bag import BagLog, BagTopic
-from xitl_cli.logs.formats.mcap.chunks import PayloadBatch, join_payloads
-from xitl_cli.logs.formats.mcap.chunks import unpack as unpack_frames
+from xitl_cli.logs.formats.mcap.container import PayloadBatch, join_payloads
+from xitl_cli.logs.formats.mcap.container import unpack as unpack_frames
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Format
@@ -137,9 +137,23 @@ class Ros1Bag(BagLog):
             fields, place, size = found
             kind = fields.get(b"op", b"\0")[0]
             if kind == _CHUNK:
-                self._add_chunk(fields, place, size)
+                compression = fields.get(b"compression", b"").decode("ascii", "replace")
+                unpacked_size = _whole(fields.get(b"size", b""))
+                if compression not in ("none", "lz4", "bz2") or unpacked_size > _MOST_CHUNK:
+                    what = f"packed with {compression[:32]!r}" if unpacked_size <= _MOST_CHUNK else "larger than 1 GiB"
+                    self._losses.note(place, size, f"a chunk is {what}, which cannot be unpacked")
+                else:
+                    self._chunks.append(BagChunk(place, size, compression, unpacked_size, 0))
             elif kind == _INDEX:
-                self._add_index(fields, self._source.read(place, size))
+                # Add an index record to the chunk before it.
+                data = self._source.read(place, size)
+                if self._chunks and _whole(fields.get(b"ver", b"")) == 1 and b"conn" in fields:
+                    entries = np.frombuffer(data[: len(data) - len(data) % _TIME.itemsize], dtype=_TIME)
+                    entries = entries[np.argsort(entries["offset"], kind="stable")]
+                    stamp_ns = entries["sec"].astype(np.int64) * 1_000_000_000 + entries["nsec"]
+                    chunk = self._chunks[-1]
+                    chunk.rows[_whole(fields[b"conn"])] = BagRows(stamp_ns, entries["offset"].astype(np.int64))
+                    chunk.indexed = True
             elif kind == _CONNECTION and size <= _MOST_DEFINITION:
                 self._add_connection(fields, self._source.read(place, size))
             elif kind == _BAG_HEADER:
@@ -179,26 +193,6 @@ class Ros1Bag(BagLog):
                         return low + found - before
                 found = data.find(b"compression=", found + 1)
         return None
-
-    def _add_chunk(self, fields: Fields, place: int, size: int) -> None:
-        compression = fields.get(b"compression", b"").decode("ascii", "replace")
-        unpacked_size = _whole(fields.get(b"size", b""))
-        if compression not in ("none", "lz4", "bz2") or unpacked_size > _MOST_CHUNK:
-            what = f"packed with {compression[:32]!r}" if unpacked_size <= _MOST_CHUNK else "larger than 1 GiB"
-            self._losses.note(place, size, f"a chunk is {what}, which cannot be unpacked")
-            return
-        self._chunks.append(BagChunk(place, size, compression, unpacked_size, 0))
-
-    def _add_index(self, fields: Fields, data: bytes) -> None:
-        """Add an index record to the chunk before it."""
-        if not self._chunks or _whole(fields.get(b"ver", b"")) != 1 or b"conn" not in fields:
-            return
-        entries = np.frombuffer(data[: len(data) - len(data) % _TIME.itemsize], dtype=_TIME)
-        entries = entries[np.argsort(entries["offset"], kind="stable")]
-        stamp_ns = entries["sec"].astype(np.int64) * 1_000_000_000 + entries["nsec"]
-        chunk = self._chunks[-1]
-        chunk.rows[_whole(fields[b"conn"])] = BagRows(stamp_ns, entries["offset"].astype(np.int64))
-        chunk.indexed = True
 
     def _add_connection(self, fields: Fields, data: bytes) -> None:
         number, about = _whole(fields.get(b"conn", b"")), parse_fields(data, len(data))

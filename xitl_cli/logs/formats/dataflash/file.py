@@ -12,9 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.dataflash.definitions import Meaning, Measure, RecordDefinition, measures
-from xitl_cli.logs.formats.dataflash.index import RecordIndex, index_records
-from xitl_cli.logs.formats.dataflash.records import Bytes
+from xitl_cli.logs.formats.dataflash.records import (
+    Bytes,
+    Meaning,
+    Measure,
+    RecordDefinition,
+    RecordIndex,
+    index_records,
+    measures,
+)
 from xitl_cli.logs.formats.dataflash.table import (
     DataFlashTable,
     DefinitionRows,

@@ -19,16 +19,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.dataflash.definitions import (
+from xitl_cli.logs.formats.dataflash.records import (
     HEAD_BYTES,
     NOTHING,
     TEXT,
+    Bytes,
+    Forget,
     Meaning,
     Measure,
+    Places,
     RecordDefinition,
     RecordField,
+    u64_at,
 )
-from xitl_cli.logs.formats.dataflash.records import Bytes, Forget, Places, u64_at
 from xitl_cli.logs.model.table import ALL, Column, Kind, Rows, Table, steps_back
 
 FAR_NS = 10_000_000_000

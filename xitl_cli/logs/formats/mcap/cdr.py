@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
+from xitl_cli.logs.formats.mcap.container import PayloadBatch
 from xitl_cli.logs.formats.mcap.table import (
     MOST_ELEMENTS,
     MOST_LEAVES,
@@ -98,7 +98,9 @@ def definition(name: str, text: bytes) -> CdrStruct:
             types |= get_types_from_msg(fields, full_name)
         except Exception as error:  # the exceptions of an external parser on invalid input cannot be listed
             raise UndecodableError("its definition cannot be read") from error
-    root = _tree(_normal(name), types, {}, 0)
+    # Normalise a type name: package/Type and package/msg/Type are the same.
+    parts = name.split("/")
+    root = _tree("/".join((parts[0], "msg", parts[-1])) if len(parts) == 2 else name, types, {}, 0)
     if not isinstance(root, CdrStruct):
         root = CdrStruct((("sec", _number("int32")), ("nanosec", _number("uint32"))))
     return root
@@ -123,12 +125,6 @@ def _pieces(name: str, text: str) -> list[tuple[str, str]]:
             raise UndecodableError("its definition cannot be read")
         pieces.append((name, "".join(fields)))
     return pieces
-
-
-def _normal(name: str) -> str:
-    """Normalise a type name: package/Type and package/msg/Type are the same."""
-    parts = name.split("/")
-    return "/".join((parts[0], "msg", parts[-1])) if len(parts) == 2 else name
 
 
 def _tree(name: str, types: dict[str, Any], known: dict[str, CdrNode], depth: int) -> CdrNode:
@@ -403,17 +399,15 @@ class TextLeaf(CdrLeaf):
         for stored in self.slices(rows, self._count, self._wide or 1):
             text = known.get(stored)
             if text is None:
-                text = self._decoded(stored)
+                if not self._wide:
+                    text = stored[: len(stored) - self._nul].decode("utf-8", "replace")
+                else:
+                    units = np.frombuffer(stored, dtype=f"{self._order}u{self._wide}").astype("<u2")
+                    text = units.tobytes().decode("utf-16-le", "replace")
                 if len(known) < _KNOWN_TEXTS:
                     known[stored] = text
             texts.append(text)
         return texts
-
-    def _decoded(self, stored: bytes) -> str:
-        if not self._wide:
-            return stored[: len(stored) - self._nul].decode("utf-8", "replace")
-        units = np.frombuffer(stored, dtype=f"{self._order}u{self._wide}").astype("<u2")
-        return units.tobytes().decode("utf-16-le", "replace")
 
 
 _ORDERS = {0: ">", 1: "<"}
@@ -521,20 +515,25 @@ class _Reading:
             for number, (field, child) in enumerate(node.fields):
                 self.walk(child, f"{name}.{field}" if name else field, emit, last and number == len(node.fields) - 1)
         elif isinstance(node, CdrText):
-            self._text(node, name, emit)
+            count = self._length()
+            if node.wide and not self.wide:
+                self.wide = self._width(count)
+            count = self._advance_by(1, count, self.wide if node.wide else 1)
+            if emit:
+                wide = self.wide if node.wide else 0
+                self.leaves[name] = TextLeaf(self.batch, self._taken, count, wide, self.order, self.form.nul)
         elif isinstance(node.element, CdrNumber):
-            self._numbers(node.element, node.count, name, emit)
+            counts = self._length() if node.count is None else node.count
+            counts = self._advance_by(node.element.size, counts, node.element.size)
+            if emit:
+                if node.element.octet and node.count is None:
+                    self.leaves[name] = BytesLeaf(self.batch, self._taken, counts)
+                else:
+                    self.leaves[name] = ArrayLeaf(
+                        self.batch, self._taken, counts, np.dtype(self.order + node.element.code), self.good
+                    )
         else:
             self._elements(node.element, node.count, name, emit, last)
-
-    def _text(self, node: CdrText, name: str, emit: bool) -> None:
-        count = self._length()
-        if node.wide and not self.wide:
-            self.wide = self._width(count)
-        count = self._advance_by(1, count, self.wide if node.wide else 1)
-        if emit:
-            wide = self.wide if node.wide else 0
-            self.leaves[name] = TextLeaf(self.batch, self._taken, count, wide, self.order, self.form.nul)
 
     def _width(self, count: Place) -> int:
         """Bytes of a wide character: some writers use 4, some 2. Only a text of two or more characters shows the
@@ -549,18 +548,6 @@ class _Reading:
                 return 2
             return 4 if (np.frombuffer(data, dtype=f"{self.order}u4") < 1 << 16).all() else 2
         return 0 if np.all(counts == 0) else 4
-
-    def _numbers(self, element: CdrNumber, count: int | None, name: str, emit: bool) -> None:
-        counts = self._length() if count is None else count
-        counts = self._advance_by(element.size, counts, element.size)
-        if not emit:
-            return
-        if element.octet and count is None:
-            self.leaves[name] = BytesLeaf(self.batch, self._taken, counts)
-        else:
-            self.leaves[name] = ArrayLeaf(
-                self.batch, self._taken, counts, np.dtype(self.order + element.code), self.good
-            )
 
     def _elements(self, element: CdrNode, count: int | None, name: str, emit: bool, last: bool) -> None:
         counts = self._length() if count is None else count
@@ -594,7 +581,11 @@ class _Reading:
             if active.all():
                 self.walk(element, "", False, False)
                 continue
-            inner = self._of(active)
+            # Reading of some of the messages, from the position of the cursor.
+            every = np.ones(int(active.sum()), dtype=np.bool_)
+            inner = _Reading(self.batch.rows(active), every, self.form, self.order, self.wide)
+            inner._cursor = self._cursor if isinstance(self._cursor, int) else self._cursor[active]
+            inner._steps = self._steps
             try:
                 inner.walk(element, "", False, False)
             except _NoneLeftError:
@@ -608,14 +599,6 @@ class _Reading:
                 bad[np.flatnonzero(active)[~inner.good]] = True
                 self._drop(bad)
                 self._cursor = self._patched(self._cursor)
-
-    def _of(self, active: NDArray[np.bool_]) -> _Reading:
-        """Reading of some of the messages, from the position of the cursor."""
-        every = np.ones(int(active.sum()), dtype=np.bool_)
-        inner = _Reading(self.batch.rows(active), every, self.form, self.order, self.wide)
-        inner._cursor = self._cursor if isinstance(self._cursor, int) else self._cursor[active]
-        inner._steps = self._steps
-        return inner
 
     def _length(self) -> Place:
         self._advance(4, 4)

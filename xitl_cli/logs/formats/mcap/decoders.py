@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
+from xitl_cli.logs.formats.mcap.container import PayloadBatch
 from xitl_cli.logs.formats.mcap.table import (
     MOST_ELEMENTS,
     MOST_LEAVES,

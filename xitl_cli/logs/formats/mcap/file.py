@@ -11,12 +11,20 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap import records
-from xitl_cli.logs.formats.mcap.chunks import Chunks, batches
-from xitl_cli.logs.formats.mcap.index import RecordingIndex, RecordingLosses, from_summary, has_footer
-from xitl_cli.logs.formats.mcap.records import ChannelRecord, SchemaRecord
+from xitl_cli.logs.formats.mcap import container
+from xitl_cli.logs.formats.mcap.container import (
+    ChannelRecord,
+    Chunks,
+    RecordingIndex,
+    RecordingLosses,
+    SchemaRecord,
+    Walk,
+    batches,
+    between,
+    from_summary,
+    has_footer,
+)
 from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, UndecodableError, doubtful_rows
-from xitl_cli.logs.formats.mcap.walk import Walk, between
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
@@ -57,7 +65,7 @@ class McapLog(Log):
         self._vessel = vessel
         self._source = FileReader(path)
         try:
-            if self._source.read(0, len(records.MAGIC)) != records.MAGIC:
+            if self._source.read(0, len(container.MAGIC)) != container.MAGIC:
                 raise LogError(f"{path}: is no MCAP file; give a recording that begins with the letters MCAP")
             self._open()
         except BaseException:
@@ -71,11 +79,11 @@ class McapLog(Log):
         self._chunks = Chunks(self._source, index)
         walk = Walk(self._source, index, self._chunks, counting=summary is None)
         if summary is not None:
-            for begin, end in list(between(list(index.chunks), len(records.MAGIC), self._source.size)):
+            for begin, end in list(between(list(index.chunks), len(container.MAGIC), self._source.size)):
                 walk.read_range(begin, end)
             index.settle(self._source.size)
         else:
-            walk.read_range(len(records.MAGIC), self._source.size)
+            walk.read_range(len(container.MAGIC), self._source.size)
         if self._vessel and self._vessel not in self.vessels:
             there = ", ".join(self.vessels)
             raise LogError(

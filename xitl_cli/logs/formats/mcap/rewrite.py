@@ -20,10 +20,18 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap import records
-from xitl_cli.logs.formats.mcap.chunks import MESSAGE_OVERHEAD, ChunkContent, Chunks
-from xitl_cli.logs.formats.mcap.index import Chunk, RecordingIndex
-from xitl_cli.logs.formats.mcap.records import AttachmentRecord, ChannelRecord, OtherRecord, SchemaRecord
+from xitl_cli.logs.formats.mcap import container
+from xitl_cli.logs.formats.mcap.container import (
+    MESSAGE_OVERHEAD,
+    AttachmentRecord,
+    ChannelRecord,
+    Chunk,
+    ChunkContent,
+    Chunks,
+    OtherRecord,
+    RecordingIndex,
+    SchemaRecord,
+)
 from xitl_cli.logs.model.file_bytes import FileReader
 
 _PIECE = 16 << 20
@@ -110,7 +118,7 @@ class _Writer:
         self._attachment_indexes: list[written.AttachmentIndex] = []
         self._metadata_indexes: list[written.MetadataIndex] = []
         self._done = Rewritten()
-        self._put(records.MAGIC)
+        self._put(container.MAGIC)
         self._write(written.Header(index.profile, index.library))
 
     def chunk(self, chunk: Chunk) -> None:
@@ -203,7 +211,7 @@ class _Writer:
         summary = b"".join([*groups, *map(_bytes, offsets)])
         footer = _bytes(written.Footer(begin, at, 0))[:-4]
         self._put(summary + footer)
-        self._put(zlib.crc32(summary + footer).to_bytes(4, "little") + records.MAGIC)
+        self._put(zlib.crc32(summary + footer).to_bytes(4, "little") + container.MAGIC)
         return done
 
     def _is_whole(self, chunk: Chunk, content: ChunkContent) -> bool:
@@ -240,7 +248,11 @@ class _Writer:
         self, packed: bytes, data: bytes, compression: str, channel: NDArray[np.uint16], offsets: NDArray[np.int64]
     ) -> None:
         """Write a chunk and the indexes of its messages, which begin at `offsets` in `data`."""
-        stamp_ns = _log_times(data, offsets)
+        if not len(offsets):
+            stamp_ns = np.zeros(0, dtype=np.uint64)
+        else:
+            anywhere: NDArray[np.uint64] = np.ndarray((len(data) - 7,), "<u8", data, strides=(1,))
+            stamp_ns = anywhere[offsets + _LOG_TIME]
         first, last = (int(stamp_ns.min()), int(stamp_ns.max())) if len(stamp_ns) else (0, 0)
         if len(stamp_ns):
             span = self._span or (first, last)
@@ -253,7 +265,7 @@ class _Writer:
             places[number] = self._at
             own = channel == number
             pairs = np.stack([stamp_ns[own], offsets[own].astype(np.uint64)], axis=1).astype("<u8").tobytes()
-            head = records.HEAD.pack(records.MESSAGE_INDEX, 6 + len(pairs)) + struct.pack("<HI", number, len(pairs))
+            head = container.HEAD.pack(container.MESSAGE_INDEX, 6 + len(pairs)) + struct.pack("<HI", number, len(pairs))
             self._put(head + pairs)
         self._chunk_indexes.append(
             written.ChunkIndex(
@@ -306,10 +318,3 @@ def _messages(data: bytes, content: ChunkContent, known: NDArray[np.bool_]) -> t
     view = memoryview(data)
     kept = [view[at : at + each] for at, each in zip(begin.tolist(), size.tolist(), strict=True)]
     return b"".join(kept), np.cumsum(size) - size
-
-
-def _log_times(data: bytes, offsets: NDArray[np.int64]) -> NDArray[np.uint64]:
-    if not len(offsets):
-        return np.zeros(0, dtype=np.uint64)
-    anywhere: NDArray[np.uint64] = np.ndarray((len(data) - 7,), "<u8", data, strides=(1,))
-    return anywhere[offsets + _LOG_TIME]

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
+from xitl_cli.logs.formats.mcap.container import PayloadBatch
 from xitl_cli.logs.model.table import ALL, Column, Kind, Rows, Table, steps_back
 
 MOST_ELEMENTS = 32
@@ -127,7 +127,19 @@ class Shapes:
         """One column of all parts, each with its wanted rows."""
         shape = self._shapes[column.name]
         if column.kind == "number":
-            return _numbers(column, shape, parts)
+            blocks: list[NDArray[Any]] = []
+            width = () if shape.lengths is None else (shape.lengths[1],)
+            for leaves, rows in parts:
+                leaf = leaves.get(column.name)
+                if leaf is None:
+                    blocks.append(np.full((len(rows), *width), np.nan))
+                elif width:
+                    blocks.append(leaf.arrays(rows, width[0]))
+                else:
+                    blocks.append(np.asarray(leaf.values(rows)))
+            if blocks:
+                return np.concatenate(blocks)
+            return np.zeros((0, *width), dtype=np.float64 if column.shape == (-1,) else shape.dtype)
         values: list[Any] = []
         for leaves, rows in parts:
             values += _objects(column, shape, leaves.get(column.name), rows)
@@ -155,22 +167,6 @@ def _column(name: str, shape: Shape, rows: int) -> Column:
     if longest > MOST_NUMBERS or (shortest < longest and 8 * longest * rows > _MOST_PADDED_BYTES):
         return Column(name, kind="bytes")
     return Column(name, shape.unit, shape.unit, shape=(longest if shortest == longest else -1,))
-
-
-def _numbers(column: Column, shape: Shape, parts: Iterable[tuple[Mapping[str, Leaf], RowNumbers]]) -> NDArray[Any]:
-    blocks: list[NDArray[Any]] = []
-    width = () if shape.lengths is None else (shape.lengths[1],)
-    for leaves, rows in parts:
-        leaf = leaves.get(column.name)
-        if leaf is None:
-            blocks.append(np.full((len(rows), *width), np.nan))
-        elif width:
-            blocks.append(leaf.arrays(rows, width[0]))
-        else:
-            blocks.append(np.asarray(leaf.values(rows)))
-    if blocks:
-        return np.concatenate(blocks)
-    return np.zeros((0, *width), dtype=np.float64 if column.shape == (-1,) else shape.dtype)
 
 
 def _objects(column: Column, shape: Shape, leaf: Leaf | None, rows: RowNumbers) -> Sequence[Any]:
@@ -352,7 +348,22 @@ class TopicTable(Table):
         order = None
         if len(wanted) > 1 and not (np.diff(wanted) > 0).all():
             wanted, order = np.unique(wanted, return_inverse=True)
-        values = self._plain(seen, column)
+        # A column of one number per row, if messages are not kept: all such columns are read at once, and
+        # cached.
+        if seen.kept is not None:
+            values = None
+        else:
+            if self._plains is None:
+                names = [name for name, one in seen.columns.items() if one.kind == "number" and one.shape == ()]
+                names = names[: _PLAIN_BYTES // (8 * max(len(seen.stamp_ns), 1))]
+                blocks: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
+                every = np.arange(len(seen.stamp_ns), dtype=np.intp)
+                if column in names:
+                    for leaves, rows in self._parts(seen, None, every):
+                        for name, block in blocks.items():
+                            block.append(seen.shapes.values(seen.columns[name], [(leaves, rows)]))
+                    self._plains = {name: np.concatenate(block) for name, block in blocks.items()}
+            values = None if self._plains is None else self._plains.get(column)
         if values is not None:
             return values[wanted if order is None else wanted[order]]
         values = seen.shapes.values(described, self._parts(seen, column, wanted))
@@ -363,22 +374,6 @@ class TopicTable(Table):
         for batch in self._batches():
             for row in range(len(batch)):
                 yield batch.payload(row)
-
-    def _plain(self, seen: TopicSurvey, column: str) -> NDArray[Any] | None:
-        """A column of one number per row, if messages are not kept: all such columns are read at once, and cached."""
-        if seen.kept is not None:
-            return None
-        if self._plains is None:
-            names = [name for name, one in seen.columns.items() if one.kind == "number" and one.shape == ()]
-            names = names[: _PLAIN_BYTES // (8 * max(len(seen.stamp_ns), 1))]
-            blocks: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
-            every = np.arange(len(seen.stamp_ns), dtype=np.intp)
-            if column in names:
-                for leaves, rows in self._parts(seen, None, every):
-                    for name, block in blocks.items():
-                        block.append(seen.shapes.values(seen.columns[name], [(leaves, rows)]))
-                self._plains = {name: np.concatenate(block) for name, block in blocks.items()}
-        return None if self._plains is None else self._plains.get(column)
 
     def survey(self) -> TopicSurvey:
         """Read all messages once."""

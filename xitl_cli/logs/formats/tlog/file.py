@@ -103,9 +103,22 @@ class _Walk:
     losses: Losses = field(default_factory=Losses)
 
     def block(self, low: int, high: int) -> None:
-        block = _block(self.data, low, high)
+        could = np.flatnonzero((self.data[low:high] - np.uint8(MAGIC_2)) < np.uint8(2)) + low
+        third = self.data[np.minimum(could + 2, len(self.data) - 1)]
+        could = could[(self.data[could] == MAGIC_1) | (third <= SIGNED)]  # in MAVLink 2 they are flags
+        frames = parse_headers(self.data, could)
+        place_of = np.full(high - low, _BREAKS, dtype=np.int32)
+        place_of[could - low] = np.arange(len(could), dtype=np.int32)
+        after = could + frames.size + STAMP_BYTES
+        inside = after < high
+        following = np.full(len(could), _LEAVES, dtype=np.int32)
+        following[inside] = place_of[after[inside] - low]
+        following[~frames.readable] = _BREAKS
+        block = _Block(low, high, frames, place_of, following)
         if not len(block.frames.start):
-            self._nothing_before(high)
+            if self.expected + STAMP_BYTES < high:
+                self.gap = self.expected if self.gap is None else self.gap
+                self.expected = high
             return
         if self.gap is None and self._chained(block):
             return
@@ -128,7 +141,29 @@ class _Walk:
 
     def _chained(self, block: _Block) -> bool:
         """Add the frames of the block one after the other. If any is doubtful, add none and return False."""
-        taken = _chain(block.following, block.at(self.expected + STAMP_BYTES))
+        # `first` and all frames that follow, until they leave the block; None if the chain breaks. The
+        # chain is followed in strides of 2^_DOUBLINGS, which are then filled in.
+        first = block.at(self.expected + STAMP_BYTES)
+        count = len(block.following)
+        leaves, breaks = count, count + 1
+        step = np.concatenate([block.following, np.array([leaves, breaks], dtype=np.int32)]).astype(np.intp)
+        step[step == _LEAVES], step[step == _BREAKS] = leaves, breaks
+        steps = [step]
+        for _ in range(_DOUBLINGS):
+            steps.append(steps[-1][steps[-1]])
+        stride = steps.pop().tolist()
+        one = {_LEAVES: leaves, _BREAKS: breaks}.get(first, first)
+        strides = []
+        while one < count:
+            strides.append(one)
+            one = stride[one]
+        if one == breaks:
+            taken = None
+        else:
+            chain = np.array(strides, dtype=np.intp)
+            for step in reversed(steps):
+                chain = np.stack([chain, step[chain]], axis=1).ravel()
+            taken = chain[chain < count]
         if taken is None:
             return False
         frames = block.frames.select(taken)
@@ -156,7 +191,23 @@ class _Walk:
             if one == _LEAVES:
                 break
             if self.gap is not None or one == _BREAKS or not (is_good[one] or (is_followed[one] and readable[one])):
-                one = self._resumed(block, sure, sure_starts)
+                # Next frame that can be trusted; notes the gap before it. _LEAVES if the block has
+                # none.
+                gap = self.expected if self.gap is None else self.gap
+                found = bisect_left(sure_starts, max(self.expected, block.low))
+                if found == len(sure_starts):
+                    self.gap = gap
+                    self.expected = max(self.expected, block.high)
+                    one = _LEAVES
+                else:
+                    start = sure_starts[found]
+                    if start - STAMP_BYTES < gap:
+                        self.stampless.append(start)
+                        self.losses.note(gap, start - gap, "its time stamp is cut short")
+                    else:
+                        self.losses.note(gap, start - STAMP_BYTES - gap, "no frame that checks out begins here")
+                    self.gap = None
+                    one = int(sure[found])
                 if one == _LEAVES:
                     break
             elif not (is_good[one] or is_unknown[one]):
@@ -169,23 +220,6 @@ class _Walk:
                 break
         frames = block.frames.select(np.array(taken, dtype=np.intp))
         self._take(frames, unknown[np.array(taken, dtype=np.intp)])
-
-    def _resumed(self, block: _Block, sure: NDArray[np.intp], sure_starts: list[int]) -> int:
-        """Next frame that can be trusted; notes the gap before it. _LEAVES if the block has none."""
-        gap = self.expected if self.gap is None else self.gap
-        found = bisect_left(sure_starts, max(self.expected, block.low))
-        if found == len(sure_starts):
-            self.gap = gap
-            self.expected = max(self.expected, block.high)
-            return _LEAVES
-        start = sure_starts[found]
-        if start - STAMP_BYTES < gap:
-            self.stampless.append(start)
-            self.losses.note(gap, start - gap, "its time stamp is cut short")
-        else:
-            self.losses.note(gap, start - STAMP_BYTES - gap, "no frame that checks out begins here")
-        self.gap = None
-        return int(sure[found])
 
     def _near(self, block: _Block) -> NDArray[np.bool_]:
         """Whether the possible stamp before each frame is within days of the last valid stamp."""
@@ -211,11 +245,6 @@ class _Walk:
             stamp_us = int(self._stamps(frames.start[known[-1:]])[0])
             self.stamp_us = min(stamp_us, 2**62)
 
-    def _nothing_before(self, high: int) -> None:
-        if self.expected + STAMP_BYTES < high:
-            self.gap = self.expected if self.gap is None else self.gap
-            self.expected = high
-
     def _tail(self) -> None:
         """Count a last record that was cut off. Other remaining bytes are damage."""
         begin = self.expected if self.gap is None else self.gap
@@ -228,53 +257,12 @@ class _Walk:
             self.losses.note(begin, left, "no frame that checks out begins here")
 
 
-def _chain(following: NDArray[np.int32], first: int) -> NDArray[np.intp] | None:
-    """`first` and all frames that follow, until they leave the block; None if the chain breaks.
-
-    The chain is followed in strides of 2^_DOUBLINGS, which are then filled in.
-    """
-    count = len(following)
-    leaves, breaks = count, count + 1
-    step = np.concatenate([following, np.array([leaves, breaks], dtype=np.int32)]).astype(np.intp)
-    step[step == _LEAVES], step[step == _BREAKS] = leaves, breaks
-    steps = [step]
-    for _ in range(_DOUBLINGS):
-        steps.append(steps[-1][steps[-1]])
-    stride = steps.pop().tolist()
-    one = {_LEAVES: leaves, _BREAKS: breaks}.get(first, first)
-    strides = []
-    while one < count:
-        strides.append(one)
-        one = stride[one]
-    if one == breaks:
-        return None
-    chain = np.array(strides, dtype=np.intp)
-    for step in reversed(steps):
-        chain = np.stack([chain, step[chain]], axis=1).ravel()
-    return chain[chain < count]
-
-
 def _could_go_on(tail: NDArray[np.uint8]) -> bool:
     """Whether these bytes can begin a record."""
     if len(tail) <= STAMP_BYTES + 2:
         return len(tail) <= STAMP_BYTES or int(tail[STAMP_BYTES]) in (MAGIC_1, MAGIC_2)
     frames = parse_headers(tail, np.array([STAMP_BYTES]))
     return int(tail[STAMP_BYTES]) in (MAGIC_1, MAGIC_2) and int(frames.size[0]) > len(tail) - STAMP_BYTES
-
-
-def _block(data: NDArray[np.uint8], low: int, high: int) -> _Block:
-    could = np.flatnonzero((data[low:high] - np.uint8(MAGIC_2)) < np.uint8(2)) + low
-    third = data[np.minimum(could + 2, len(data) - 1)]
-    could = could[(data[could] == MAGIC_1) | (third <= SIGNED)]  # in MAVLink 2 they are flags
-    frames = parse_headers(data, could)
-    place_of = np.full(high - low, _BREAKS, dtype=np.int32)
-    place_of[could - low] = np.arange(len(could), dtype=np.int32)
-    after = could + frames.size + STAMP_BYTES
-    inside = after < high
-    following = np.full(len(could), _LEAVES, dtype=np.int32)
-    following[inside] = place_of[after[inside] - low]
-    following[~frames.readable] = _BREAKS
-    return _Block(low, high, frames, place_of, following)
 
 
 _FIRST_YEAR_US, _LAST_YEAR_US = 978_307_200_000_000, 4_102_444_800_000_000  # 2001 and 2100
@@ -302,17 +290,32 @@ class TelemetryLog(Log):
         self._tables: Mapping[str, Table] = tables_by_message(
             "", data, found.start, found.kind, self._stamp_ns, found.start
         )
+        # Unknown messages: the most frequent by number, the others summed, because damage can produce any
+        # number once.
+        ordered = sorted(found.unknown.items(), key=lambda item: -item[1])
+        listed, others = ordered[:_LISTED_UNKNOWN], ordered[_LISTED_UNKNOWN:]
+        reasons = {f"message {number}": (count, "no dialect here has it") for number, count in listed}
+        if others:
+            reasons["further messages"] = (
+                sum(count for _, count in others),
+                f"{len(others)} other numbers that no dialect here has",
+            )
         self._health = found.losses.health(
             len(data),
             len(found.start) + sum(found.unknown.values()),
             back_in_time=sum(steps_back(table.stamp_ns) for table in self._tables.values()),
             replaced_stamps=replaced,
-            undecoded=_undecoded(found.unknown),
+            undecoded=reasons,
         )
 
     @cached_property
     def base(self) -> Base:
-        return "utc" if _plausible(self._stamp_ns // 1000) else "unknown"
+        stamp_us = self._stamp_ns // 1000
+        return (
+            "utc"
+            if (bool(len(stamp_us)) and _FIRST_YEAR_US <= float(np.median(stamp_us)) <= _LAST_YEAR_US)
+            else "unknown"
+        )
 
     @property
     def tables(self) -> Mapping[str, Table]:
@@ -368,20 +371,3 @@ def _strange(stamp_us: NDArray[np.int64]) -> NDArray[np.intp]:
     out_of_order = back[doubtful] | back[doubtful + 1]
     strange: NDArray[np.intp] = doubtful[(away > _DAY_US) | (out_of_order & (away > _MINUTE_US))]
     return strange
-
-
-def _undecoded(unknown: Mapping[int, int]) -> dict[str, tuple[int, str]]:
-    """Unknown messages: the most frequent by number, the others summed, because damage can produce any number once."""
-    ordered = sorted(unknown.items(), key=lambda item: -item[1])
-    listed, others = ordered[:_LISTED_UNKNOWN], ordered[_LISTED_UNKNOWN:]
-    reasons = {f"message {number}": (count, "no dialect here has it") for number, count in listed}
-    if others:
-        reasons["further messages"] = (
-            sum(count for _, count in others),
-            f"{len(others)} other numbers that no dialect here has",
-        )
-    return reasons
-
-
-def _plausible(stamp_us: NDArray[np.int64]) -> bool:
-    return bool(len(stamp_us)) and _FIRST_YEAR_US <= float(np.median(stamp_us)) <= _LAST_YEAR_US

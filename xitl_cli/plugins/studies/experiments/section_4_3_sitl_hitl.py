@@ -338,8 +338,8 @@ def _from(found: TimeSeries | None, begun_s: float | None) -> TimeSeries | None:
 
 def _events(log: Log) -> Iterator[tuple[float, str]]:
     """Yield arming, modes and events by name, in seconds of the log's clock."""
+    from xitl_cli.logs.model.codes import event_name
     from xitl_cli.logs.signals.states import event_rows
-    from xitl_cli.logs.tables.events import event_name
 
     yield from ((at_ns * 1e-9, event_name(number)) for at_ns, number in event_rows(log))
     yield from ((mode.from_ns * 1e-9, f"mode {mode.text}") for mode in signals.modes(log))
