@@ -10,7 +10,7 @@ import pytest
 
 from tests.recorded_run import recorded_run
 from xitl_cli.logs.analyses.actuation import analyse
-from xitl_cli.logs.analyses.actuator_faults import RATE_HZ, VesselMotion, actuator_faults
+from xitl_cli.logs.analyses.actuator_faults import RATE_HZ, VesselMotion, actuator_faults, unanswered_turns
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.sections import Finding
 
@@ -86,6 +86,8 @@ def scaled(output: int, share: float) -> Act:
     ("kind", "output", "size", "act", "rudder"),
     [
         ("stuck", 0, 0.8, set_to(0, 0.8), False),
+        ("thrust_loss", 0, 0.5, scaled(0, 0.5), False),
+        ("reversed", 0, 1.0, scaled(0, -1.0), False),
         ("stuck", 0, 0.4, set_to(0, 0.4), True),
     ],
 )
@@ -103,7 +105,31 @@ def test_a_fault_is_named_with_actuator_onset_end_and_size(
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("rudder", [False, True])
 def test_a_vessel_without_a_fault_has_none(rudder: bool, seed: int) -> None:
-    assert actuator_faults(sailed(as_commanded, 10 + seed, rudder=rudder)) == []
+    motion = sailed(as_commanded, 10 + seed, rudder=rudder)
+    assert actuator_faults(motion) == []
+    assert unanswered_turns(motion) == []
+
+
+def test_a_vessel_that_turns_against_its_commands_did_not_answer_them() -> None:
+    """Both propellers are exchanged: no fault of a single one explains it."""
+    motion = sailed(lambda at_s, commands: commands[::-1] if within(at_s) else commands, 5)
+    (turn,) = unanswered_turns(motion)
+    assert turn.from_ns / S == pytest.approx(FROM_S, abs=2.0)
+    assert turn.until_ns / S == pytest.approx(UNTIL_S, abs=2.0)
+    inside = (motion.stamp_ns >= turn.from_ns) & (motion.stamp_ns <= turn.until_ns)
+    assert turn.yaw_rate_radps == pytest.approx(motion.yaw_rate_radps[inside].mean(), rel=0.05)
+
+
+def test_a_propeller_that_is_stuck_at_its_command_has_an_uncertain_onset() -> None:
+    """It shows from the first change of the command on; the earliest onset is not later than the true one."""
+
+    def act(at_s: float, commands: np.ndarray) -> np.ndarray:
+        return np.array([0.5, commands[1]]) if within(at_s) else commands
+
+    calm = sailed(act, 6)
+    (fault,) = actuator_faults(calm)
+    earliest_ns, latest_ns = fault.began_ns or (fault.from_ns, fault.from_ns)
+    assert earliest_ns - 2.5 * S <= FROM_S * S <= latest_ns + 2.5 * S
 
 
 def test_a_small_loss_is_below_the_floor() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_log import MadeTable
 
-from xitl_cli.logs.analyses.sensor_departures import field_steps, gyro_steps, pressure_steps
+from xitl_cli.logs.analyses.sensor_departures import field_error, field_steps, gyro_steps, pressure_steps
 from xitl_cli.logs.signals.sensors import InertialUnit, SampleTimes, SensorKind, SensorSeries
 from xitl_cli.logs.signals.series import Series
 
@@ -109,3 +109,47 @@ def test_a_bias_of_the_gyroscope_is_measured_by_the_heading_of_the_compass(bias_
 def test_interference_of_the_compass_is_no_bias_of_the_gyroscope() -> None:
     off = compass((30.0, 66.5, 0.0), 60.0, 80.0)
     assert gyro_steps(unit(), level(), level(), off, field_steps(unit(), off)) == []
+
+
+def with_error(error: np.ndarray) -> SensorSeries:
+    """The compass with an error (N, 3) in body axes."""
+    right = compass((0.0, 0.0, 0.0), 0.0, 0.0)
+    return series("magnetometer", "mGauss", right.stamp_ns / S, right.values + error)
+
+
+def test_an_error_from_the_start_of_the_log_has_a_size() -> None:
+    error = field_error(unit(), compass((60.0, -45.0, 0.0), 0.0, END_S + 1.0), None)
+    assert error is not None
+    assert error.offset_mgauss == pytest.approx(np.array([60.0, -45.0]), abs=6.0)
+    assert not error.growth_mgauss_per_s.any()
+
+
+def test_an_error_that_grows_slowly_has_a_rate() -> None:
+    time_s = np.arange(0.0, END_S, 0.1)
+    error = field_error(unit(), with_error(np.outer(time_s / END_S, [0.0, 90.0, 0.0])), None)
+    assert error is not None
+    assert error.growth_mgauss_per_s * END_S == pytest.approx(np.array([0.0, 90.0]), abs=9.0)
+    assert not error.offset_mgauss.any()
+
+
+def test_an_error_that_follows_the_motors_is_their_current() -> None:
+    time_s = np.arange(0.0, END_S, 0.1)
+    drive = (0.6 + 0.3 * np.sin(0.7 * time_s)) ** 2
+    error = field_error(unit(), with_error(np.outer(drive, [70.0, 30.0, 20.0])), drive)
+    assert error is not None
+    assert error.drive_mgauss == pytest.approx(np.array([70.0, 30.0]), abs=8.0)
+    assert not error.offset_mgauss.any()
+    assert not error.growth_mgauss_per_s.any()
+
+
+def test_a_good_compass_has_no_lasting_error() -> None:
+    drive = (0.6 + 0.3 * np.sin(0.07 * np.arange(0.0, END_S, 0.1))) ** 2
+    error = field_error(unit(), compass((0.0, 0.0, 0.0), 0.0, 0.0), drive)
+    assert error is not None
+    assert not any(part.any() for part in (error.offset_mgauss, error.growth_mgauss_per_s, error.drive_mgauss))
+
+
+def test_a_bias_of_the_gyroscope_from_the_start_of_the_log_has_a_size() -> None:
+    (step,) = gyro_steps(unit(np.radians(2.0), 0.0), level(), level(), compass((0.0, 0.0, 0.0), 0.0, 0.0))
+    assert (step.from_ns, step.until_ns) == (0, None)
+    assert np.degrees(step.size) == pytest.approx(np.array([0.0, 0.0, 2.0]), abs=0.2)

@@ -1,8 +1,8 @@
-"""Faults of propellers and rudders, from the vessel's response to commands before and after.
+"""Faults of propellers and rudders, from the vessel's response to commands.
 
 The changes of yaw rate and surge speed over a second are fitted by least squares to the commands, to the motion and to
-wind and current. For each span, the rows outside it determine the model. The rows inside are then explained by the
-model alone, or by an actuator that lost thrust, turns against its command, or is stuck.
+wind and current. For each span, the same model is fitted with the commands of a faulty actuator inside of the span: it
+lost thrust, turns against its command, or is stuck. The fault is the one that improves the fit most.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.outputs import OutputChannel, driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
@@ -22,6 +23,7 @@ from xitl_cli.logs.signals import yaw, yaw_rate
 from xitl_cli.logs.signals.receivers import GnssReceiver, gnss_receivers, injected_receivers
 from xitl_cli.logs.signals.sensors import injected_units
 from xitl_cli.logs.signals.series import Series, make_series
+from xitl_cli.logs.signals.spans import runs
 from xitl_cli.logs.signals.states import parameter_values, vehicle_kind
 
 RATE_HZ = 5.0
@@ -31,24 +33,49 @@ _LAGS_S = (0.0, 0.2, 0.4, 0.8, 1.6)
 _FEWEST_ROWS = 100
 _LENGTHS_S = (10.0, 12.5, 15.0, 17.5, 20.0, 22.5, 25.0, 30.0, 35.0, 40.0, 50.0, 60.0)
 _MOST_SPANS = 2000
-_STUCK_AT = np.linspace(-1.0, 1.0, 21)
+_EVEN, _LINEAR, _ODD = range(3)
+"""Columns of a design."""
+_ASTERN_LESS, _ASTERN_SPREAD = 0.2, 0.2
+"""Part of the thrust of a command that does not change its sign with it, as share of the part that does. 0.2 is a
+propeller that gives two thirds of its thrust astern."""
+_SIZES: Mapping[str, Sequence[float]] = {
+    "thrust_loss": tuple(np.linspace(0.2, 1.0, 5)),
+    "reversed": (1.0,),
+    "stuck": tuple(np.linspace(-1.0, 1.0, 21)),
+}
+"""Sizes of each kind in the search."""
+_FEW_SIZES: Mapping[str, Sequence[float]] = {
+    "thrust_loss": (0.5, 1.0),
+    "reversed": (1.0,),
+    "stuck": (-0.9, -0.6, -0.3, 0.2, 0.5, 0.7, 0.9),
+}
+"""Those for the choice of a lag."""
+Spans = NDArray[np.intp]
 LEAST_GAIN, LEAST_STEERING_GAIN = 200.0, 100.0
-"""Least improvement of the fit in units of its variance, for a propeller and for a rudder or gear.
-
-It was chosen from 21 runs without such a fault. One of them reached 209 for eight seconds, which the shortest span
-excludes; the others reached 87. Ten further runs with other seeds reached at most 46.
-"""
+"""Least improvement of the fit in units of its variance, for a propeller and for a rudder or gear."""
 _SEARCHED_GAIN = 40.0
 _SHORTEST_NS = 10_000_000_000
+_BRIEF_S, _BRIEF_GAIN = 5.0, 2.0
+"""A shorter fault, of at least this length, needs this multiple of the improvement."""
+_SURE, _SURE_SHARE, _SHOWN = 12.0, 0.02, 1.0
+"""Effect that excludes an onset (in units of the variance of a row, and as share of the improvement by the fault), and
+least effect of a row that counts."""
+_LATE_ROWS, _SURE_ROWS = 12, 7
+"""Rows (0.4 s) without effect after which a fault has an onset that does not show, and that make an onset uncertain."""
 LEAST_LOSS = 0.25
 """Least share of lost thrust that is reported: wind and waves cause less."""
-_EXPLAINED = 0.5
 _MOST_FAULTS = 5
-_AS_GOOD = 0.05
-_AS_GOOD_REVERSED = 0.35  # it has no fitted size
-_AMBIGUOUS = 0.35
+_AS_GOOD = 0.9
+"""Share of the improvement of the best explanation that makes another one possible."""
 _PAUSE_NS = 10_000_000_000
-_ORDER = ("reversed", "thrust_loss", "stuck")
+_HANDICAPS = {"reversed": (0.0, 0.0), "thrust_loss": (20.0, 0.01), "stuck": (40.0, 0.05)}
+"""Improvement of the fit by which a kind must exceed one with less freedom: in units of its variance, and as share of
+the whole improvement."""
+
+
+_UNANSWERED_S, _UNANSWERED_MOMENT, _UNANSWERED_RADPS = 6.0, 0.3, 0.08
+_LASTING = 0.7
+"""Share of its turn rate that a vessel keeps if it does not follow a command against it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +112,9 @@ class ActuatorFault:
     turns: float
     """Sign of the yaw moment of a stuck actuator, positive to starboard."""
     gain: float
-    """Improvement of the fit."""
+    """Improvement of the fit, in units of its variance."""
+    began_ns: tuple[int, int] | None = None
+    """Earliest and latest onset if the commands do not determine it, as those of a stuck propeller at its speed."""
     other: ActuatorFault | None = None
     """Another kind of fault of this output that explains nearly as much: the commands do not distinguish them."""
 
@@ -97,14 +126,20 @@ def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
     motion = vessel_motion(log, driven)
     if motion is None:
         return
-    for fault in actuator_faults(motion):
+    faults = actuator_faults(motion)
+    for turn in unanswered_turns(motion):
+        if not any(
+            fault.from_ns < turn.until_ns and turn.from_ns < (fault.until_ns or turn.until_ns) for fault in faults
+        ):
+            yield _of_unanswered(turn, driven, clock)
+    for fault in faults:
         output = driven[fault.output]
         end_ns = fault.until_ns or int(motion.stamp_ns[-1])
         until = "the end of the log" if fault.until_ns is None else clock.text(fault.until_ns)
         yield Finding.warning(
             f"actuation.{fault.kind}",
             f"From {clock.text(fault.from_ns)} to {until} the vessel answers as if {output.name} "
-            f"{_as_if(fault, output)}{_or_as_if(fault, output)}",
+            f"{_as_if(fault, output)}{_or_as_if(fault, output)}{_began(fault, clock)}",
             (Evidence(*_message_and_field(output.series), fault.from_ns, end_ns, f"{fault.size:.2f}"),),
             "Look at this propeller or rudder, its gear, its motor and its wires; it did not do as commanded.",
         )
@@ -114,6 +149,25 @@ def _or_as_if(fault: ActuatorFault, output: OutputChannel) -> str:
     if fault.other is None:
         return ""
     return f", or {_as_if(fault.other, output)}: its commands varied too little to tell"
+
+
+def _of_unanswered(turn: UnansweredTurn, driven: Sequence[OutputChannel], clock: LogClock) -> Finding:
+    turned, commanded = ("starboard", "port") if turn.yaw_rate_radps > 0.0 else ("port", "starboard")
+    rate = f"{abs(np.degrees(turn.yaw_rate_radps)):.0f} deg/s"
+    return Finding.warning(
+        "actuation.unanswered",
+        f"From {clock.text(turn.from_ns)} to {clock.text(turn.until_ns)} the vessel did not answer its commands: it "
+        f"turned to {turned} at {rate} while they were to {commanded}",
+        tuple(Evidence(*_message_and_field(each.series), turn.from_ns, turn.until_ns, rate) for each in driven[:1]),
+        "Look at the propellers, rudders and their wires: is one reversed, without thrust or stuck?",
+    )
+
+
+def _began(fault: ActuatorFault, clock: LogClock) -> str:
+    if fault.began_ns is None:
+        return ""
+    earliest, latest = (clock.text(at_ns) for at_ns in fault.began_ns)
+    return f"; it began between {earliest} and {latest}, as its commands hardly differed from it in this time"
 
 
 def _as_if(fault: ActuatorFault, output: OutputChannel) -> str:
@@ -199,6 +253,8 @@ class _Fit:
 
     motion: VesselMotion
     commands: Floats
+    given_sides: Floats | None = None
+    """(P,) sides of the propellers; None if the motion determines them."""
 
     @cached_property
     def rows(self) -> Stamps:
@@ -210,32 +266,53 @@ class _Fit:
 
     @cached_property
     def sides(self) -> Floats:
-        """(P,) of the propellers: sign of the yaw moment of each when it drives ahead."""
+        """(P,) of the propellers: sign of the yaw moment of each when it drives ahead.
+
+        The moments of a symmetric vessel cancel. Their mean is therefore an error, such as that of a fault.
+        """
+        if self.given_sides is not None:
+            return self.given_sides
         motion = self.motion
         drives = self.commands[:, ~motion.steers]
         turning = motion.yaw_rate_radps
         design = self._means([np.ones(len(turning)), turning, *(drives * np.abs(drives)).T])
-        sides: Floats = np.sign(np.linalg.lstsq(design, self.changes[0], rcond=None)[0][2:])
+        moments = np.linalg.lstsq(design, self.changes[0], rcond=None)[0][2:]
+        sides: Floats = np.sign(moments - moments.mean())
         return sides
+
+    @cached_property
+    def turns(self) -> Floats:
+        """(A,) sign of the yaw moment of a positive command of each output."""
+        motion, turns = self.motion, np.zeros(self.commands.shape[1])
+        turns[~motion.steers] = self.sides
+        design = self._means([np.ones(len(self.commands)), motion.yaw_rate_radps, *self.commands[:, motion.steers].T])
+        turns[motion.steers] = np.sign(np.linalg.lstsq(design, self.changes[0], rcond=None)[0][2:])
+        return turns
 
     @cached_property
     def changes(self) -> tuple[Floats, Floats]:
         turning, surge = self.motion.yaw_rate_radps, self.motion.surge_mps
         return (turning[self.rows + _REACH] - turning[self.rows], surge[self.rows + _REACH] - surge[self.rows])
 
-    def designs(self, commands: Floats) -> tuple[Floats, Floats]:
-        """Designs (N, K) for yaw rate and for surge, averaged over the second of each row."""
+    def designs(self, commands: Floats, shares: Floats | None = None) -> tuple[Floats, Floats]:
+        """Designs (N, K) for yaw rate and for surge, averaged over the second of each row.
+
+        The first columns are `_EVEN`, the part of the thrust that is equal ahead and astern, and the other parts.
+
+        shares: (A,) share of the usual thrust that each output gives; None for all of it.
+        """
         moving = self.motion
         turning, surge, sway = moving.yaw_rate_radps, moving.surge_mps, moving.sway_mps
         wind = [np.ones(len(turning)), np.cos(moving.yaw_rad), np.sin(moving.yaw_rad)]
         drives, steering = commands[:, ~moving.steers], commands[:, moving.steers]
-        thrust = np.sum(drives * np.abs(drives), axis=1)
+        share = np.ones(drives.shape[1]) if shares is None else shares[~moving.steers]
+        thrust = (drives * np.abs(drives)) @ share
         yawing = [*wind, turning, turning * np.abs(turning), surge * turning, sway, surge * sway]
         along = [*wind, surge, surge * np.abs(surge), turning**2, turning * sway]
         # Assume equal propellers, with the same lever arm on both sides.
-        for part in (np.maximum(drives, 0.0) ** 2, np.minimum(drives, 0.0) ** 2, drives):
-            yawing += [part @ self.sides] if drives.shape[1] > 1 else []
-            along += [part.sum(axis=1)]
+        for part in (drives * np.abs(drives) + _ASTERN_LESS * drives**2, drives, drives**2):
+            yawing.insert(0, part @ (share * self.sides))
+            along.insert(0, part @ share)
         for angle in steering.T:
             yawing += [angle, angle * surge * np.abs(surge), angle * thrust]
             along += [angle**2 * thrust]
@@ -256,7 +333,7 @@ class _Fit:
         for place, command in enumerate(self.commands):
             state = state + share * (command - state)
             slow[place] = state
-        return _Fit(self.motion, slow)
+        return _Fit(self.motion, slow, self.sides)  # a wrong lag can turn the sides round
 
 
 def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
@@ -264,16 +341,48 @@ def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
     first = _Fit(motion, motion.commands)
     if len(first.rows) < _FEWEST_ROWS:
         return []
-    fit = min((first.lagged(lag_s) for lag_s in _LAGS_S), key=_left)
-    search = _Search(fit)
+    # Choose the lag by the best fit with a fault: a fault that the model lacks makes a wrong lag look good.
+    searches = [_Search(first.lagged(lag_s), _scales(first)) for lag_s in _LAGS_S]
+    search = min(searches, key=lambda each: each.least_squares())
     found: list[ActuatorFault] = []
-    free = np.ones(len(fit.rows), dtype=np.bool_)
-    while len(found) < _MOST_FAULTS and (best := search.best(free)) is not None:
-        begin, after, fault = best
+    while len(found) < _MOST_FAULTS and (fault := search.next_fault()) is not None:
         found.append(fault)
-        free[begin:after] = False
     joined = _joined(sorted(found, key=lambda fault: fault.from_ns))
     return [fault for fault in joined if _certain(fault, motion)]
+
+
+@dataclass(frozen=True, slots=True)
+class UnansweredTurn:
+    """A time in which a vessel turned against its commands without slowing down."""
+
+    from_ns: int
+    until_ns: int
+    yaw_rate_radps: float
+    """Mean, positive to starboard."""
+
+
+def unanswered_turns(motion: VesselMotion) -> list[UnansweredTurn]:
+    """Turns against the commands, which show a fault also where the response model does not hold."""
+    fit = _Fit(motion, motion.commands)
+    if len(fit.rows) < _FEWEST_ROWS:
+        return []
+    commands, drives = motion.commands, ~motion.steers
+    moments = np.where(drives, commands * np.abs(commands), commands) * fit.turns
+    counted = moments[:, motion.steers] if motion.steers.any() else moments
+    moment, rate = counted.mean(axis=1), motion.yaw_rate_radps
+    against = (moment * rate < 0.0) & (np.abs(moment) > _UNANSWERED_MOMENT) & (np.abs(rate) > _UNANSWERED_RADPS)
+    if motion.steers.any():  # a rudder needs thrust or speed
+        against &= motion.surge_mps > 0.5
+    stamps = motion.stamp_ns
+    turns = []
+    for begin, after in runs(against):
+        third = (after - begin) // 3
+        whole = stamps[after - 1] - stamps[begin] < 1.5e9 * (after - begin) / RATE_HZ
+        if not whole or after - begin < _UNANSWERED_S * RATE_HZ:
+            continue
+        if abs(rate[after - third : after].mean()) >= _LASTING * abs(rate[begin : begin + third].mean()):
+            turns.append(UnansweredTurn(int(stamps[begin]), int(stamps[after - 1]), float(rate[begin:after].mean())))
+    return turns
 
 
 def _certain(fault: ActuatorFault, motion: VesselMotion) -> bool:
@@ -281,7 +390,10 @@ def _certain(fault: ActuatorFault, motion: VesselMotion) -> bool:
     until_ns = int(motion.stamp_ns[-1]) if fault.until_ns is None else fault.until_ns
     least = LEAST_STEERING_GAIN if motion.steers[fault.output] else LEAST_GAIN
     enough = fault.kind != "thrust_loss" or fault.size >= LEAST_LOSS
-    return enough and fault.gain >= least and until_ns - fault.from_ns >= _SHORTEST_NS
+    length_ns = until_ns - (fault.from_ns if fault.began_ns is None else fault.began_ns[0])
+    if length_ns < _SHORTEST_NS:
+        return enough and fault.gain >= _BRIEF_GAIN * least and length_ns * 1e-9 >= _BRIEF_S
+    return enough and fault.gain >= least
 
 
 def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
@@ -299,12 +411,12 @@ def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
     return joined
 
 
-def _left(fit: _Fit) -> float:
-    """Sum over both changes of the logarithm of the squared residuals."""
-    return sum(
-        float(np.log(_squares(change - design @ np.linalg.lstsq(design, change, rcond=None)[0])))
+def _scales(fit: _Fit) -> list[float]:
+    """Noise of both changes."""
+    return [
+        1.4826 * float(np.median(np.abs(change - design @ np.linalg.lstsq(design, change, rcond=None)[0]))) + 1e-9
         for design, change in zip(fit.designs(fit.commands), fit.changes, strict=True)
-    )
+    ]
 
 
 def _squares(values: Floats) -> float:
@@ -312,168 +424,272 @@ def _squares(values: Floats) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class _Explained:
+class _Hypothesis:
+    """A fault of one output, of unknown time."""
+
     kind: str
     output: int
     size: float
-    turns: float
+    """As that of `ActuatorFault`."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Sums:
+    """Cumulative normal equations of one change, from the first row to each row."""
+
+    gram: Floats
+    """(N + 1, K, K)"""
+    moment: Floats
+    """(N + 1, K)"""
+
+    def between(self, begin: NDArray[np.intp], after: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """(S, K, K) and (S, K) of the rows of S spans."""
+        return self.gram[after] - self.gram[begin], self.moment[after] - self.moment[begin]
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """Best span of a hypothesis, and the squared residuals of all rows with it."""
+
     squares: float
+    span: tuple[int, int]
+    hypothesis: _Hypothesis
 
 
 class _Search:
-    """Search over spans and hypotheses, with both changes in units of their noise."""
+    """Search over spans and hypotheses, with both changes in units of their noise.
 
-    def __init__(self, fit: _Fit) -> None:
+    One model is fitted to all rows. Inside of the span, its commands are those of the hypothesis. Rows in which a
+    faulty vessel spins therefore also determine the model.
+    """
+
+    def __init__(self, fit: _Fit, scales: Sequence[float]) -> None:
         self._fit = fit
         designs = fit.designs(fit.commands)
-        self._scales = [
-            1.4826 * float(np.median(np.abs(change - design @ np.linalg.lstsq(design, change, rcond=None)[0]))) + 1e-9
-            for design, change in zip(designs, fit.changes, strict=True)
+        self._changes = [change / scale for change, scale in zip(fit.changes, scales, strict=True)]
+        self._norms = [np.sqrt(np.mean(design**2, axis=0)) + 1e-9 for design in designs]
+        self._designs = [design / norm for design, norm in zip(designs, self._norms, strict=True)]
+        self._priors = [
+            self._prior(design, change) for design, change in zip(self._designs, self._changes, strict=True)
         ]
-        self._changes = [change / scale for change, scale in zip(fit.changes, self._scales, strict=True)]
-        norms = [np.sqrt(np.mean(design**2, axis=0)) + 1e-9 for design in designs]
-        self._norms = norms
-        self._designs = [design / norm for design, norm in zip(designs, norms, strict=True)]
-        self._other: Mapping[tuple[str, int, float], list[Floats]] = dict(self._others(fit))
+        self._free = np.ones(len(fit.rows), dtype=np.bool_)
+        """(N,) rows without an earlier fault."""
+        self._sound = np.ones(len(fit.rows), dtype=np.bool_)
+        """(N,) rows that determine the model."""
+        self._hypotheses = _hypotheses(fit.motion.steers, _SIZES)
 
-    def _others(self, fit: _Fit) -> Iterator[tuple[tuple[str, int, float], list[Floats]]]:
-        """Difference of the designs from those of the commands, by hypothesis."""
-        for output in range(fit.commands.shape[1]):
-            propeller = not fit.motion.steers[output]
-            cases = [("stuck", float(at)) for at in _STUCK_AT]
-            cases += [("thrust_loss", 0.0), ("reversed", 0.0)] if propeller else []
-            for kind, at in cases:
-                commands = fit.commands.copy()
-                commands[:, output] = -commands[:, output] if kind == "reversed" else at
-                yield (
-                    (kind, output, at),
-                    [
-                        design / norm - usual
-                        for design, norm, usual in zip(fit.designs(commands), self._norms, self._designs, strict=True)
-                    ],
-                )
+    def least_squares(self) -> float:
+        """Squared residuals with the best of a few faults."""
+        usual, spans = self._sums(self._designs), self._spans()
+        few = _hypotheses(self._fit.motion.steers, _FEW_SIZES)
+        if not len(spans):
+            return float("inf")
+        best = min(self._coarse(usual, spans, few), key=lambda each: each.squares)
+        near = self._near(best.span)
+        return float(self._squares(usual, self._sums(self._with(best.hypothesis)), near).min(initial=best.squares))
 
-    def best(self, free: Flags) -> tuple[int, int, ActuatorFault] | None:
-        """First row, row after the last, and the fault that improves the fit most; only in free rows."""
-        many = len(free)
-        whole = sum(
-            _squares(change[free] - design[free] @ _solved(design[free], change[free]))
-            for design, change in zip(self._designs, self._changes, strict=True)
-        )
-        spans = [span for span in self._spans(many) if free[span[0] : span[1]].all()]
-        judged = [(self._judged(span, free), span) for span in spans]
-        known = [(value.squares + outside, span, value.kind) for (value, outside), span in judged if value is not None]
-        refined = []
-        for kind in dict.fromkeys(kind for *_, kind in known):
-            _, span = min((total, span) for total, span, other in known if other == kind)
-            span = self._refined(span, free, kind)
-            value, outside = self._judged(span, free, kind)
-            if value is not None:
-                refined.append((value.squares + outside, span, value, outside))
-        least = min((total for total, *_ in refined), default=whole)
-        if least >= whole:
+    def _prior(self, design: Floats, change: Floats) -> Floats:
+        """(K,) weights of squared coefficients.
+
+        A vessel seldom drives astern. Without a limit, a reversed propeller could then give any thrust.
+        """
+        weights = np.full(design.shape[1], 1e-4 * len(design))
+        rest = np.delete(design, (_EVEN, _LINEAR), axis=1)
+        odd = np.linalg.solve(rest.T @ rest + 1e-4 * len(design) * np.eye(rest.shape[1]), rest.T @ change)[0]
+        weights[_EVEN] += 1.0 / max(_ASTERN_SPREAD * abs(float(odd)), 1e-3) ** 2
+        return weights
+
+    def _with(self, hypothesis: _Hypothesis) -> list[Floats]:
+        """Designs for a vessel that has the fault all the time."""
+        commands, shares = self._fit.commands.copy(), np.ones(self._fit.commands.shape[1])
+        output = hypothesis.output
+        if hypothesis.kind == "thrust_loss":
+            shares[output] = 1.0 - hypothesis.size
+        else:
+            commands[:, output] = -commands[:, output] if hypothesis.kind == "reversed" else hypothesis.size
+        designs = self._fit.designs(commands, shares)
+        return [design / norm for design, norm in zip(designs, self._norms, strict=True)]
+
+    def _sums(self, designs: Sequence[Floats]) -> list[_Sums]:
+        sound = self._sound
+        return [
+            _summed(design * sound[:, None], change * sound)
+            for design, change in zip(designs, self._changes, strict=True)
+        ]
+
+    def _squares(self, usual: Sequence[_Sums], faulty: Sequence[_Sums], spans: Spans) -> Floats:
+        """(S,) squared residuals of all rows, for a fault in each span (S, 2)."""
+        begin, after = spans[:, 0], spans[:, 1]
+        total = np.full(len(spans), sum(_squares(change[self._sound]) for change in self._changes))
+        for known, other, prior in zip(usual, faulty, self._priors, strict=True):
+            gram, moment = known.gram[-1], known.moment[-1]
+            less_gram, less_moment = known.between(begin, after)
+            more_gram, more_moment = other.between(begin, after)
+            grams = gram - less_gram + more_gram + np.diag(prior)
+            moments = moment - less_moment + more_moment
+            total -= np.einsum("sk,sk->s", moments, np.linalg.solve(grams, moments[:, :, None])[:, :, 0])
+        return total
+
+    def next_fault(self) -> ActuatorFault | None:
+        """The fault that improves the fit most, in rows without an earlier fault.
+
+        The model keeps the fault: later searches start from commands that contain it.
+        """
+        usual = self._sums(self._designs)
+        whole = float(self._squares(usual, usual, np.zeros((1, 2), dtype=np.intp))[0])
+        spans = self._spans()
+        if not len(spans):
             return None
-        close = [
-            each
-            for each in refined
-            if each[0] <= least + (_AS_GOOD_REVERSED if each[2].kind == "reversed" else _AS_GOOD) * (whole - least)
-        ]
-        _, span, value, outside = min(close, key=lambda each: (_ORDER.index(each[2].kind), each[0]))
-        outside_rows = int(free.sum()) - (span[1] - span[0])
-        usual = outside / max(2 * outside_rows, 1)  # variance of a row without the fault
-        gain = (whole - value.squares - outside) / max(usual, 1e-9)
+        refined = self._refined(usual, self._coarse(usual, spans, self._hypotheses))
+        variance = min(each.squares for each in refined) / (2.0 * float(self._sound.sum()))  # of a row
+        most = whole - min(each.squares for each in refined)
+
+        def handicapped(each: _Candidate) -> float:
+            times, share = _HANDICAPS[each.hypothesis.kind]
+            return each.squares + times * variance + share * most
+
+        ranked = sorted(refined, key=handicapped)
+        chosen = ranked[0]
+        gain = (whole - chosen.squares) / max(variance, 1e-9)
         if gain < _SEARCHED_GAIN:
             return None
+        chosen, within = self._onset(usual, chosen, variance, gain)
+        self._keep(chosen)
         rivals = [
-            self._fault(each[2], each[1], gain)
-            for each in sorted(refined, key=lambda each: each[0])
-            if each[2].kind != value.kind
-            and each[2].output == value.output
-            and each[0] <= least + _AMBIGUOUS * (whole - least)
+            self._fault(each, gain)
+            for each in ranked[1:]
+            if each.hypothesis.output == chosen.hypothesis.output
+            and whole - each.squares >= _AS_GOOD * (whole - chosen.squares)
         ]
-        fault = self._fault(value, span, gain)
-        return (*span, replace(fault, other=rivals[0] if rivals and value.kind != "reversed" else None))
+        fault = self._fault(chosen, gain)
+        began = (self._at_ns(within[0]), self._at_ns(within[1]))
+        if within[1] - within[0] > _SURE_ROWS:
+            fault = replace(fault, began_ns=began)
+        return replace(fault, other=rivals[0] if rivals else None)
 
-    def _fault(self, value: _Explained, span: tuple[int, int], gain: float) -> ActuatorFault:
-        stamps = self._fit.motion.stamp_ns[self._fit.rows]
-        middle_ns = round(0.5e9 * _REACH / RATE_HZ)
-        until_ns = None if span[1] >= len(stamps) - 2 else int(stamps[span[1]]) + middle_ns
-        from_ns = int(stamps[span[0]]) + middle_ns
-        return ActuatorFault(value.kind, value.output, from_ns, until_ns, value.size, value.turns, gain)
+    def _onset(
+        self, usual: Sequence[_Sums], chosen: _Candidate, variance: float, gain: float
+    ) -> tuple[_Candidate, tuple[int, int]]:
+        """The candidate with the onset at which it shows, and the rows between which it began.
 
-    def _spans(self, many: int) -> list[tuple[int, int]]:
+        An actuator that is stuck at its command, or lost thrust at rest, does not show until the command changes.
+        """
+        begin, after = chosen.span
+        designs = self._with(chosen.hypothesis)
+        shown = np.zeros(len(self._free))
+        span = np.array([chosen.span])
+        for design, faulty, prior, known, other in zip(
+            self._designs, designs, self._priors, usual, self._sums(designs), strict=True
+        ):
+            less, more = known.between(*span.T), other.between(*span.T)
+            gram, moment = (known.gram[-1] - less[0] + more[0])[0], (known.moment[-1] - less[1] + more[1])[0]
+            shown += ((faulty - design) @ np.linalg.solve(gram + np.diag(prior), moment)) ** 2
+        shown /= max(variance, 1e-9)
+        sure = max(_SURE, _SURE_SHARE * gain)
+        so_far = np.cumsum(np.where(shown > _SHOWN, shown, 0.0))
+        start = so_far[begin - 1] if begin else 0.0
+        last = min(int(np.searchsorted(so_far, start + sure)), after - 1)
+        first = int(np.searchsorted(so_far, start - sure)) if begin else 0
+        taken = np.flatnonzero(~self._free[:begin])
+        first = min(max(first, int(taken[-1]) + 1 if len(taken) else 0), begin)
+        return (replace(chosen, span=(last, after)) if last - begin > _LATE_ROWS else chosen), (first, last)
+
+    def _at_ns(self, row: int) -> int:
+        """Middle of the interval of a row."""
+        return int(self._fit.motion.stamp_ns[self._fit.rows][row]) + round(0.5e9 * _REACH / RATE_HZ)
+
+    def _keep(self, chosen: _Candidate) -> None:
+        begin, after = chosen.span
+        for design, faulty in zip(self._designs, self._with(chosen.hypothesis), strict=True):
+            design[begin:after] = faulty[begin:after]
+        self._free[begin:after] = False
+        for end in chosen.span:  # a row that spans an end has both commands
+            self._sound[max(end - _REACH // _STRIDE, 0) : end + _REACH // _STRIDE] = False
+
+    def _coarse(self, usual: Sequence[_Sums], spans: Spans, every: Sequence[_Hypothesis]) -> list[_Candidate]:
+        """The best span of each hypothesis."""
+        found = []
+        for hypothesis in every:
+            squares = self._squares(usual, self._sums(self._with(hypothesis)), spans)
+            at = int(np.argmin(squares))
+            found.append(_Candidate(float(squares[at]), (int(spans[at, 0]), int(spans[at, 1])), hypothesis))
+        return found
+
+    def _refined(self, usual: Sequence[_Sums], every: Sequence[_Candidate]) -> list[_Candidate]:
+        """The best of each kind and output, with ends to a row and a finer size."""
+        found = []
+        groups: dict[tuple[str, int], list[_Candidate]] = {}
+        for each in every:
+            groups.setdefault((each.hypothesis.kind, each.hypothesis.output), []).append(each)
+        for group in groups.values():
+            best = min(group, key=lambda each: each.squares)
+            for step in (0.0, 0.05, 0.02):
+                tried = [best.hypothesis]
+                if best.hypothesis.kind != "reversed" and step:
+                    tried = [
+                        replace(best.hypothesis, size=best.hypothesis.size + by * step) for by in (-2, -1, 0, 1, 2)
+                    ]
+                    tried = [
+                        each for each in tried if (0.0 if each.kind == "thrust_loss" else -1.0) <= each.size <= 1.0
+                    ]
+                near = self._near(best.span)
+                for hypothesis in tried:
+                    squares = self._squares(usual, self._sums(self._with(hypothesis)), near)
+                    at = int(np.argmin(squares))
+                    if squares[at] < best.squares:
+                        best = _Candidate(float(squares[at]), (int(near[at, 0]), int(near[at, 1])), hypothesis)
+            found.append(best)
+        return found
+
+    def _near(self, span: tuple[int, int]) -> Spans:
+        """Spans with ends near those of a span."""
+        reach, many = round(6.0 * RATE_HZ / _STRIDE), len(self._free)
+        begins = np.arange(max(span[0] - reach, 0), min(span[0] + reach, many) + 1)
+        ends = np.arange(max(span[1] - reach, 0), min(span[1] + reach, many) + 1)
+        if span[1] >= many - reach:
+            ends = np.append(ends, many)
+        spans = np.stack([each.ravel() for each in np.meshgrid(begins, ends, indexing="ij")], axis=1)
+        return _possible(spans, self._free, round(0.5 * _LENGTHS_S[0] * RATE_HZ / _STRIDE))
+
+    def _fault(self, chosen: _Candidate, gain: float) -> ActuatorFault:
+        begin, after = chosen.span
+        until_ns = None if after >= len(self._free) - 2 else self._at_ns(after)
+        of, from_ns = chosen.hypothesis, self._at_ns(begin)
+        turns = float(self._fit.turns[of.output] * np.sign(of.size))
+        return ActuatorFault(of.kind, of.output, from_ns, until_ns, of.size, turns, gain)
+
+    def _spans(self) -> Spans:
+        many = len(self._free)
         lengths = [round(length_s * RATE_HZ / _STRIDE) for length_s in _LENGTHS_S]
         stride = max(round(2.0 * RATE_HZ / _STRIDE), many * (len(lengths) + 1) // _MOST_SPANS)
         begins = range(0, many - lengths[0], stride)
         spans = [(begin, begin + length) for begin in begins for length in lengths if begin + length <= many]
-        return spans + [(begin, many) for begin in begins if many - begin > lengths[-1]]
-
-    def _refined(self, span: tuple[int, int], free: Flags, kind: str) -> tuple[int, int]:
-        """Move both ends by rows while the fit improves."""
-        reach, many = round(8.0 * RATE_HZ / _STRIDE), len(free)
-        least = round(0.5 * _LENGTHS_S[0] * RATE_HZ / _STRIDE)
-        for _ in range(2):
-            for end in (0, 1):
-                tried = []
-                for moved in range(max(span[end] - reach, 0), min(span[end] + reach, many) + 1):
-                    other = (moved, span[1]) if end == 0 else (span[0], moved)
-                    if other[1] - other[0] < least or not free[other[0] : other[1]].all():
-                        continue
-                    value, outside = self._judged(other, free, kind)
-                    if value is not None:
-                        tried.append((value.squares + outside, other))
-                span = min(tried)[1] if tried else span
-        return span
-
-    def _judged(self, span: tuple[int, int], free: Flags, kind: str = "") -> tuple[_Explained | None, float]:
-        """Best hypothesis for the rows inside, and the sum of squares outside; None if no hypothesis improves the fit.
-
-        kind: the hypotheses to choose from; "" for all.
-        """
-        inside = slice(*span)
-        out = free.copy()
-        out[inside] = False
-        if out.sum() < _FEWEST_ROWS // 2:
-            return None, 0.0
-        models = [
-            _solved(design[out], change[out]) for design, change in zip(self._designs, self._changes, strict=True)
-        ]
-        outside = sum(
-            _squares(change[out] - design[out] @ model)
-            for design, change, model in zip(self._designs, self._changes, models, strict=True)
-        )
-        rest = np.concatenate(
-            [
-                change[inside] - design[inside] @ model
-                for design, change, model in zip(self._designs, self._changes, models, strict=True)
-            ]
-        )
-        every = [self._with(case, inside, models, rest) for case in self._other if kind in ("", case[0])]
-        known = [each for each in every if each is not None]
-        if not known:
-            return None, outside
-        least = min(each.squares for each in known)
-        if least > _EXPLAINED * _squares(rest):
-            return None, outside
-        # A propeller that turns against a steady command also looks stuck: report the simpler explanation.
-        close = [each for each in known if each.squares <= least + _AS_GOOD * (_squares(rest) - least)]
-        return min(close, key=lambda each: (_ORDER.index(each.kind), each.squares)), outside
-
-    def _with(
-        self, case: tuple[str, int, float], inside: slice, models: Sequence[Floats], rest: Floats
-    ) -> _Explained | None:
-        kind, output, at = case
-        parts = [other[inside] @ model for other, model in zip(self._other[case], models, strict=True)]
-        effect = np.concatenate(parts)
-        if kind == "thrust_loss":
-            share = float(effect @ rest) / max(_squares(effect), 1e-12)
-            if not 0.0 < share <= 1.1:
-                return None
-            return _Explained(kind, output, min(share, 1.0), 0.0, _squares(rest - share * effect))
-        return _Explained(kind, output, at, float(np.sign(parts[0].mean())), _squares(rest - effect))
+        spans += [(begin, many) for begin in begins if many - begin > lengths[-1]]
+        return _possible(np.array(spans, dtype=np.intp).reshape(-1, 2), self._free, 1)
 
 
-def _solved(design: Floats, change: Floats) -> Floats:
-    """(K,) least squares with a slight preference for small coefficients of columns of unit size."""
-    gram = design.T @ design + 1e-4 * len(design) * np.eye(design.shape[1])
-    return np.asarray(np.linalg.solve(gram, design.T @ change), dtype=np.float64)
+def _hypotheses(steers: Flags, sizes: Mapping[str, Sequence[float]]) -> list[_Hypothesis]:
+    return [
+        _Hypothesis(kind, output, float(size))
+        for output, steering in enumerate(steers)
+        for kind, known in sizes.items()
+        if kind == "stuck" or not steering
+        for size in known
+    ]
+
+
+def _possible(spans: Spans, free: Flags, fewest: int) -> Spans:
+    """The spans (S, 2) of enough rows that are all free, with enough rows outside."""
+    taken = np.concatenate([[0], np.cumsum(~free)])
+    length = spans[:, 1] - spans[:, 0]
+    whole = taken[np.maximum(spans[:, 1], spans[:, 0])] == taken[spans[:, 0]]
+    possible: Spans = spans[(length >= fewest) & whole & (len(free) - length >= _FEWEST_ROWS // 2)]
+    return possible
+
+
+def _summed(design: Floats, change: Floats) -> _Sums:
+    width = design.shape[1]
+    gram, moment = np.zeros((len(design) + 1, width, width)), np.zeros((len(design) + 1, width))
+    np.cumsum(design[:, :, None] * design[:, None, :], axis=0, out=gram[1:])
+    np.cumsum(design * change[:, None], axis=0, out=moment[1:])
+    return _Sums(gram, moment)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from xitl_cli.logs.analyses.outputs import driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding
@@ -27,7 +28,7 @@ from xitl_cli.logs.signals.sensors import (
 )
 from xitl_cli.logs.signals.series import make_series
 from xitl_cli.logs.signals.spans import find_holds, runs
-from xitl_cli.logs.signals.states import vehicle_kind
+from xitl_cli.logs.signals.states import parameter_values, vehicle_kind
 
 FIELD_STEP_MGAUSS = 20.0
 """Least step of the field; noise and turning cause less."""
@@ -36,6 +37,13 @@ PRESSURE_STEP_PA = {"rover": 36.0}
 _PRESSURE_STEP_PA = 120.0
 GYRO_STEP_RADPS = np.radians(1.2)
 """Least step of a gyroscope's bias; hard iron in a turn causes less."""
+LEAST_FIELD_MGAUSS = 40.0
+"""Least lasting offset of the field, least growth over the log, and least effect of the motors at full command."""
+_SPREADS = 8.0
+"""Least ratio of such an effect to its standard deviation."""
+_CHANGE_S = 2.0
+"""Time in which the field is compared: the gyroscope's own error is small."""
+_MOST_CHANGES = 20_000
 _NOISE_FACTOR = 8.0
 _STEP_WINDOW_S = 0.8
 _SLOPE_WINDOW_S = 12.0
@@ -79,6 +87,8 @@ def departure_findings(log: Log, clock: LogClock) -> tuple[Finding, ...]:
         mine = _unexplained(usable[:_MOST_UNITS], compass)
         steps = mine if place == 0 else steps
         findings += [_of_field(log, compass, step, clock, end_ns) for step in mine]
+        error = field_error(usable[0], compass, _drive(log, compass.stamp_ns), mine)
+        findings += [] if error is None else _of_field_error(compass, error)
     kind = vehicle_kind(log)
     for baro in (each for each in plain if each.sort == "barometer" and each.unit == "Pa"):
         least_pa = PRESSURE_STEP_PA.get(kind) or _PRESSURE_STEP_PA * _window_stretch(baro)
@@ -117,6 +127,51 @@ def _of_field(log: Log, compass: SensorSeries, step: SensorStep, clock: LogClock
         ),
         "Look for iron or a current near the compass that began then; do not trust its heading in this time.",
     )
+
+
+def _of_field_error(compass: SensorSeries, error: FieldError) -> list[Finding]:
+    span_s = float(compass.stamp_ns[-1] - compass.stamp_ns[0]) * 1e-9
+    begin_ns, end_ns = int(compass.stamp_ns[0]), int(compass.stamp_ns[-1])
+    parts = (
+        (
+            "sensors.field_drive",
+            error.drive_mgauss,
+            "at full command of the motors, in proportion to the square of the command: the current of the motors "
+            "disturbs it",
+            "Move the compass away from the wires of the motors, or calibrate it against their current.",
+        ),
+        (
+            "sensors.field_ramp",
+            error.growth_mgauss_per_s * span_s,
+            "more at the end of the log than at its start, and the error grows slowly",
+            "Look for iron or a current near the compass that changes; do not trust its heading.",
+        ),
+        (
+            "sensors.field_offset",
+            error.offset_mgauss,
+            "from the start of the log on",
+            "Calibrate the compass on the vessel, or look for iron next to it.",
+        ),
+    )
+    return [
+        Finding.warning(
+            key,
+            f"{compass.name}: the field is off by {np.linalg.norm(size):.0f} mGauss "
+            f"(x {size[0]:+.0f}, y {size[1]:+.0f}, body axes) {when}",
+            (Evidence(compass.message, compass.fields[0], begin_ns, end_ns, f"{np.linalg.norm(size):.0f} mGauss"),),
+            step,
+        )
+        for key, size, when, step in parts
+        if size.any()
+    ]
+
+
+def _drive(log: Log, at_ns: Stamps) -> Floats | None:
+    """(N,) mean square of the commands of the motors, of which the current is about a multiple."""
+    motors = [each for each in driven_outputs(log, parameter_values(log)) if each.drives]
+    known = [make_series(each.series.stamp_ns, each.command**2, "", each.name) for each in motors]
+    values = [each.interpolated(at_ns) for each in known if each is not None]
+    return np.mean(values, axis=0) if values else None
 
 
 def _of_pressure(baro: SensorSeries, step: SensorStep, clock: LogClock, end_ns: int) -> Finding:
@@ -200,6 +255,78 @@ def field_steps(unit: InertialUnit, compass: SensorSeries) -> list[SensorStep]:
     rows, sizes = _without_holds(compass, rows, sizes)
     body = [matrices[at[row]].T @ size for row, size in zip(rows, sizes, strict=True)]
     return _paired([int(compass.stamp_ns[row]) for row in rows], body)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldError:
+    """Horizontal errors of the field in body axes, in the compass's unit; zero if they are small or uncertain."""
+
+    offset_mgauss: Floats
+    """(2,) at the start."""
+    growth_mgauss_per_s: Floats
+    """(2,)"""
+    drive_mgauss: Floats
+    """(2,) at full command of the motors."""
+
+
+def field_error(
+    unit: InertialUnit, compass: SensorSeries, drive: Floats | None, steps: Sequence[SensorStep] = ()
+) -> FieldError | None:
+    """Errors of a compass that are there from the start, grow slowly, or follow the motors; None if it did not turn.
+
+    The field in the axes of the start changes within seconds only by an error that turns with the vessel.
+
+    drive: (N,) mean square of the motor commands at each row of the compass. steps: sudden errors, whose time is
+    omitted.
+    """
+    turns = _rotations(unit)
+    period_s = float(np.median(np.diff(compass.stamp_ns))) * 1e-9
+    if turns is None or not 0.0 < period_s < _CHANGE_S:
+        return None
+    stamp_ns, matrices = turns
+    rotations = matrices[np.clip(np.searchsorted(stamp_ns, compass.stamp_ns), 0, len(stamp_ns) - 1)]
+    time_s = (compass.stamp_ns - compass.stamp_ns[0]) * 1e-9
+    driven = np.zeros(len(time_s)) if drive is None else np.nan_to_num(drive)
+    fixed = np.einsum("nij,nj->ni", rotations, compass.values)
+    across = rotations[:, :, :2]
+    # The last column is the vertical error by the motors, which does not turn with the vessel.
+    columns = [
+        across,
+        across * time_s[:, None, None],
+        across * driven[:, None, None],
+        rotations[:, :, 2:] * driven[:, None, None],
+    ]
+    design = np.concatenate(columns, axis=2)
+    reach = round(_CHANGE_S / period_s)
+    first = np.arange(0, len(time_s) - reach, max(reach // 4, 1, len(time_s) // _MOST_CHANGES))
+    good = np.abs(time_s[first + reach] - time_s[first] - _CHANGE_S) < 0.5 * _CHANGE_S
+    for step in steps:
+        until_ns = compass.stamp_ns[-1] if step.until_ns is None else step.until_ns
+        good &= (compass.stamp_ns[first + reach] < step.from_ns) | (compass.stamp_ns[first] > until_ns)
+    first = first[good & np.isfinite(fixed[first] + fixed[first + reach]).all(axis=1)]
+    if len(first) < 10 * _FEWEST_IN_WINDOW:
+        return None
+    changes = (fixed[first + reach] - fixed[first]).reshape(-1)
+    rows = (design[first + reach] - design[first]).reshape(len(changes), -1)
+    norms = np.sqrt(np.mean(rows**2, axis=0)) + 1e-12
+    gram = (rows / norms).T @ (rows / norms) + 1e-6 * len(rows) * np.eye(rows.shape[1])
+    inverse = np.linalg.inv(gram)
+    solved = inverse @ ((rows / norms).T @ changes)
+    rest = changes - (rows / norms) @ solved
+    # Changes overlap by three quarters, and the slow errors of the compass stay for seconds.
+    variance = 8.0 * float(rest @ rest) / len(rest)
+    spread = np.sqrt(variance * np.diag(inverse)) / norms
+    solved = solved / norms
+    span_s = float(time_s[-1])
+    sizes = [_sure(solved[at : at + 2], spread[at : at + 2], scale) for at, scale in ((0, 1.0), (2, span_s), (4, 1.0))]
+    return FieldError(*sizes)
+
+
+def _sure(size: Floats, spread: Floats, scale: float) -> Floats:
+    """The size, or zeros if it is small or uncertain."""
+    length = float(np.linalg.norm(size))
+    sure = length * scale > LEAST_FIELD_MGAUSS and length > _SPREADS * float(np.linalg.norm(spread))
+    return size if sure else np.zeros_like(size)
 
 
 def pressure_steps(baro: SensorSeries, least_pa: float) -> list[SensorStep]:
@@ -354,6 +481,8 @@ def gyro_steps(
             continue
         apart = np.cumsum(moving) - angle
         rows, sizes = _slope_steps(apart)
+        if not rows and abs(lasting := _lasting_slope(apart)) > GYRO_STEP_RADPS:
+            rows, sizes = [0], [lasting]
         whole = [np.eye(3)[axis] * size for size in sizes]
         found += _paired([int(at_ns[row]) for row in rows], whole)
     return sorted(found, key=lambda step: step.from_ns)
@@ -390,6 +519,12 @@ def _heading(
     good = np.isfinite(heading)
     unwrapped: Floats = np.interp(np.arange(len(heading)), np.flatnonzero(good), np.unwrap(heading[good]))
     return unwrapped
+
+
+def _lasting_slope(apart: Floats) -> float:
+    """Slope (rad/s) of an angle (N,) that both halves show; 0 if they differ."""
+    halves = [np.polyfit(np.arange(len(half)) / _SLOPE_RATE_HZ, half, 1)[0] for half in np.array_split(apart, 2)]
+    return float(min(halves, key=abs)) if np.prod(halves) > 0.0 else 0.0
 
 
 def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:

@@ -45,8 +45,11 @@ _ANSWERS = {
 """Failsafes that name their trouble, and their possible causes; no other finding can have caused them."""
 
 _ERRORS = ("events.error", "events.said")
-_DEPARTED = ("sensors.field_step", "sensors.pressure_step", "sensors.gyro_bias", "actuation.gnss_drift")
-_DRIVEN = ("actuation.thrust_loss", "actuation.reversed", "actuation.stuck")
+_DEPARTED = (
+    "sensors.field_step", "sensors.field_offset", "sensors.field_ramp", "sensors.field_drive", "sensors.pressure_step",
+    "sensors.gyro_bias", "actuation.gnss_drift",
+)  # fmt: skip
+_DRIVEN = ("actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered")
 _EKF = ("estimator", "events.error.16", "events.error.17", "events.error.24", "events.said.ekf_failsafe",
         "events.said.ekf_variance", "events.error.7")  # fmt: skip
 _PX4 = ("px4.failure_detected", "px4.failsafe", "px4.rejected", "px4.estimate_reset", "px4.accel_clipping")

@@ -11,8 +11,8 @@ from xitl_cli.logs.report.file_report import FileReport
 
 CONTRADICTED = {
     "control.followed": (
-        "control", "actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.gnss_drift",
-        "sensors.field_step", "sensors.gyro_bias",
+        "control", "actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered",
+        "actuation.gnss_drift", "sensors.field_step", "sensors.gyro_bias",
     ),
     "attitude.upright": ("attitude.overturned", "attitude.leaning", "attitude.impact", "attitude.contact"),
     "links.whole": ("links.loss",),
