@@ -20,11 +20,12 @@ SOURCE = "physics"
 
 
 class RangeLook(NamedTuple):
-    """A vessel at one instant. length_m: overall length of its hulls."""
+    """A vessel at one instant."""
 
     simulation: Simulation
     state: SimulationState
     length_m: float
+    """Overall length of its hulls."""
 
 
 @dataclass(frozen=True, slots=True)
