@@ -89,11 +89,12 @@ NIGHT = Lighting(
 
 @dataclass(frozen=True, slots=True)
 class StreamArrow:
-    """An entry of the legend. An arrow points where its stream flows to. Its length is m_per_mps metres per m/s."""
+    """An entry of the legend. An arrow points where its stream flows to."""
 
     name: str
     colour: Colour
     m_per_mps: float
+    """Length of the arrow in metres per m/s."""
 
 
 def stream_size(length_m: float) -> float:

@@ -157,12 +157,13 @@ class ControlNode(RunNode):
 
 @dataclass(frozen=True, slots=True)
 class VesselNodes:
-    """Nodes of one vessel in the order of the calls; `control` is one of them."""
+    """Nodes of one vessel."""
 
     name: str
     """Name of the vessel, empty if there is only one."""
     control: ControlNode
     nodes: tuple[RunNode, ...]
+    """All nodes in the order of the calls, with `control`."""
     awaited: bool = True
     """The run waits until this vessel has finished."""
 
