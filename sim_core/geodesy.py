@@ -42,14 +42,16 @@ _RUN_M = np.array(ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS_M)
 class LocalFrame:
     """North-east-down axes on the tangent plane at one geodetic point.
 
-    latitude_deg in [-90, 90], longitude_deg in [-180, 180], altitude_m above the WGS84 ellipsoid in [-10000, 10000].
     The axes are straight: a point level with the origin at distance d is about d^2 / 2R higher in altitude (0.8 m at
-    3.2 km). Raises ValueError when the origin is outside these ranges.
+    3.2 km). Raises ValueError when the origin is outside the ranges of the fields.
     """
 
     latitude_deg: float
+    """-90 to 90."""
     longitude_deg: float
+    """-180 to 180."""
     altitude_m: float
+    """Altitude above the WGS84 ellipsoid, -10000 to 10000."""
     _origin_ecef_m: Array = field(init=False, repr=False, compare=False)
     _ned_ecef: Array = field(init=False, repr=False, compare=False)  # rows are north, east and down in ECEF
 

@@ -207,9 +207,10 @@ def problems(value: Any, annotation: Any, unit: str = "") -> Iterator[tuple[Any,
 
 @dataclass(frozen=True, slots=True)
 class MoreChoices:
-    """Marks a key whose choices are more than those of its Literal. names: returns the others; called when needed."""
+    """Marks a key that has more choices than its Literal."""
 
     names: Callable[[], Sequence[str]]
+    """Returns the additional choices. It is called when they are needed."""
 
 
 def own_rule(annotation: Any) -> ValueProblem | None:

@@ -41,12 +41,15 @@ class SampledGaussMarkov:
     """First-order Gauss-Markov processes, one per column, discretised exactly and stationary from the start.
 
     `x' = decay x + drive n` with `decay = exp(-dt / Tc)` and `drive = deviation sqrt(1 - decay^2)`. It keeps the
-    deviation and correlation time of the continuous process at any dt. deviation, decay, drive: (1, K).
+    deviation and correlation time of the continuous process at any dt.
     """
 
     deviation: Array
+    """(1, K), standard deviation of each process."""
     decay: Array
+    """(1, K), factor on the previous sample."""
     drive: Array
+    """(1, K), factor on the noise."""
 
     def initial(self, normals: Array) -> Array:
         """Convert (N, K) standard normals to (N, K) values of the stationary process."""

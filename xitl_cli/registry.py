@@ -29,6 +29,7 @@ COMMANDS = "xitl.commands"
 NODES = "xitl.nodes"
 DRIVERS = "xitl.drivers"
 LOG_ANALYSES = "xitl.log_analyses"
+LOG_FORMATS = "xitl.log_formats"
 LIVE_OUTPUTS = "xitl.live_outputs"
 LOG_EXPORTS = "xitl.log_exports"
 LOG_REPLAYS = "xitl.log_replays"
@@ -41,6 +42,7 @@ GROUPS = {
     NODES: "nodes of a run with profile keys and topics, such as a sensor: `xitl_cli.plugin.NodeKind`",
     DRIVERS: "drivers, which command an autopilot in a run: `xitl_cli.plugin.DriverKind`",
     LOG_ANALYSES: "analyses of `xitl logs analyze`: a function from a `Log` to a `Section`, or to None",
+    LOG_FORMATS: "formats of logs beyond those of xitl: `xitl_cli.logs.formats.added.LogFormat`",
     LIVE_OUTPUTS: "live outputs of a run, as a function from profiles to "
     "`xitl_cli.run.core.live_output.LiveOutput`. A profile asks for `view`, `foxglove` and `ros`",
     LOG_EXPORTS: "bag formats of `xitl logs export`, as a function that writes a log. `--format` knows `rosbag1`, "

@@ -137,13 +137,14 @@ _RETREATS_M = np.array(TUNED.plan_retreats_m)
 
 
 class AvoidanceChoice(NamedTuple):
-    """Chosen course. clearance_m: least clearance of that choice."""
+    """Chosen course."""
 
     what: int
     """FREE: follow the legs. AROUND: hold a course and speed over ground. STAY: stop."""
     course_rad: float
     speed_mps: float
     clearance_m: float
+    """Least clearance of that choice."""
 
 
 class CollisionCheck(NamedTuple):

@@ -104,11 +104,12 @@ def mixed_waves(before: WaveField | FlatWater, after: WaveField | FlatWater, sha
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transition:
-    """Transition to another environment of the same water and tide. It begins at start_s of simulation time."""
+    """Transition to another environment of the same water and tide."""
 
     before: Environment
     after: Environment
     start_s: float
+    """Simulation time of its start."""
     length_s: float = LENGTH_S
 
     def share(self, time_s: float) -> float:

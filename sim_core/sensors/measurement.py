@@ -39,13 +39,15 @@ def pair_products(rate_frd_radps: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Digitiser:
-    """Rounds to the nearest `resolution` and saturates at plus or minus `full_scale`; None disables either.
+    """Rounds to the nearest `resolution` and saturates at plus or minus `full_scale`.
 
     Both are arrays without dimensions. Small arrays combine with them in half the time of a Python float.
     """
 
     resolution: Array | None
+    """None disables rounding."""
     full_scale: Array | None
+    """None disables saturation."""
 
     def read(self, value: Array) -> Array:
         """Digitise values of any shape, in the unit of the two fields."""

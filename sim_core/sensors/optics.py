@@ -94,9 +94,10 @@ _HAIR_M = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterSeen:
-    """Down coordinate of the surface: level_down_m less the waves of W components."""
+    """Down coordinate of the surface: the still level minus the waves of W components."""
 
     level_down_m: float
+    """Down coordinate of the still level."""
     crest_m: float
     """Bound of the waves about the still level."""
     middle_ne_m: Array32

@@ -39,14 +39,16 @@ class RangefinderSample:
 class Rangefinder:
     """Range to the nearest object along the beam, with noise, see RangefinderSpec.
 
-    In `water`, the beam reaches the level bed at bed_down_m (down coordinate) and walls. In `air`, it reaches the still
-    surface, with its mean level at surface_down_m, and walls. On a level plane, the point of the beam nearest to the
-    vertical gives the range. On walls, the middle of the beam gives it. Limits of the unit are not applied.
+    In `water`, the beam reaches the level bed and walls. In `air`, it reaches the still surface and walls. On a level
+    plane, the point of the beam nearest to the vertical gives the range. On walls, the middle of the beam gives it.
+    Limits of the unit are not applied.
     """
 
     spec: RangefinderSpec
     bed_down_m: float
+    """Down coordinate of the bed."""
     surface_down_m: float = 0.0
+    """Down coordinate of the mean level of the surface."""
     walls: Walls = OPEN_WATER
     hulls: HullsAround | None = None
     """Hulls of other vessels now, within a range of the vessel; None for no others."""

@@ -77,12 +77,13 @@ _BACKSCATTER = np.array([*(material.backscatter for material in MATERIALS), 0.0]
 
 @dataclass(frozen=True, slots=True)
 class PingSettings:
-    """Settings of a ping. The echo is `samples` samples of sample_period_s each."""
+    """Settings of a ping."""
 
     angle_grad: int
     """Angle of the head, clockwise from its zero, 400 to the turn."""
     sample_period_s: float
     samples: int
+    """Number of samples of the echo."""
     pulse_s: float
     frequency_khz: float = CENTRE_KHZ
     gain: int = 1

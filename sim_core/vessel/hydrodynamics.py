@@ -140,8 +140,10 @@ class AxisDrag:
 class CrossFlow:
     """Drag of S strips in the flow across the hull, v + x r - z p: -1/2 rho C_D T dx |v| v at (x, y, z) of each."""
 
-    across: Array  # (6, S) speed across at each strip
-    wrench: Array  # (S, 6)
+    across: Array
+    """(6, S), speed across at each strip."""
+    wrench: Array
+    """(S, 6)."""
 
     @classmethod
     def from_spec(cls, spec: CrossFlowDrag, water_density_kgpm3: float, centre: Array) -> CrossFlow:

@@ -325,7 +325,7 @@ class Propeller(Specification):
 
     @property
     def disc_diameter_m(self) -> float | None:
-        """Of the disc that it sweeps, where it is known."""
+        """Diameter of the disc that the propeller sweeps, None if unknown."""
         return self.open_water.diameter_m if self.open_water is not None else self.diameter_m
 
     def static_thrust_n(self, water_density_kgpm3: float) -> tuple[float, float]:
@@ -381,7 +381,7 @@ class Windage(Specification):
 
     @property
     def centre_height_m(self) -> float:
-        """Of the areas above the water at rest."""
+        """Height of the centre of the areas above the water at rest."""
         if self.height_m is not None:
             return self.height_m
         return 0.5 * self.lateral_area_m2 / self.length_m if self.length_m else 0.0
@@ -561,7 +561,7 @@ class VesselSpec(Specification):
                 )
 
     def _check_signs(self, parsed: dict[str, Derivative]) -> None:
-        """Of the highest damping term of each axis; that of added mass is seen by its matrix."""
+        """Check the signs of the linear and the highest damping term and of the added mass of each axis."""
         highest: dict[int, tuple[int, str]] = {}
         for name, derivative in parsed.items():
             order = derivative.own_order
@@ -657,7 +657,7 @@ class VesselSpec(Specification):
 
     @property
     def command_names(self) -> tuple[str, ...]:
-        """Of each in its order: `propeller 0`, `steering 0` for the gear of propeller 0, `rudder 0`."""
+        """Names of the commands in their order: `propeller 0`, `steering 0` for the gear of propeller 0, `rudder 0`."""
         return (
             *(f"propeller {number}" for number in range(len(self.propellers))),
             *(f"steering {number}" for number, one in enumerate(self.propellers) if one.steering is not None),
@@ -697,7 +697,7 @@ class VesselSpec(Specification):
 
     @property
     def command_kinds(self) -> str:
-        """What there is to command, as errors say it: `2 propellers, 1 steering, 2 rudders`."""
+        """Numbers of commands by kind, for error messages: `2 propellers, 1 steering, 2 rudders`."""
         gears = self.commands - len(self.propellers) - len(self.rudders)
         counts = (("propeller", len(self.propellers)), ("steering", gears), ("rudder", len(self.rudders)))
         plural = {"propeller": "s", "steering": "", "rudder": "s"}

@@ -62,13 +62,14 @@ class Hits:
 class RayCaster(Protocol):
     """Ray casting by one backend.
 
-    triangles: number of fixed triangles. `cast` casts R rays in single precision from origin_ned_m along unit vectors
+    `cast` casts R rays in single precision from origin_ned_m along unit vectors
     direction_ned, both (R, 3). `body_delay_s` (R,), if given, is the delay of each ray after the instant of `bodies`:
     the bodies then move on with their velocity. `reach_m` (R,), if given, is the range beyond which hits may be
     omitted.
     """
 
     triangles: int
+    """Number of fixed triangles."""
 
     def cast(
         self,

@@ -1,4 +1,4 @@
-"""What stands and lies in the river and who else goes there, as data: boom, dam, bed and banks, scripted vessels."""
+"""Specification of obstacles and traffic in the river: boom, dam, bed and banks, scripted vessels."""
 
 from __future__ import annotations
 

@@ -34,16 +34,17 @@ _ROUNDED_M, _ROUNDED_SHARE = 0.5, 0.25  # corners, for contact: at most, and of 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A straight piece or an arc: from a place and a heading over a length, with a clockwise turn. It begins at
-    begin_s.
-    """
+    """A straight piece or an arc of a track."""
 
     begin_s: float
     duration_s: float
     from_ne_m: Point
+    """Start of the piece."""
     heading_rad: float
+    """Heading at the start."""
     length_m: float
     turn_rad: float = 0.0
+    """Change of heading over the piece, positive clockwise."""
 
     def after(self, share: float) -> tuple[Point, float]:
         """Return place and heading after a share of the piece. The chord of an arc a is sin(a / 2) / (a / 2) of its

@@ -127,13 +127,13 @@ class VehicleConnection:
 
     @property
     def target(self) -> Target:
-        """Its system and component."""
+        """MAVLink system and component of the vehicle."""
         assert self._target is not None
         return self._target
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Its latest text messages."""
+        """Latest text messages of the vehicle."""
         return tuple(self._texts)
 
     # -- Parameters

@@ -161,16 +161,14 @@ class BatteryMessage:
 
 @dataclass(frozen=True, slots=True)
 class MotionEstimate:
-    """The autopilot's estimate of the vessel's motion, in the same local frame as the truth: (3,), (3,), (4,), (3,).
-
-    pos_deviation_ned_m: (3,) of the position as the autopilot knows it, None where it does not say.
-    """
+    """The autopilot's estimate of the vessel's motion, in the same local frame as the truth: (3,), (3,), (4,), (3,)."""
 
     pos_ned_m: NDArray[np.float64]
     vel_ned_mps: NDArray[np.float64]
     quat_ned_frd: NDArray[np.float64]
     gyro_frd_radps: NDArray[np.float64]
     pos_deviation_ned_m: NDArray[np.float64] | None = None
+    """(3,), standard deviation of the position as the autopilot estimates it, None if it does not report it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +335,7 @@ class AutopilotEvent:
 
 @dataclass(frozen=True, slots=True)
 class OperatorAction:
-    """What a person did to the run."""
+    """Action of an operator on the run."""
 
     action: Annotated[String, "a JSON object, see [view.md](view.md)"]
     source: Annotated[String, "origin: `view`, `foxglove`, `ros`, or the word given in a file"]
@@ -501,19 +499,19 @@ class CompanionMessage:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One topic. `schema`: a ROS 2 message with its `fields`, or one of foxglove's (protobuf).
-
-    per_vessel: with more than one vessel there is one of each, see `topic_name`. from_start: in the file from the start
-    of a run; the others once something was written to them, so that a recording without perception stays as it is.
-    """
+    """One topic."""
 
     name: str
     schema: str
+    """A ROS 2 message with its `fields`, or a Foxglove message (protobuf)."""
     rate: str
     meaning: str
     fields: type | None = None
     per_vessel: bool = True
+    """With more than one vessel, there is one topic per vessel, see `topic_name`."""
     from_start: bool = True
+    """The topic is in the file from the start of a run. Otherwise, the first message adds it, so that a recording
+    without perception does not change."""
 
     @property
     def per_link(self) -> bool:
@@ -521,7 +519,7 @@ class Topic:
         return "{link}" in self.name
 
     def message_type(self) -> MessageType:
-        """Of a ROS 2 message. Raises ValueError for one of foxglove's."""
+        """Return the type of a ROS 2 message. Raises ValueError for a message type of Foxglove."""
         if self.fields is None:
             raise ValueError(f"{self.name} is not a ROS 2 topic")
         return message_type(self.fields)
@@ -529,7 +527,7 @@ class Topic:
 
 @cache
 def message_type(fields: type) -> MessageType:
-    """Of the class with the fields of a message."""
+    """Return the message type of the class with the fields of a message."""
     return MessageType(fields)
 
 

@@ -212,11 +212,12 @@ def _of(vessel: str) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class RunNodes:
-    """All nodes of a run. warnings: warnings that are known at the start."""
+    """All nodes of a run."""
 
     world: WorldNodes
     vessels: tuple[VesselNodes, ...]
     warnings: tuple[str, ...]
+    """Warnings that are known at the start."""
 
     @property
     def mirrors(self) -> tuple[ChannelMirror, ...]:

@@ -86,6 +86,10 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
             return TelemetryLog(path)
         if _DATAFLASH_OWN_FORMAT in head:  # only now: an archive or a telemetry log may contain such a record
             return _dataflash(path)
+        from xitl_cli.logs.formats.added import open_added
+
+        if (added := open_added(path, head)) is not None:
+            return _of_vessel(added, vessel)
     except OSError as error:
         raise _unreadable(path, error) from error
     raise LogError(f"{path}: is no log: {_looks_like(head)}; {_WANTED}")

@@ -1,8 +1,8 @@
-"""What nodes of ROS may ask of a run: topics and services, declared once, and the action that each becomes.
+"""Topics and services through which ROS nodes request actions of a run, with the action of each.
 
-From INPUTS come the subscriptions and services of the bridge and the table of docs/ros.md (`make pages`). All types are
-standard ones, so that a node needs nothing of ours. What comes in is judged twice: here whether it is a message with
-numbers in it and a frame that is known, at the run whether it can be done there.
+The bridge takes its subscriptions and services from INPUTS, and so does the table of docs/ros.md (`make pages`). All
+types are standard, so that a node needs no packages of xitl. A message is checked twice. This module checks for finite
+numbers and a known frame. The run checks that it can carry out the action.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class RosInputs:
             self._open_of_vessel(profile)
 
     def recorded(self, topic: str, payload: bytes) -> None:
-        """What the run recorded: where the vessels are, and the current there."""
+        """Keep the recorded positions of the vessels and the current at their places."""
         if topic.endswith(TRUTH):
             self._truth[topic.removesuffix(TRUTH).strip("/")] = payload
         elif topic.endswith(ENVIRONMENT):

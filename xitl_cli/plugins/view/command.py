@@ -144,7 +144,7 @@ def _serve(recording: LogScene, host: str, port: int | None, at_s: float | None,
 
 
 def _quietly(find: Callable[[], None]) -> Callable[[], None]:
-    """An analysis that fails, or is still at work when the page is closed, ends nothing else."""
+    """Return `find` without its exceptions, so that a failed or interrupted analysis does not end the page."""
 
     def found() -> None:
         with suppress(Exception):
@@ -163,7 +163,7 @@ def _size(text: str | None) -> tuple[int, int] | None:
 
 
 def _refuse_other(path: Path, beginning: bytes) -> None:
-    """A log that was named by mistake would be lost."""
+    """Refuse to overwrite a file of another kind, such as a log that was named by mistake."""
     try:
         if path.is_dir():
             raise UserError(f"{path}: is a directory; name a file in it")
@@ -179,7 +179,7 @@ def _refuse_other(path: Path, beginning: bytes) -> None:
 
 
 def _write_whole(path: Path, content: bytes) -> None:
-    """The file is there as a whole or not at all."""
+    """Write a file completely or not at all."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_bytes(content)

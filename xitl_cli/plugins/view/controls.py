@@ -1,4 +1,4 @@
-"""What a person does at the page of a run: buttons, sliders and clicks on the water give operator actions."""
+"""Controls on the page of a run. Buttons, sliders and clicks on the water request operator actions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Act = Callable[[Mapping[str, Any]], object]
 
 SETTLED_S = 0.3
-"""For which a slider rests before its value is asked for."""
+"""Time without a change of a slider before its value is requested."""
 FASTEST = "as fast as it can"
 PACES = {"0.1 ×": 0.1, "0.25 ×": 0.25, "0.5 ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, FASTEST: None}
 STEP_S = 0.1
@@ -26,11 +26,11 @@ KINDS = ("trunk", "branch", "plants", "animal")
 MODES = ("MANUAL", "HOLD", "LOITER", "AUTO", "GUIDED", "RTL")
 ROVER_MODES = (*MODES, "SMART_RTL", "CIRCLE", "STEERING", "ACRO")
 FARTHEST_M = 2000.0
-"""From the camera, at which a click is still on the water and not on the horizon."""
+"""Maximum distance of a click on the water from the camera. A click beyond it is on the horizon."""
 
 
 def water_place(origin: Sequence[float], direction: Sequence[float], level_m: float) -> tuple[float, float] | None:
-    """North and east where a ray of the map meets the still water; None where it does not, or far away."""
+    """Return north and east of the point where a ray meets the still water, None without one within `FARTHEST_M`."""
     if direction[2] >= -1e-6 or origin[2] <= level_m:
         return None
     along_m = (level_m - origin[2]) / direction[2]
@@ -40,11 +40,10 @@ def water_place(origin: Sequence[float], direction: Sequence[float], level_m: fl
 
 
 class Controls:
-    """Controls of a run beside its picture; each asks for an action with `act`.
+    """Controls of a run next to its picture. Each control requests an action by a call of `act`.
 
-    profiles: of each vessel. lockstep: it can stand still and keep a pace. faults: that can be switched, by vessel.
-    water: of the scene. pace: times real time at first, None for as fast as it can. `refused` shows why something was
-    not done.
+    profiles: profiles of all vessels. lockstep: the run can pause and keep a pace. faults: names of the faults that can
+    be switched, by vessel. water: water of the scene. pace: initial pace as a multiple of real time, None for no limit.
     """
 
     def __init__(
@@ -84,7 +83,7 @@ class Controls:
                 self._add_faults(faults or {})
 
     def update(self, instant: ViewInstant) -> None:
-        """Whether it stands still, and the level of the water."""
+        """Update the buttons to the paused state of the run, and keep the water level for clicks."""
         self._level_m = self._water.level_at_m(instant.time_s)
         if self._state is not None and instant.paused != self._paused:
             self._paused = instant.paused
@@ -93,7 +92,7 @@ class Controls:
             step.disabled = resume.disabled = not instant.paused
 
     def refused(self, text: str) -> None:
-        """Stays until something else is asked for."""
+        """Show the reason of a refusal until the next request."""
         self._refusal.content = _note(f"Not done: {html.escape(text)}", "color:#e03131")
         self._refusal.visible = True
 
@@ -102,12 +101,12 @@ class Controls:
         self._act({"action": name, **keys})
 
     def _of_vessel(self, name: str, /, **keys: Any) -> None:
-        """Of the one that is chosen."""
+        """Request an action for the selected vessel."""
         vessel = {} if self._vessel is None else {"vessel": self._vessel.value}
         self._ask(name, **keys, **vessel)
 
     def _rest(self, name: str, ask: Callable[[], object]) -> None:
-        """Ask once a slider has come to rest."""
+        """Call `ask` when the slider has not changed for `SETTLED_S`."""
         if name in self._resting:
             self._resting[name].cancel()
         timer = self._resting[name] = threading.Timer(SETTLED_S, ask)
@@ -166,7 +165,7 @@ class Controls:
                 slider.on_update(lambda event, name=name, ask=ask: self._rest(name, ask))
 
     def _slider(self, label: str, least: float, most: float, step: float, value: float) -> Any:
-        """What the profile has may lie between the steps, or beyond: the slider begins with the nearest it has."""
+        """Add a slider. Its initial value is the step that is nearest to the profile's value."""
         inside = min(max(round((value - least) / step) * step + least, least), most)
         return self._server.gui.add_slider(label, min=least, max=most, step=step, initial_value=inside)
 
@@ -193,7 +192,7 @@ class Controls:
         listening = False
 
         def choose(event: object) -> None:
-            """A scene that listens for clicks shows another pointer: only while they do something."""
+            """Listen for clicks only while they have an effect, because the browser then shows another pointer."""
             nonlocal listening
             wanted = clicks.value != NOTHING
             if wanted and not listening:

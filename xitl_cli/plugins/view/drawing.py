@@ -1,9 +1,9 @@
-"""A scene and its instants as nodes of a viser server: used beside a run, of recordings, and for pages.
+"""Draw a scene and its instants as nodes of a viser server, for live runs, recordings and pages.
 
 drawing = SceneDrawing(server, scene)
 drawing.draw(instant)
 
-Nodes that are there already are moved and not made anew: that is what a browser can follow.
+Existing nodes are moved and not created again, because a browser can keep up with moves only.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ if TYPE_CHECKING:
     import viser
 
 MOST_POINTS = 30_000
-"""Of one sensor's cloud: more would take a browser without a graphics card seconds."""
+"""Maximum number of points of one sensor's cloud. A browser without a graphics card draws more points for seconds."""
 TRACK_STEP_M = 0.3
 LEVEL_STEP_M = 0.01
 """Change of the water level after which the water and the marks on it move."""
 TRACK_PIECE = 100
 TRACK_PIECES = 60
 SPIN_RADPS = 18.0
-"""Of a propeller at full command, as drawn: so slow that one sees which way it turns."""
+"""Drawn rate of a propeller at full command. It is low, so that the direction of rotation is visible."""
 MOST_SPIN_RAD = 0.9
-"""Between two pictures: below half of what brings the next blade into the place of the last."""
+"""Maximum turn of a propeller between two pictures. It is less than half of the angle between two blades."""
 WIND_M_PER_MPS, CURRENT_M_PER_MPS = 0.25, 1.5
-"""Length of the arrows of a vessel of 1 m. It grows with the square root of the vessel's length: `stream_size`."""
+"""Arrow length per m/s for a vessel of 1 m. It grows with the square root of the vessel's length: `stream_size`."""
 LEAST_STREAM_MPS = 0.01
-"""A slower wind or current has no arrow."""
+"""Minimum speed of a wind or current for an arrow."""
 ESTIMATE: Colour = (0, 190, 170)
 MISSION: Colour = (250, 190, 40)
 REACHED: Colour = (60, 180, 90)
@@ -67,7 +67,7 @@ OTHER_CLOUD: Colour = (240, 240, 90)
 
 @dataclass(frozen=True, slots=True)
 class Lighting:
-    """Light and colours around the scene. The sky goes from zenith down to haze, which everything far away fades to."""
+    """Light and colours around the scene. The sky blends from zenith to haze. Distant objects fade to haze."""
 
     zenith: Colour
     haze: Colour
@@ -89,28 +89,29 @@ NIGHT = Lighting(
 
 @dataclass(frozen=True, slots=True)
 class StreamArrow:
-    """An entry of the legend: an arrow points to where its stream goes, m_per_mps metres long for each m/s."""
+    """An entry of the legend. An arrow points where its stream flows to."""
 
     name: str
     colour: Colour
     m_per_mps: float
+    """Length of the arrow in metres per m/s."""
 
 
 def stream_size(length_m: float) -> float:
-    """Factor on the arrows of a vessel of this length."""
+    """Return the length factor of the arrows at a vessel of this length."""
     return math.sqrt(max(length_m, 0.3))
 
 
 def stream_arrows(length_m: float) -> tuple[StreamArrow, ...]:
-    """The arrows that are drawn at a vessel of this length."""
+    """Return the arrows that are drawn at a vessel of this length."""
     size = stream_size(length_m)
     return StreamArrow("wind", WIND, WIND_M_PER_MPS * size), StreamArrow("current", CURRENT, CURRENT_M_PER_MPS * size)
 
 
 class SceneDrawing:
-    """Draws what does not move at once, and everything else at each instant.
+    """Draws the constant parts of a scene when it is created, and everything else at each instant.
 
-    tracks: draw where vessels have been. water: how fine its surface is. dark: by night.
+    tracks: draw the tracks of the vessels. water: resolution of the water surface. dark: use the night colours.
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class SceneDrawing:
 
     @property
     def dark(self) -> bool:
-        """By night."""
+        """True while the night colours are used."""
         return self._dark
 
     @dark.setter
@@ -153,7 +154,7 @@ class SceneDrawing:
         self._water.colour(lighting.water)
 
     def draw(self, instant: ViewInstant) -> None:
-        """Everything as it is at an instant, in one go. Of an earlier one than the last tracks begin anew."""
+        """Draw an instant in one update. If it is earlier than the previous one, the tracks start again."""
         with self._server.atomic():
             if instant.time_s < self._time_s:
                 for drawn in self._vessels.values():
@@ -177,12 +178,12 @@ class SceneDrawing:
                 self._vessels[first].draw_streams(place, instant.wind_en_mps, instant.current_en_mps)
 
     def show_estimates(self, shown: bool) -> None:
-        """The ghosts of where autopilots take themselves to be."""
+        """Show or hide the transparent hulls at the autopilots' estimated poses."""
         for vessel in self._vessels.values():
             vessel.show_estimate = shown
 
     def show_clouds(self, shown: bool) -> None:
-        """What lidar and sonar see."""
+        """Show or hide the point clouds of lidar and sonar."""
         for vessel in self._vessels.values():
             vessel.show_clouds = shown
 
@@ -214,19 +215,19 @@ class SceneDrawing:
 
 
 def sky_rows(lighting: Lighting) -> NDArray[np.uint8]:
-    """(192, 3) from the top of a picture to its foot, whatever the camera looks at; the horizon is above the middle."""
+    """Return the sky colours (192, 3) from the top of a picture to its bottom, independent of the camera."""
     share = np.linspace(0.0, 1.0, 72)[:, None] ** 0.9
     sky = np.asarray(lighting.zenith) * (1.0 - share) + np.asarray(lighting.haze) * share
     return np.round(np.concatenate([sky, np.repeat(sky[-1:], 120, axis=0)])).astype(np.uint8)
 
 
 def show_lighting(api: Any, lighting: Lighting) -> None:
-    """Sky, light and haze of a server's scene, or of one browser's."""
+    """Set sky, light and haze in the scene of a server, or of one browser."""
     api.set_background_image(np.repeat(sky_rows(lighting)[:, None], 4, axis=1), format="png")
     api.configure_fog(60.0, 1100.0, color=lighting.haze)
     sun, strength = lighting.sun, lighting.sun_intensity
     api.add_light_directional("/light/sun", color=sun, intensity=strength, position=(-0.6, -0.75, 0.6))
-    # A second one so low that waves show: the material of a mesh has no gloss.
+    # A second light at a low angle makes waves visible, because the material of a mesh has no gloss.
     api.add_light_directional("/light/glance", color=sun, intensity=0.75 * strength, position=(-0.9, 0.5, 0.13))
     api.add_light_hemisphere(
         "/light/sky",
@@ -265,7 +266,7 @@ class _WaterDrawing:
         self._node.color = colour
 
     def change(self, waves: SceneWaves) -> None:
-        """Other waves. A plane becomes a grid that waves can move."""
+        """Replace the waves. A plane becomes a grid that waves can move."""
         corners, colour = len(self._grid.vertices_m), self._node.color
         self._grid = WaterGrid(waves, resolution=self._resolution)
         if len(self._grid.vertices_m) != corners:
@@ -287,14 +288,14 @@ class _WaterDrawing:
 
 
 class _VesselDrawing:
-    """One vessel: its hull and what belongs to it."""
+    """Nodes of one vessel: its hull, and its other nodes such as track, mission, clouds and arrows."""
 
     def __init__(self, api: Any, name: str, vessel: SceneVessel, water: SceneWater) -> None:
         self.show_estimate = self.show_clouds = True
         self._api = api
         self._path = f"/vessels/{name or 'vessel'}"
         self._level_m = water.level_m
-        # Half the significant height is what crests reach on average.
+        # On average, crests reach half of the significant wave height.
         self._lift_m = (
             0.1
             if water.waves is None
@@ -413,7 +414,7 @@ class _VesselDrawing:
         if count < 2:
             return
         path = f"{self._path.replace('/vessels', '/tracks', 1)}"
-        # A browser keeps the number of segments that it was given first: those to come stand at the last place.
+        # A browser keeps the initial number of segments: future segments have the position of the last one.
         places = np.array([*self._places, *[point] * (TRACK_PIECE + 1 - count)], dtype=np.float32)
         segments = np.stack([places[:-1], places[1:]], axis=1)
         if count == 2:
@@ -444,7 +445,7 @@ class _VesselDrawing:
         self._target.position = (float(vessel.target_enu_m[0]), float(vessel.target_enu_m[1]), self._level_m)
 
     def _draw_guided(self, place: Array | None) -> None:
-        """A post with a ring on the water: no waypoint marks this place."""
+        """Draw the target in GUIDED as a post with a ring on the water, because no waypoint marks it."""
         if place is None:
             if self._guided is not None:
                 self._guided.visible = False
@@ -520,7 +521,7 @@ class _VesselDrawing:
         )
 
     def draw_streams(self, place: Array, wind_en_mps: tuple[float, float], current_en_mps: tuple[float, float]) -> None:
-        """Arrows of wind and current where this vessel is: above it, and on the water beside it."""
+        """Draw the arrow of the wind above this vessel, and the arrow of the current on the water next to it."""
         size = stream_size(self._vessel.length_m)
         arrow_of_wind, arrow_of_current = stream_arrows(self._vessel.length_m)
         if self._wind is None:

@@ -1,7 +1,7 @@
-"""The 3D view beside a run: starts its process, and gives it an instant when it asks for one.
+"""Live 3D view of a run. It starts the view process and sends an instant each time that the process requests one.
 
-A VesselWatch keeps what is recorded of a vessel and drawn; the LiveViewNode makes instants of all of them. With nobody
-looking that is a glance at the clock each exchange.
+A VesselWatch keeps the recorded data of a vessel that the view draws. The LiveViewNode combines the data of all vessels
+into instants. Without a browser, it only reads the clock at each exchange.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from xitl_cli.run.world.scene import make_debris_scene, make_scripted_scene
 
 SOURCE = "view"
 FIRST_BROWSER_S = 20.0
-"""For which a run in lockstep waits for the browser that it has opened."""
+"""Maximum time that a run in lockstep waits for the browser that it has opened."""
 ALONE_S = 5.0
-"""After the last browser has gone, until the view gives up its pace and reports a pause: a page may be loaded anew."""
+"""Time after the last browser has gone until the view restores the pace. A user may reload the page meanwhile."""
 END_S = 3.0
 MOST_WAITING_BYTES = 8 << 20
 MOST_EVENTS = 200
 OBSTACLE_S = 3.0
-"""For which an obstacle that is told of no more is still drawn."""
+"""Time for which an obstacle is drawn after its last report."""
 SONAR_PINGS = 400
 _FLU = np.array([1.0, -1.0, -1.0])
 _SEVERITIES = {1: 7, 2: 6, 3: 4, 4: 3, 5: 2}
@@ -55,7 +55,7 @@ _SEVERITIES = {1: 7, 2: 6, 3: 4, 4: 3, 5: 2}
 
 @dataclass(slots=True)
 class _Seen:
-    """A cloud, and where the vessel was when it was complete."""
+    """A cloud, and the vessel's pose at the time when the cloud was complete."""
 
     message: Any
     position_enu_m: Array
@@ -63,9 +63,9 @@ class _Seen:
 
 
 class VesselWatch(RunNode):
-    """What is drawn of one vessel, partly from what is recorded of it: estimate, clouds, obstacles, clocks, words.
+    """Data of one vessel for the view. Estimate, clouds, obstacles, clocks and messages come from its recorded topics.
 
-    Offsets of clocks are told against what they were at first: when a machine was switched on says nothing.
+    Clock offsets are relative to the first offset, because the start time of a machine has no meaning for the user.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class VesselWatch(RunNode):
             self._passing["/".join(names)] = encoded
 
     def passing_drawings(self) -> list[bytes]:
-        """Scene updates with entities that last a moment, since the last call: the latest of each name."""
+        """Return the scene updates with temporary entities since the last call, only the latest of each name."""
         drawings, self._passing = list(self._passing.values()), {}
         return drawings
 
@@ -137,7 +137,7 @@ class VesselWatch(RunNode):
             self._clocks[node] = first_s, values[4] - first_s, values[5]
 
     def instant(self, now_ns: int, late: int) -> VesselInstant:
-        """It now. late: deadlines that the host missed."""
+        """Return the vessel's current state. late: number of deadlines that the host missed."""
         control, status = self._control, self._status()
         progress = control.progress
         position, attitude = _enu(self._plant.motion(), 0)
@@ -190,7 +190,7 @@ class VesselWatch(RunNode):
         return clouds
 
     def _placed(self, seen: _Seen) -> Points:
-        """Its points in the map: worked out once, and only of clouds that are drawn."""
+        """Return the points of a cloud in the map. They are computed once, and only for drawn clouds."""
         known = self._drawn.get(id(seen))
         if known is not None:
             return known[1]
@@ -216,7 +216,7 @@ class VesselWatch(RunNode):
         return numbers
 
     def events(self) -> list[ViewEvent]:
-        """What was said since the last call."""
+        """Return the messages since the last call."""
         said = []
         while self._events:
             stamp_ns, entry = self._events.popleft()
@@ -227,7 +227,7 @@ class VesselWatch(RunNode):
 
 
 def cloud_points(message: Any) -> Points:
-    """(n, 3) of a foxglove.PointCloud whose points begin with x, y, z as float32: all that are recorded do."""
+    """Return the points (n, 3) of a recorded foxglove.PointCloud. Its points begin with x, y, z as float32."""
     read = foxglove_type("PointCloud").FromString(message.encode())
     kind = np.dtype({"names": ["xyz"], "formats": [("<f4", 3)], "offsets": [0], "itemsize": read.point_stride})
     assert SONAR_POINT.names is not None
@@ -236,15 +236,15 @@ def cloud_points(message: Any) -> Points:
 
 
 def _enu(motion: Any, row: int) -> tuple[Array, Array]:
-    """Place, and attitude (w, x, y, z) from FLU."""
+    """Return the position in ENU, and the attitude (w, x, y, z) from FLU to ENU."""
     return frames.ned_to_enu(motion.pos_ned_m[row]), frames.quat_ned_frd_to_enu_flu(motion.quat_ned_frd[row])
 
 
 class LiveViewNode(RunNode):
-    """The view of a run. One that dies, hangs or that nobody looks at leaves the run as it is.
+    """The 3D view of a run. The run continues if the view process ends or hangs, or if no browser is connected.
 
-    profiles: of each vessel. drawn: the scene that is recorded, encoded. watches: of the vessels. tell: says the
-    address to the user. interrupted: whether somebody wants to end the run.
+    profiles: profiles of all vessels. drawn: returns the recorded scene, encoded. watches: one watch per vessel.
+    tell: prints a message, such as the address, to the user. interrupted: returns True when the user asked to stop.
     """
 
     def __init__(
@@ -285,12 +285,12 @@ class LiveViewNode(RunNode):
         self._pace: Any = None
 
     def attach_operator(self, operator: OperatorNode) -> None:
-        """Have it carry out what is asked for at the page, and be polled by it: while the run stands still too."""
+        """Set the operator that carries out the actions from the page. It also polls the view, even in a paused run."""
         self._operator = operator
         operator.listen(self.poll)
 
     def prepare(self) -> None:
-        """Listen, start the process and say where it is."""
+        """Start the view process, print its address and, if the profile asks for it, open a browser."""
         check_view_extra()
         listener, self._address = listen(self._spec.host, self._spec.port)
         with listener:
@@ -326,7 +326,7 @@ class LiveViewNode(RunNode):
         self.poll()
 
     def poll(self) -> None:
-        """When that is due take in what the view asks for, and give it an instant if it wants one."""
+        """Handle the requests of the view process at its rate, and send an instant if it asked for one."""
         now_s = self._now_s()
         if now_s < self._next_s or self._page.gone:
             return
@@ -368,7 +368,7 @@ class LiveViewNode(RunNode):
         )
 
     def _lead(self, now_s: float) -> None:
-        """Somebody looks: at the pace of the profile, unless one is set. Nobody any more: on as before."""
+        """Request the profile's pace at the first browser, unless one is set. Restore it after the last browser."""
         if self._looking:
             self._alone_since_s = None
             if not self._led:
@@ -383,7 +383,7 @@ class LiveViewNode(RunNode):
                 self._leave_alone()
 
     def _leave_alone(self) -> None:
-        """Take back the pace that the view has set. A pause stays, and the user reads how to end it."""
+        """Remove the pace that the view set. A paused run stays paused, and a message explains how to resume it."""
         if self._unpaced:
             self._ask({"action": "pace", "factor": None})
         self._led = self._unpaced = False
@@ -427,7 +427,7 @@ class LiveViewNode(RunNode):
         )
 
     def _other_waves(self) -> SceneWaves | None:
-        """Those that an operator has changed since the last instant."""
+        """Return the new waves if an operator changed them since the last instant, else None."""
         field = self._plant.simulation.environment.waves
         if field is self._waves_told:
             return None
@@ -435,11 +435,11 @@ class LiveViewNode(RunNode):
         return scene_waves(field) or NO_WAVES
 
     def _debris(self) -> DebrisState:
-        """In the water, with the launches that wait for the next exchange: a paused run shows them at once."""
+        """Return the debris in the water and waiting launches, so that a paused run shows launches immediately."""
         return self._plant.debris_with(() if self._operator is None else self._operator.waiting_launches)
 
     def _tell_bodies(self, bodies: Sequence[Body]) -> None:
-        """New debris, to be drawn from now on."""
+        """Send new debris to the view process."""
         if len(bodies) > self._bodies_told:
             self._page.send(ViewUpdate(make_debris_scene(bodies, self._bodies_told).encode()))
             self._bodies_told = len(bodies)
@@ -472,9 +472,9 @@ class LiveViewNode(RunNode):
         self._page.close()
 
     def report(self) -> dict[str, Any]:
-        """view: where it was, instants shown and skipped, browsers that came, actions asked for and refused.
+        """Return `view`: address, counts of shown and skipped instants, browsers, and requested and refused actions.
 
-        The address is without its token, as summaries are passed around.
+        The address has no token, because users share summaries.
         """
         address = "" if self._address is None else f"http://{self._address.host}:{self._address.port}/"
         return {

@@ -1,9 +1,10 @@
-"""The process of a view beside a run: draws what the run sends down a pipe, and gives what is asked at the page back.
+"""The view process of a run. It draws the data that the run sends through a pipe, and returns actions from the page.
 
-`python -m xitl_cli.plugins.view.process LISTENER PIPE`: numbers of two sockets that it inherits. It asks for an instant
-when it has drawn the last and somebody looks, so that a slow browser has fewer pictures and the run never waits.
+`python -m xitl_cli.plugins.view.process LISTENER PIPE`: numbers of two inherited sockets. While a browser is connected,
+the process requests the next instant after it has drawn the previous one. A slow browser therefore gets fewer pictures,
+and the run never waits.
 
-Up go JSON objects: {"ask": true}, {"browsers": 2, "joined": 5}, {"action": {...}}.
+Messages to the run are JSON objects: {"ask": true}, {"browsers": 2, "joined": 5}, {"action": {...}}.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ from xitl_cli.plugins.view.scene import (
 from xitl_cli.plugins.view.server import make_server
 
 LOOK_S = 0.25
-"""How often it is seen whether somebody has come, while nothing is to be drawn."""
+"""Period of the check for new browsers while there is nothing to draw."""
 FAREWELL_S = 1.0
-"""For which a page that somebody looks at is kept once the run is over, so that it says so."""
+"""Time for which an open page stays after the end of the run, so that it shows the end."""
 
 Act = Callable[[Mapping[str, Any]], None]
 
@@ -83,11 +84,11 @@ class ViewProcess:
         self._came.add(client.client_id)
 
     def act(self, action: Mapping[str, Any]) -> None:
-        """Have the run carry out an action."""
+        """Send an action to the run."""
         self._pipe.send({"action": dict(action)})
 
     def run(self, messages: list[Any]) -> None:
-        """Until the run is over; PipeClosedError when its process is gone. messages: that have come already."""
+        """Draw until the run is over. messages: earlier messages. Raises PipeClosedError if the run's process ended."""
         while True:
             for message in messages:
                 if isinstance(message, ViewInstant):
@@ -111,7 +112,7 @@ class ViewProcess:
             messages = self._pipe.receive(LOOK_S)
 
     def _tell(self) -> None:
-        """How many look; and that the next instant is wanted, if somebody does."""
+        """Report the number of browsers to the run. With at least one, request the next instant."""
         browsers = len(self._server.get_clients())
         joined = len(self._came)
         if (browsers, joined) != self._told:
@@ -140,7 +141,7 @@ class ViewProcess:
 
 
 def main(arguments: list[str]) -> None:
-    """See the module."""
+    """Run the view process with the arguments that the module describes."""
     listener, end = (socket.socket(fileno=int(number)) for number in arguments)
     pipe = Pipe.of_process(end)
     with until_closed():

@@ -1,4 +1,4 @@
-"""Beside the picture: how each vessel is doing in numbers, as plots of the last minute, and what was said."""
+"""Panel next to the picture: numbers of each vessel, plots of the last minute, and messages."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     import viser
 
 PLOT_S = 60.0
-"""Of simulation time that a plot shows."""
+"""Span of simulation time in a plot."""
 SAMPLES = 300
 EVENTS = 6
 REFRESH_S = 0.2
 PLOTS = ("speed m/s", "cross-track m", "estimate off m", "links lost", "deadline misses", "clock offset ms")
-"""Plotted where an instant has them, in this order; the numbers beside them are all that it has."""
+"""Plotted values in this order, if an instant has them. The table shows all values of the instant."""
 COLOURS = ("#e8590c", "#1c7ed6", "#0ca678", "#d6336c", "#7048e8", "#f08c00")
 AXIS: Any = {
     "stroke": "#868e96",
     "grid": {"stroke": "rgba(134,142,150,.25)", "width": 1},
     "ticks": {"stroke": "rgba(134,142,150,.5)", "width": 1, "size": 4},
 }
-"""Seen by day and by night."""
+"""Colours that are visible by day and by night."""
 
 
 class Readouts:
-    """The panel; `update` with each instant. now: simulation time, for plots."""
+    """The panel. Call `update` with each instant."""
 
     def __init__(self, server: viser.ViserServer, scene: ViewScene) -> None:
         self._server = server
@@ -67,7 +67,7 @@ class Readouts:
         return self._names[0] if self._subject is None else str(self._subject.value)
 
     def update(self, instant: ViewInstant, now_s: float) -> None:
-        """Take in an instant at now_s of wall clock; what is shown changes some times a second."""
+        """Add an instant. The panel changes a few times per second. now_s: wall clock time."""
         self._events.extend(instant.events)
         for name, vessel in instant.vessels.items():
             for label in PLOTS:
@@ -131,7 +131,7 @@ class Readouts:
 
 
 def table_html(instant: ViewInstant, vessel: VesselInstant) -> str:
-    """Time, mode, armed, waypoint and all numbers."""
+    """Return a table of time, mode, armed state, waypoint and all numbers."""
     armed = "armed" if vessel.armed else "disarmed"
     rows = [
         ("time", f"{instant.time_s:.1f} s{' · paused' if instant.paused else ''}"),
@@ -177,7 +177,7 @@ class LegendEntry:
 
 
 def arrow_legend(length_m: float) -> tuple[LegendEntry, ...]:
-    """Entries of the arrows at a vessel of this length, each with its scale."""
+    """Return the legend entries of the arrows at a vessel of this length, each with its scale."""
     return tuple(
         LegendEntry(arrow.colour, arrow.name, f"1 m of arrow = {1.0 / arrow.m_per_mps:.2g} m/s")
         for arrow in stream_arrows(length_m)
@@ -185,7 +185,7 @@ def arrow_legend(length_m: float) -> tuple[LegendEntry, ...]:
 
 
 def legend_html(instant: ViewInstant, length_m: float) -> str:
-    """The arrows at a vessel of this length with their scale, and the marks that this instant has."""
+    """Return the legend: arrows at a vessel of this length with their scale, and the marks of this instant."""
     vessels = instant.vessels.values()
     entries = list(arrow_legend(length_m))
     if any(vessel.target_enu_m is not None for vessel in vessels):
@@ -209,7 +209,7 @@ def legend_html(instant: ViewInstant, length_m: float) -> str:
 
 
 def events_html(events: list[ViewEvent]) -> str:
-    """What was said, the latest first."""
+    """Return the messages, the latest first."""
     lines = "".join(
         "<div style='padding:2px 0;{}'>{}</div>".format(
             "color:#e03131" if event.severity <= WARNING else "opacity:.75",

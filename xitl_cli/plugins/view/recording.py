@@ -1,6 +1,7 @@
-"""Recordings as a scene: logs of runs and vehicles on one time line and in one map.
+"""Combine logs of runs and vehicles into a scene with one time line and one map.
 
-logs -> one time line (their clocks, else an event of both) and one map (their place on the Earth, else their starts)
+logs -> one time line (from their clocks, else from a common event)
+     -> one map (from their positions on the Earth, else from their starts)
      -> ViewScene once, ViewInstant at any time, marks and findings
 """
 
@@ -85,7 +86,7 @@ _MARKED = ("fault", "takeover", "error", "event", "estimator")
 
 @dataclass(frozen=True, slots=True)
 class SceneMark:
-    """Something that happened: armed, a mode, a waypoint reached, a fault, a contact, what a person did."""
+    """An event: arming, a mode, a reached waypoint, a fault, a contact, or an action of an operator."""
 
     time_s: float
     text: str
@@ -93,9 +94,10 @@ class SceneMark:
 
 @dataclass(frozen=True, slots=True)
 class SceneFinding:
-    """A finding of the log analysis; time_s: where it can be seen first, None where it is of no instant."""
+    """A finding of the log analysis."""
 
     time_s: float | None
+    """Time of the first evidence, None without one."""
     severity: Severity
     sentence: str
     next_step: str
@@ -103,32 +105,34 @@ class SceneFinding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedLog:
-    """A log of one vessel and how it lies on the time line and in the map. name: of the vessel in the scene."""
+    """A log of one vessel with its placement on the time line and in the map."""
 
     log: Log
     name: str
+    """Name of the vessel in the scene."""
     seconds: Seconds
+    """Placement on the time line."""
     place: MapPlace
     track: VesselTrack
 
     def second(self, stamp_ns: int) -> float:
-        """One stamp on the time line of the scene."""
+        """Return a stamp of the log as time on the time line of the scene."""
         return float(self.seconds(np.array([stamp_ns], dtype=np.int64))[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftingBody:
-    """Drifting debris, from when it is first told of."""
+    """Drifting debris, from its first report on."""
 
     pose: PoseTrack
     mesh: SceneMesh | None
 
 
 class LogScene:
-    """Logs of vessels as one scene; use it in a `with`.
+    """Logs of vessels as one scene. It is a context manager that closes the logs.
 
-    scene: what does not move; its notes say how the logs were laid on each other and what they lack. span_s: from the
-    first to the last instant that any vessel is known at. marks: in the order of time.
+    scene: the constant part. Its notes explain the alignment of the logs, and the data that they lack. span_s: first
+    and last time with a known pose of any vessel. marks: events in order of time.
     """
 
     def __init__(
@@ -156,20 +160,20 @@ class LogScene:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the vessels that a log is of."""
+        """Names of the vessels that have a log."""
         return tuple(one.name for one in self._placed)
 
     @property
     def logs(self) -> tuple[Log, ...]:
-        """One of each file."""
+        """One log per file."""
         return tuple({one.log.path: one.log for one in self._placed}.values())
 
     def track(self, name: str) -> VesselTrack:
-        """What is known of one vessel over time."""
+        """Return the data of one vessel over time."""
         return next(one.track for one in self._placed if one.name == name)
 
     def instant(self, time_s: float, since_s: float | None = None, seen: bool = True) -> ViewInstant:
-        """The world at time_s, with what was said after since_s. seen: with the clouds of sensors."""
+        """Return the world at time_s, with the messages after since_s. seen: include the clouds of sensors."""
         vessels = {one.name: one.track.at(time_s, seen) for one in self._placed}
         vessels |= {name: VesselInstant(*pose.at(time_s)) for name, pose in self._others.items()}
         return ViewInstant(
@@ -188,13 +192,13 @@ class LogScene:
         )
 
     def _drawings(self, time_s: float) -> dict[str, tuple[SceneMesh, ...]]:
-        """The latest of each name."""
+        """Return the meshes of the latest temporary drawing of each name."""
         first = bisect_right(self._passing_s, time_s - self._longest_s)
         behind = bisect_right(self._passing_s, time_s + ROUNDING_S)
         return passing_at({entity.name: entity for entity in self._passing[first:behind]}, time_s)
 
     def findings(self) -> list[SceneFinding]:
-        """Of all analyses of all logs, the worst first; takes seconds."""
+        """Run all analyses on all logs and return their findings, the worst first. It takes seconds."""
         from xitl_cli.log_analyses import added_analyses
         from xitl_cli.logs.report.build import build_report
 
@@ -208,11 +212,11 @@ class LogScene:
         return _worst_first(found)
 
     def findings_of(self, report: Report) -> list[SceneFinding]:
-        """Of a report on logs of this scene, the worst first; those of files that are not in it are left out."""
+        """Return the findings of a report for the logs of this scene, the worst first. Other files are omitted."""
         return _worst_first([*self._of_report(report)])
 
     def lead_second(self, stamp_ns: int) -> tuple[Path, float]:
-        """The log that the others are laid on, and a stamp of it on the time line of the scene."""
+        """Return the path of the lead log, and one of its stamps as time on the time line of the scene."""
         return self._placed[0].log.path, self._placed[0].second(stamp_ns)
 
     def _of_report(self, report: Report) -> Iterator[tuple[str, SceneFinding]]:
@@ -239,7 +243,7 @@ class LogScene:
         return next((one for one in self._placed if one.log.path == path and one.log.vessel == vessel), None)
 
     def close(self) -> None:
-        """Clouds are read as they are drawn: nothing can be drawn afterwards."""
+        """Close the logs. Instants cannot be drawn afterwards, because their clouds are read from the logs."""
         for one in self._placed:
             one.log.close()
 
@@ -252,11 +256,13 @@ class LogScene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Recording:
-    """The surroundings that a recording of ours keeps. raw: all topics of the file. drawn: by their stamps."""
+    """The surroundings that a recording of xitl contains."""
 
     raw: Log
+    """All topics of the file."""
     profiles: tuple[RunProfile, ...] = ()
     drawn: tuple[tuple[int, list[DrawnEntity]], ...] = ()
+    """Stamps in ns and entities of the recorded scene updates."""
 
     @property
     def entities(self) -> list[DrawnEntity]:
@@ -264,7 +270,7 @@ class _Recording:
 
 
 def _worst_first(found: Sequence[tuple[str, SceneFinding]]) -> list[SceneFinding]:
-    """Each once, by its key and sentence."""
+    """Return the findings without duplicates of key and sentence, the worst first."""
     once: dict[tuple[str, str], SceneFinding] = {}
     for key, finding in found:
         once.setdefault((key, finding.sentence), finding)
@@ -272,10 +278,10 @@ def _worst_first(found: Sequence[tuple[str, SceneFinding]]) -> list[SceneFinding
 
 
 def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
-    """The logs at `paths` as one scene, about the first that has surroundings, else about the first.
+    """Return the logs at `paths` as one scene. The lead is the first log with surroundings, else the first log.
 
-    vessel: of recordings of several the one to show, all of them by default. Raises LogError when a file is no log, and
-    when none has both places and attitudes.
+    vessel: the vessel to show from recordings of several vessels, all by default. Raises LogError if a file is not a
+    log, or if no log has both positions and attitudes.
     """
     if not paths:
         raise LogError("no log was given; name a .bin, a .tlog or an .mcap")
@@ -300,7 +306,7 @@ def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
 
 
 def _open_vessels(path: Path, vessel: str | None, opened: ExitStack) -> Iterator[Log]:
-    """The log, or of a recording of several vessels one of each."""
+    """Yield the log. For a recording of several vessels, yield one log per vessel."""
     log = opened.enter_context(open_log(path))
     if not log.vessels:
         if vessel and log.base == "simulation":
@@ -321,7 +327,7 @@ def _recording(log: Log, opened: ExitStack) -> _Recording:
 
 
 def _place_logs(logs: Sequence[Log], notes: list[str]) -> list[PlacedLog]:
-    """Each that has a way and attitudes, the first being the one that the others are laid on."""
+    """Return the logs that have positions and attitudes. The first is the lead, to which the others are aligned."""
     names = _vessel_names(logs)
     placed: list[PlacedLog] = []
     lacking: list[str] = []
@@ -347,7 +353,7 @@ def _place_logs(logs: Sequence[Log], notes: list[str]) -> list[PlacedLog]:
 
 
 def _vessel_names(logs: Sequence[Log]) -> list[str]:
-    """The vessel's own where there is one file; else by the file, without what would divide a path."""
+    """Return the vessels' names. With several files, they begin with the file's name and contain no `/`."""
     paths = list(dict.fromkeys(log.path for log in logs))
     if len(paths) == 1:
         return [log.vessel for log in logs]
@@ -356,7 +362,7 @@ def _vessel_names(logs: Sequence[Log]) -> list[str]:
 
 
 def _lack(log: Log) -> str:
-    """What is missing to draw it, as a clause; empty where nothing is."""
+    """Return a clause about the data that the log lacks for drawing, empty if it is complete."""
     if log.span_ns is None:
         return "holds nothing with a time, so there is nothing to draw; give another log"
     sources: tuple[signals.SignalSource, ...] = ("truth", "estimate")
@@ -372,7 +378,7 @@ def _lack(log: Log) -> str:
 
 
 def _seconds(log: Log, lead: PlacedLog | None, name: str, notes: list[str]) -> Seconds:
-    """On the lead's seconds: by the clocks of both, else by an event of both, else first row on first row."""
+    """Align a log with the lead's time: by the clocks of both, else by a common event, else by the first rows."""
     if lead is None:
         zero_ns = log.zero_ns
         return lambda stamp_ns: (np.asarray(stamp_ns, dtype=np.int64) - zero_ns).astype(np.float64) * 1e-9
@@ -390,7 +396,7 @@ def _seconds(log: Log, lead: PlacedLog | None, name: str, notes: list[str]) -> S
 
 
 def _map_place(log: Log, lead: PlacedLog | None, seconds: Seconds, name: str, notes: list[str]) -> MapPlace:
-    """About the lead's place on the Earth where both have one and they are near, else start on start."""
+    """Align a log with the lead's map: by near positions on the Earth of both, else by their starts."""
     own = _origin(log)
     if lead is None or log.path == lead.log.path:
         return MapPlace(own) if lead is None else lead.place
@@ -416,7 +422,7 @@ def _map_place(log: Log, lead: PlacedLog | None, seconds: Seconds, name: str, no
 
 
 def _origin(log: Log) -> tuple[float, float, float] | None:
-    """Of its own map."""
+    """Return the origin of the log's own map."""
     for of in ("truth", "estimate"):
         if (found := signals.position_ned(log, of)) is not None:
             return found.origin
@@ -426,7 +432,7 @@ def _origin(log: Log) -> tuple[float, float, float] | None:
 def _surroundings(
     placed: list[PlacedLog], recordings: Mapping[Path, _Recording], notes: list[str]
 ) -> tuple[ViewScene, dict[str, PoseTrack], dict[int, DriftingBody]]:
-    """The first one's, with everybody's vessels; `placed` are given the missions that were drawn."""
+    """Return the lead's scene with the vessels of all logs. Set the recorded missions in `placed`."""
     lead = placed[0]
     recording = recordings[lead.log.path]
     title = ", ".join(one.name or one.log.path.name for one in placed)
@@ -470,7 +476,7 @@ def _surroundings(
 
 
 def _drawn_missions(recording: _Recording, one: PlacedLog, lead: PlacedLog) -> tuple[MissionChange, ...]:
-    """Those of a run's vessel, in the map of the scene; none of a profile without waypoints."""
+    """Return the missions of a run's vessel, in the map of the scene. They are empty without waypoints."""
     found = []
     for stamp_ns, entities in recording.drawn:
         places = read_missions(entities).get(one.log.vessel)
@@ -480,7 +486,7 @@ def _drawn_missions(recording: _Recording, one: PlacedLog, lead: PlacedLog) -> t
 
 
 def _moved(one: PlacedLog, lead: PlacedLog) -> Array:
-    """(3,) from a run's own map to that of the scene."""
+    """Return the shift (3,) in ENU from the map of a run to the map of the scene."""
     own = _origin(one.log)
     if own is None or one.place.origin is None or own == one.place.origin:
         return np.asarray(one.place.shift_enu_m)
@@ -499,13 +505,13 @@ def _plain_water(poses: Sequence[PoseTrack]) -> SceneWater:
 
 
 def _scripted(raw: Log, name: str, seconds: Seconds) -> PoseTrack | None:
-    """A vessel of a fleet without an autopilot."""
+    """Return the poses of a fleet's vessel without an autopilot."""
     table = raw.tables.get(f"/{vessel_name('truth/state', name)}")
     return None if table is None else _poses(table, np.arange(len(table)), seconds)
 
 
 def _poses(table: Table, rows: NDArray[np.intp], seconds: Seconds) -> PoseTrack | None:
-    """Of the columns position_ned_m and quaternion_ned_frd."""
+    """Return the poses from the columns position_ned_m and quaternion_ned_frd, None without them."""
     if not {"position_ned_m", "quaternion_ned_frd"} <= set(table.columns) or not len(rows):
         return None
     at_s, kept = forward(seconds(table.stamp_ns[rows]))
@@ -536,14 +542,14 @@ def _stream(lead: PlacedLog, field: str) -> HeldValues | None:
 
 
 class _Seas:
-    """Waves that were changed by hand, each from its second on; before the first those that were there at first."""
+    """Waves that an operator changed. Each sea holds from its own time on. Before all of them, the first sea holds."""
 
     def __init__(self, seconds: Array, table: Table, first: SceneWaves | None) -> None:
         self._seconds, self._table, self._first = seconds, table, first or NO_WAVES
         self._read = lru_cache(maxsize=8)(self._sea)
 
     def at(self, time_s: float) -> SceneWaves:
-        """The same object while they stay the same."""
+        """Return the waves at a time. The object stays the same until the waves change."""
         row = int(np.searchsorted(self._seconds, time_s, side="right")) - 1
         found: SceneWaves = self._first if row < 0 else self._read(row)
         return found
@@ -552,7 +558,7 @@ class _Seas:
         components = np.array(
             [self._table.values(field.name, np.array([row]))[0] for field in fields(SeaComponents)], dtype=np.float64
         )
-        # A sea of fewer components than another one is filled up by the table.
+        # The table pads a sea that has fewer components than another sea.
         amplitude, north, east, frequency, phase = components[:, np.isfinite(components[0])]
         return SceneWaves(amplitude, np.stack([east, north], axis=-1), frequency, phase)
 
@@ -565,7 +571,7 @@ def _seas(lead: PlacedLog, first: SceneWaves | None) -> _Seas | None:
 
 
 def _flow(stream: HeldValues | None, time_s: float) -> tuple[float, float]:
-    """East and north."""
+    """Return the velocity of a stream, east and north."""
     ned = None if stream is None else stream.at(time_s)
     return (0.0, 0.0) if ned is None or not np.isfinite(ned).all() else (float(ned[1]), float(ned[0]))
 
@@ -593,7 +599,7 @@ def _marks(placed: Sequence[PlacedLog], span_s: tuple[float, float]) -> tuple[Sc
 
 
 def _further(one: PlacedLog) -> Iterator[tuple[float, str]]:
-    """Contacts as they begin, and what people did."""
+    """Yield times and texts of the starts of contacts, and of operator actions."""
     contacts = one.log.tables.get("/contacts")
     if contacts is not None and {"what", "began"} <= set(contacts.columns):
         for row in np.flatnonzero(np.asarray(contacts.values("began"))).tolist():
@@ -605,7 +611,7 @@ def _further(one: PlacedLog) -> Iterator[tuple[float, str]]:
 
 
 def action_text(text: str) -> str:
-    """An action in words: `wind mean_mps 6`; as it stands where it is none."""
+    """Return an action as words, such as `wind mean_mps 6`. Other text stays unchanged."""
     try:
         action = dict(json.loads(text))
     except (ValueError, TypeError):

@@ -61,7 +61,7 @@ class ReplayDrawing:
 
 
 class _WayDrawing:
-    """Segments of a track. Each segment appears after the vessel sailed it."""
+    """Segments of a track. Each segment appears after the vessel has sailed it."""
 
     def __init__(self, api: Any, name: str, pose: Any, level_m: float, colour: Colour) -> None:
         seconds, places = spaced(pose.place_s, pose.position_enu_m)

@@ -1,6 +1,6 @@
-"""From the scene that a run records, Foxglove's SceneUpdate, to what a view draws.
+"""Convert recorded scenes, Foxglove's SceneUpdate messages, to the data that a view draws.
 
-The run makes them in xitl_cli/run/world/scene.py; beside a run the same bytes come down the pipe.
+xitl_cli/run/world/scene.py makes the messages. A live view receives the same bytes through its pipe.
 """
 
 from __future__ import annotations
@@ -35,30 +35,31 @@ from xitl_cli.seeds import Seeds
 BODY = "body_"
 PLAIN_LENGTH_M = 2.0
 ROUNDING_S = 1e-6
-"""More than the rounding of a time on a time line: an entity is shown at its own time stamp."""
+"""Tolerance for rounded times, so that an entity is visible at its own time stamp."""
 PLAIN_COLOURS = ((235, 237, 242), (240, 150, 50), (90, 190, 240), (150, 210, 90), (230, 110, 170))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnEntity:
-    """An entity of a SceneUpdate, with a mesh for each of its colours.
-
-    lines_m: of each line its points (P, 3). cylinders: position, axis and diameter of each. from_s, lifetime_s: its
-    time stamp, and its duration from there; 0 of a lasting entity.
-    """
+    """An entity of a SceneUpdate, with a mesh for each of its colours."""
 
     frame: str
     name: str
     meshes: tuple[SceneMesh, ...]
     lines_m: tuple[Array, ...]
+    """Points (P, 3) of each line."""
     cylinders: tuple[tuple[Array, Array, float], ...]
+    """Position, axis and diameter of each cylinder."""
     boxes: tuple[tuple[Array, Array], ...]
+    """Position and size of each box."""
     from_s: float = 0.0
+    """Time stamp."""
     lifetime_s: float = 0.0
+    """Duration from the time stamp, 0 for a permanent entity."""
 
 
 def read_scene_updates(*updates: bytes) -> list[DrawnEntity]:
-    """Entities of all of them. Raises ValueError when one is none."""
+    """Return the entities of all encoded updates. Raises ValueError for bytes that are not a SceneUpdate."""
     try:
         messages = [foxglove_type("SceneUpdate").FromString(update) for update in updates]
     except Exception as error:  # DecodeError is of the implementation's own
@@ -100,7 +101,7 @@ def _entity(entity: Any) -> DrawnEntity:
 
 
 def _seconds(message: Any) -> float:
-    """Of a time stamp or a duration."""
+    """Return the seconds of a time stamp or a duration."""
     seconds: float = message.seconds + message.nanos * 1e-9
     return seconds
 
@@ -121,7 +122,7 @@ def _colour(message: Any) -> tuple[Colour, float]:
 
 
 def read_bodies(entities: Iterable[DrawnEntity]) -> dict[int, SceneMesh]:
-    """Debris among them by its number."""
+    """Return the meshes of the debris by number."""
     return {
         int(entity.frame.removeprefix(BODY)): entity.meshes[0]
         for entity in entities
@@ -130,7 +131,7 @@ def read_bodies(entities: Iterable[DrawnEntity]) -> dict[int, SceneMesh]:
 
 
 def read_missions(entities: Iterable[DrawnEntity]) -> dict[str, Array]:
-    """Missions among them by vessel, (W, 3) places in the map."""
+    """Return the missions by vessel, as positions (W, 3) in the map."""
     return {
         vessel: entity.lines_m[0]
         for entity in entities
@@ -140,12 +141,12 @@ def read_missions(entities: Iterable[DrawnEntity]) -> dict[str, Array]:
 
 
 def read_passing(entities: Iterable[DrawnEntity]) -> list[DrawnEntity]:
-    """Entities in the map that last a moment, such as the drawings of plug-ins."""
+    """Return the temporary entities in the map, such as the drawings of plug-ins."""
     return [entity for entity in entities if entity.lifetime_s > 0.0 and entity.frame == MAP_FRAME]
 
 
 def passing_at(entities: Mapping[str, DrawnEntity], time_s: float) -> dict[str, tuple[SceneMesh, ...]]:
-    """The meshes of those that are shown at an instant, by name."""
+    """Return the meshes of the entities that are visible at an instant, by name."""
     time_s += ROUNDING_S
     return {
         name: entity.meshes
@@ -155,16 +156,16 @@ def passing_at(entities: Mapping[str, DrawnEntity], time_s: float) -> dict[str, 
 
 
 def _of_vessel(entity: DrawnEntity) -> tuple[str, str]:
-    """Whose it is, and what."""
+    """Return the vessel's name and the kind of an entity."""
     vessel, _, kind = entity.name.rpartition("/")
     return vessel, kind
 
 
 def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Sequence[RunProfile] = ()) -> ViewScene:
-    """Of all entities of a run or recording; debris and missions that come later are left out, see `read_bodies` and
-    `read_missions`.
+    """Return the scene from all entities of a run or recording.
 
-    profiles: of each vessel of the run, which its water and its waves are taken from; empty where nothing is known.
+    It has no debris and no later missions, see `read_bodies` and `read_missions`. profiles: profiles of the run's
+    vessels, for the water and its waves; empty if they are unknown.
     """
     vessels: dict[str, SceneVessel] = {}
     meshes: list[SceneMesh] = []
@@ -198,7 +199,7 @@ def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Seque
 
 
 def _thrusters(entity: DrawnEntity) -> tuple[SceneThruster, ...]:
-    """Commands of propellers come before all others, in the same order."""
+    """Return the propellers. Their commands have the same order, and come before all other commands."""
     return tuple(
         SceneThruster(_floats(place), _floats(axis), diameter_m, motor)
         for motor, (place, axis, diameter_m) in enumerate(entity.cylinders)
@@ -225,18 +226,18 @@ def _water(water: SceneWater, profiles: Sequence[RunProfile]) -> SceneWater:
 
 
 def waves_of(profile: RunProfile) -> SceneWaves | None:
-    """Those of the run of this profile, phase by phase; None on flat water."""
+    """Return the waves of this profile's run with the same phases, None for flat water."""
     environment = profile.environment
     rng = default_rng(Seeds(profile.clock.seed).sequence("waves"))
     return scene_waves(realise_waves(environment.waves, environment.water, rng, environment.current.mean_ne_mps))
 
 
 NO_WAVES = SceneWaves(np.empty(0), np.empty((0, 2)), np.empty(0), np.empty(0))
-"""Where there were some before."""
+"""Flat water after waves."""
 
 
 def scene_waves(field: object) -> SceneWaves | None:
-    """A WaveField in the map's axes, None of flat water."""
+    """Return a WaveField in the map's axes, None for flat water."""
     if not isinstance(field, WaveField):
         return None
     return SceneWaves(
@@ -245,6 +246,6 @@ def scene_waves(field: object) -> SceneWaves | None:
 
 
 def plain_vessel(length_m: float = PLAIN_LENGTH_M, number: int = 0) -> SceneVessel:
-    """A boat of which nothing more is known, in a colour of its own."""
+    """Return a plain boat for an unknown vessel. number: selects the colour."""
     colour = PLAIN_COLOURS[number % len(PLAIN_COLOURS)]
     return SceneVessel((shapes.boat(length_m).mesh("boat", colour),), length_m=length_m)

@@ -1,6 +1,6 @@
-"""The page of a view: where it listens, who is let in, and the browser that is opened.
+"""Server of a view's page: its address, its access control, and the start of a browser.
 
-viser has no option for who may connect. Its server is given the socket to listen at and a check of each request here.
+viser has no access control. This module gives viser's server the listening socket and a check of each request.
 """
 
 from __future__ import annotations
@@ -31,24 +31,23 @@ TRIED = 50
 TOKEN_BYTES = 18
 SHORT_PX = 480
 CLIENTS_KEPT = 64
-"""Browsers that may be waiting to be let in. A connection costs a file descriptor."""
+"""Maximum number of connections that wait for access. Each connection uses a file descriptor."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewAddress:
-    """Where a view listens. token: a secret in its address, without which nothing is served.
-
-    moved: the port that it would have had and somebody else has.
-    """
+    """Address of a view."""
 
     host: str
     port: int
     token: str = ""
+    """Secret in the address. The server refuses requests without it."""
     moved: int | None = None
+    """Usual port, if another program uses it and the view has another port."""
 
     @property
     def url(self) -> str:
-        """What to open. Of one that listens everywhere it has this machine's name."""
+        """URL for a browser. If the view listens at all addresses, it contains the name of this machine."""
         host = self.host
         if host in ("0.0.0.0", "::"):
             host = socket.gethostname()
@@ -57,12 +56,12 @@ class ViewAddress:
 
 
 def check_view_extra() -> None:
-    """Raise UserError where viser is not installed."""
+    """Raise UserError if viser is not installed."""
     VIEW.require("the 3D view cannot do without")
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches it."""
+    """Return whether only this machine can connect to the host."""
     if host == "localhost":
         return True
     try:
@@ -78,12 +77,12 @@ def listen(
     port_key: str = "view.port",
     usual: int | None = None,
 ) -> tuple[socket.socket, ViewAddress]:
-    """A socket that listens, so that a browser may come before the page is there.
+    """Return a listening socket and its address. A browser can connect before the page is ready.
 
-    port: None for the usual one, or another where that is taken. host_key, port_key: what the errors call them.
+    port: None for the usual port, or a free one if it is taken. host_key, port_key: names of host and port in errors.
     usual: the usual port, USUAL_PORT by default.
 
-    Raises UserError for an address that this machine has not, and for a given port that is taken.
+    Raises UserError for an address that does not belong to this machine, and for a given port that is taken.
     """
     token = secrets.token_urlsafe(TOKEN_BYTES)
     first = (USUAL_PORT if usual is None else usual) if port is None else port
@@ -121,13 +120,13 @@ def _bound(host: str, port: int) -> socket.socket:
 
 
 def has_desktop() -> bool:
-    """Whether a browser could be opened for somebody: a desktop, a terminal, and no continuous integration."""
+    """Return whether a user can see a browser: with a desktop, a terminal, and without continuous integration."""
     desktop = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return bool(desktop) and not os.environ.get("CI") and sys.stderr is not None and sys.stderr.isatty()
 
 
 def open_browser(url: str) -> bool:
-    """Whether one was opened. What a browser prints in a terminal is not waited for."""
+    """Open a browser and return whether that succeeded. Do not wait for browsers that run in the terminal."""
     import webbrowser
 
     try:
@@ -137,9 +136,9 @@ def open_browser(url: str) -> bool:
 
 
 def make_server(listener: socket.socket, address: ViewAddress, title: str) -> viser.ViserServer:
-    """A viser server at `listener` that lets in who has the token, and asks nothing outside.
+    """Return a viser server at `listener`. It accepts only requests with the token, and connects to no other machine.
 
-    viser takes connections before it is made, and fails those that come then: they wait here.
+    During its construction, viser accepts connections but cannot serve them. They wait until it is complete.
     """
     import asyncio
 
@@ -151,7 +150,7 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
     made = threading.Event()
 
     class BoundedConnection(asyncio_server.ServerConnection):
-        """A connection; those without a whole request are closed, oldest first, when they are too many."""
+        """A connection. Above `CLIENTS_KEPT` connections without a complete request, the oldest is closed."""
 
         waiting: ClassVar[dict[Any, None]] = {}
 
@@ -199,17 +198,18 @@ def make_server(listener: socket.socket, address: ViewAddress, title: str) -> vi
 
 
 def _minimise_on_short_screen(client: Any) -> None:
-    """The floating panel is as high as a phone on its side; there it begins as a bar."""
+    """Minimise the floating panel on a short screen, such as a phone in landscape orientation."""
     if client.camera.image_height < SHORT_PX:
         client.gui.main_panel.minimize()
 
 
 @cache
 def _have_threads_wake_safely() -> None:
-    """Give viser's messages to browsers an event that any thread may set.
+    """Give viser's message buffer an event that any thread may set.
 
-    viser sets it beside its event loop too, where asyncio allows nobody to: it raised RuntimeError in the thread that
-    draws about once in 300,000 messages. In its loop it sets it again for each, which is what wakes.
+    viser also sets this event outside of its event loop, which asyncio does not allow. It raised RuntimeError in the
+    drawing thread about once in 300,000 messages. viser sets the event again inside its loop for each message, and only
+    this call wakes the waiting tasks.
     """
     import asyncio
 
@@ -240,10 +240,10 @@ _MADE_S = 0.01  # between looks whether it is made
 def stranger(
     listening: str, host: str, origin: str | None, trusted: Callable[[str], bool] = lambda origin: False
 ) -> str:
-    """Why a request comes from a page of another site; empty if it does not.
+    """Return the reason to refuse a request from a page of another site, empty if it is allowed.
 
-    listening: the address that the server listens at. host, origin: the request's headers; origin is None where it has
-    none. trusted: says of an origin whether its pages may connect.
+    listening: address at which the server listens. host, origin: headers of the request; origin is None if absent.
+    trusted: returns whether pages of an origin may connect.
     """
     try:
         name = urlsplit(f"//{host}").hostname or ""
@@ -258,10 +258,10 @@ def stranger(
 
 
 class Doorkeeper:
-    """Checks each request before viser answers it: the token, and that no page from elsewhere asks.
+    """Checks each request before viser answers it. Refuses requests without the token, and from pages of other sites.
 
-    A page of another site may make a browser connect to this machine: its `Origin` tells, or its `Host` when it had a
-    name of its own point here.
+    A page of another site can make a browser connect to this machine. The `Origin` header reveals such a page. If the
+    site's own name resolves to this machine, the `Host` header reveals it.
     """
 
     def __init__(self, address: ViewAddress, answer: Callable[[Any, Any], Any], title: str) -> None:
@@ -282,7 +282,7 @@ class Doorkeeper:
         return answer
 
     def _refusal(self, request: Any) -> str:
-        """Why it is not answered, empty if it is."""
+        """Return the reason to refuse a request, empty if it is allowed."""
         for name in ("Host", "Origin"):
             if len(request.headers.get_all(name)) > 1:
                 return f"it has two headers {name}"
@@ -345,7 +345,7 @@ new MutationObserver(() => {{
 
 
 def _complete(answer: Any, title: str) -> None:
-    """Give the page its title, and a word where there is no WebGL: viser's own is gone with the page that fails."""
+    """Add a title and a message about missing WebGL to the page. viser's own message is lost when its page fails."""
     import gzip
     import html
 

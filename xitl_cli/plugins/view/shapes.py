@@ -1,4 +1,4 @@
-"""Triangles of what a view draws: vertices (V, 3) and faces (F, 3), counter-clockwise from outside, z up."""
+"""Triangles of shapes: vertices (V, 3) and faces (F, 3), counter-clockwise as seen from outside, z up."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class Geometry(NamedTuple):
     faces: Faces
 
     def placed(self, position_m: Sequence[float], attitude_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Geometry:
-        """Turned, then moved."""
+        """Return the shape after a rotation and then a shift."""
         turned = self.vertices_m @ quat_to_matrix(np.asarray(attitude_wxyz, dtype=np.float64)).T
         return Geometry((turned + np.asarray(position_m)).astype(np.float32), self.faces)
 
     def mesh(self, name: str, colour: Colour, opacity: float = 1.0) -> SceneMesh:
-        """The same with a name and a colour."""
+        """Return the shape as a mesh with a name and a colour."""
         return SceneMesh(name, self.vertices_m, self.faces, colour, opacity)
 
 
 def geometry(vertices_m: object, faces: object) -> Geometry:
-    """Of anything like arrays."""
+    """Return a Geometry from array-like vertices and faces."""
     return Geometry(
         np.ascontiguousarray(vertices_m, dtype=np.float32).reshape(-1, 3),
         np.ascontiguousarray(faces, dtype=np.uint32).reshape(-1, 3),
@@ -40,7 +40,7 @@ EMPTY = geometry([], [])
 
 
 def merged(shapes: Sequence[Geometry]) -> Geometry:
-    """All of them as one."""
+    """Return all shapes as one."""
     if not shapes:
         return EMPTY
     first = np.cumsum([0, *(len(each.vertices_m) for each in shapes)])
@@ -51,8 +51,9 @@ def merged(shapes: Sequence[Geometry]) -> Geometry:
 def frustum(
     size_m: tuple[float, float, float], bottom_scale: float = 1.0, top_scale: float = 1.0, sides: int = 20
 ) -> Geometry:
-    """An upright cylinder about the origin of diameters size_m x and y and height z, as Foxglove defines it; its ends
-    are scaled, so that 1, 0 is a cone.
+    """Return an upright cylinder around the origin, as Foxglove defines it.
+
+    size_m: diameters along x and y, and height. bottom_scale, top_scale: factors on the ends; 1, 0 is a cone.
     """
     turn = 2.0 * math.pi * np.arange(sides) / sides
     ring = 0.5 * np.stack([np.cos(turn) * size_m[0], np.sin(turn) * size_m[1]], axis=-1)
@@ -61,7 +62,7 @@ def frustum(
     high = np.column_stack([top_scale * ring, np.full(sides, half)])
     here = np.arange(sides)
     following = (here + 1) % sides
-    # Rims are there twice, so that a smooth side does not bend into the flat ends.
+    # The rims have double vertices, so that shading does not blend the side with the flat ends.
     side = np.concatenate(
         [np.stack([here, following, sides + here], -1), np.stack([following, sides + following, sides + here], -1)]
     )
@@ -81,14 +82,14 @@ _SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), 
 
 
 def cuboid(size_m: tuple[float, float, float]) -> Geometry:
-    """About the origin; each side has corners of its own, so that edges are sharp."""
+    """Return a cuboid around the origin. The sides share no vertices, so that edges look sharp."""
     vertices = np.concatenate([_CORNERS[list(side)] for side in _SIDES]) * np.asarray(size_m)
     faces = [[4 * side + corner for corner in face] for side in range(6) for face in ((0, 1, 2), (0, 2, 3))]
     return geometry(vertices, faces)
 
 
 def ellipsoid(size_m: tuple[float, float, float], sides: int = 20, rings: int = 10) -> Geometry:
-    """About the origin, of diameters size_m."""
+    """Return an ellipsoid around the origin. size_m: diameters."""
     down, turn = np.meshgrid(
         np.linspace(0.0, math.pi, rings + 1), 2.0 * math.pi * np.arange(sides) / sides, indexing="ij"
     )
@@ -103,7 +104,7 @@ def ellipsoid(size_m: tuple[float, float, float], sides: int = 20, rings: int = 
 
 
 def arrow(length_m: float, diameter_m: float) -> Geometry:
-    """From the origin along x; its head is a fifth of it."""
+    """Return an arrow from the origin along x. Its head has a fifth of its length."""
     head_m = 0.3 * length_m
     shaft = frustum((0.4 * diameter_m, 0.4 * diameter_m, length_m - head_m), sides=10)
     head = frustum((diameter_m, diameter_m, head_m), 1.0, 0.0, sides=14)
@@ -114,7 +115,7 @@ def arrow(length_m: float, diameter_m: float) -> Geometry:
 
 
 def propeller(diameter_m: float, blades: int = 3) -> Geometry:
-    """A hub along x and blades that are turned against the stream, for a propeller that turns about x."""
+    """Return a propeller that turns about x: a hub along x, and blades at an angle to the flow."""
     radius = 0.5 * diameter_m
     hub = frustum((0.22 * diameter_m, 0.22 * diameter_m, 0.3 * diameter_m), 1.0, 0.5, sides=12)
     shapes = [hub.placed((0.0, 0.0, 0.0), _from_upright(np.array([1.0, 0.0, 0.0])))]
@@ -138,7 +139,7 @@ def propeller(diameter_m: float, blades: int = 3) -> Geometry:
 
 
 def boat(length_m: float) -> Geometry:
-    """A plain hull for a vessel of which nothing is known but its length: bow at +x, waterline at z = 0."""
+    """Return a plain hull for a vessel with only a known length: bow at +x, waterline at z = 0."""
     stations = np.array([-0.5, -0.48, 0.0, 0.25, 0.4, 0.5]) * length_m
     beams = np.array([0.30, 0.32, 0.34, 0.28, 0.15, 0.0]) * length_m
     drafts = np.array([0.05, 0.09, 0.1, 0.09, 0.05, -0.05]) * length_m
@@ -158,7 +159,7 @@ def boat(length_m: float) -> Geometry:
 
 
 def _from_upright(direction: Array) -> tuple[float, float, float, float]:
-    """(w, x, y, z) of the shortest turn from +z to a unit vector."""
+    """Return (w, x, y, z) of the shortest rotation from +z to a unit vector."""
     x, y, z = direction.tolist()
     if z < -0.999999:
         return 0.0, 1.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""The time line of a served recording: play, speed, scrub, events as marks, and a jump to a finding."""
+"""Time line of a served recording: playback, speed, slider, event marks, and jumps to findings."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "5 ×", "10 ×", "30 ×
 FRAMES_HZ = 20.0
 IDLE_S = 0.1
 SLIDER_S = 0.2
-"""How often the slider follows while it plays."""
+"""Update period of the slider during playback."""
 STEP_S = 0.05
 MOST_SLIDER_MARKS, MOST_LISTED, MOST_FINDINGS = 60, 400, 40
 BEFORE_FINDING_S = 1.0
-"""By which a jump to a finding is earlier, so that it is seen to come."""
+"""Lead time of a jump to a finding, so that the user sees its start."""
 NO_EVENT = "–"
 _COLOURS = {Severity.CRITICAL: "red", Severity.WARNING: "orange", Severity.NOTICE: "blue"}
 
 
 class PlayClock:
-    """Which instant of a recording is shown. Thread-safe: a page's buttons are pressed in threads of their own."""
+    """Playback time of a recording. It is thread-safe, because callbacks of buttons run in separate threads."""
 
     def __init__(self, span_s: tuple[float, float], at_s: float | None = None, speed: float = 1.0) -> None:
         self._lock = threading.Lock()
@@ -52,7 +52,7 @@ class PlayClock:
         return self._playing
 
     def advance(self, elapsed_s: float) -> float:
-        """So much later on the wall; it stands still at the end. Returns the instant to show."""
+        """Advance by elapsed wall clock time, at most to the end. Return the time to show."""
         with self._lock:
             if self._playing:
                 self._time_s = min(self._time_s + elapsed_s * self._speed, self.end_s)
@@ -60,26 +60,26 @@ class PlayClock:
             return self._time_s
 
     def play(self, wanted: bool) -> None:
-        """From the start where it stands at the end."""
+        """Play or pause. At the end, playback restarts from the beginning."""
         with self._lock:
             if wanted and self._time_s >= self.end_s:
                 self._time_s = self.begin_s
             self._playing = wanted
 
     def jump(self, time_s: float) -> None:
-        """Stand still at an instant."""
+        """Pause at an instant."""
         with self._lock:
             self._time_s = min(max(time_s, self.begin_s), self.end_s)
             self._playing = False
 
     def run_at(self, speed: float) -> None:
-        """Times as fast as it was."""
+        """Set the speed as a multiple of the recorded speed."""
         with self._lock:
             self._speed = speed
 
 
 class TimelinePanel:
-    """The controls of a PlayClock at a server's page."""
+    """Controls of a PlayClock on a server's page."""
 
     def __init__(self, server: viser.ViserServer, clock: PlayClock, marks: Sequence[SceneMark]) -> None:
         self._clock = clock
@@ -112,7 +112,7 @@ class TimelinePanel:
         self._speed.on_update(lambda event: clock.run_at(float(str(self._speed.value).split()[0])))
 
     def show_findings(self, findings: Sequence[SceneFinding]) -> None:
-        """A button for each, which goes to where it can be seen."""
+        """Add a button for each finding. It jumps to the finding's time."""
         gui = self._gui
         with gui.add_folder(f"Findings ({len(findings)})", order=0.5, expand_by_default=bool(findings)):
             if not findings:
@@ -128,7 +128,7 @@ class TimelinePanel:
                 button.on_click(self._jump_to(finding.time_s))
 
     def update(self, now_s: float) -> None:
-        """Let the controls follow the clock, some times a second."""
+        """Update the controls to the clock, a few times per second."""
         playing, time_s = self._clock.playing, self._clock.time_s
         label = "Pause" if playing else "Play"
         if self._play.label != label:
@@ -160,13 +160,13 @@ class TimelinePanel:
 
 
 def slider_marks(marks: Sequence[SceneMark]) -> tuple[float, ...]:
-    """Where the slider has a mark: every event, or of too many some."""
+    """Return the times of the marks on the slider. Too many events are thinned."""
     every = max(-(-len(marks) // MOST_SLIDER_MARKS), 1)
     return tuple(round(mark.time_s, 2) for mark in marks[::every])
 
 
 def event_labels(marks: Sequence[SceneMark]) -> list[str]:
-    """One a mark, no two the same."""
+    """Return one label per mark, without duplicates."""
     labels: list[str] = []
     taken: set[str] = set()
     for mark in marks:
@@ -179,12 +179,12 @@ def event_labels(marks: Sequence[SceneMark]) -> list[str]:
 
 
 def shortened(text: str, most: int = 90) -> str:
-    """A text that is too long ends in an ellipsis."""
+    """Return a text of at most `most` characters. A cut text ends in an ellipsis."""
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
 
 class RecordingPage:
-    """A recording at an address, until it is closed. at_s: where it stands still at first; it plays without."""
+    """Page of a recording at an address. at_s: initial time of the paused page; None starts playback."""
 
     def __init__(
         self,
@@ -233,11 +233,11 @@ class RecordingPage:
         night.on_update(change_light)
 
     def find(self) -> None:
-        """Add what the log analysis finds; takes seconds, so that it is for a thread of its own."""
+        """Add the findings of the log analysis. It takes seconds: call it in a separate thread."""
         self.panel.show_findings(self._recording.findings())
 
     def serve(self, ended: threading.Event) -> None:
-        """Draw for whoever looks; while nobody does, time stands still."""
+        """Draw until `ended` is set. The time does not advance without a browser."""
         last_s = time.monotonic()
         while not ended.is_set():
             began_s = time.monotonic()
@@ -260,6 +260,6 @@ class RecordingPage:
         self.panel.update(now_s)
 
     def close(self) -> None:
-        """Let nobody in any more."""
+        """Stop the server."""
         with silent_viser():
             self._server.stop()

@@ -1,7 +1,7 @@
-"""The water's surface as a grid that goes with the camera's subject and is moved by the waves of the run.
+"""Water surface as a grid that follows the camera's subject and moves with the waves of the run.
 
-Near its middle the cells are small, and they grow outwards as far as the haze. A wave that is too short for a cell's
-size fades there, so that the far surface does not flicker.
+The cells are small near the middle and grow outwards to the haze. A wave that is too short for a cell's size fades
+there, so that the distant surface does not flicker.
 """
 
 from __future__ import annotations
@@ -17,27 +17,28 @@ from xitl_cli.plugins.view.model import Array, Faces, Points, SceneWaves
 
 @dataclass(frozen=True, slots=True)
 class WaterResolution:
-    """near_cells: of near_cell_m to each side of the middle, growth_cells: beyond them, as far as the haze.
-
-    height_step_m: what heights are rounded to; 0 leaves them.
-    """
+    """Resolution of the water surface."""
 
     near_cell_m: float
+    """Size of the cells near the middle."""
     near_cells: int
+    """Number of cells of this size to each side of the middle."""
     growth_cells: int
+    """Number of growing cells beyond them, to the haze."""
     height_step_m: float = 0.0
+    """Step to which heights are rounded, 0 for no rounding."""
 
 
 SCREEN_WATER = WaterResolution(0.75, 26, 13)
 PAGE_WATER = WaterResolution(1.5, 8, 5, 0.02)
-"""Of a page, which holds the height of every corner at every instant: some 10 kB a second."""
+"""Resolution for a page. The page stores the height of every vertex at every instant, about 10 kB per second."""
 REACH_M = 1800.0
 
 
 class WaterGrid:
-    """vertices_m (V, 3) about its middle, faces (F, 3).
+    """Grid with vertices_m (V, 3) relative to its middle, and faces (F, 3).
 
-    reach_m: half its side. waves: None of still water, whose grid is a square of two triangles.
+    reach_m: half of its side length. waves: None for still water, whose grid is a square of two triangles.
     """
 
     def __init__(
@@ -59,14 +60,14 @@ class WaterGrid:
             self._of_sine: NDArray[np.float32] = (amplitude_m * np.sin(phase)).astype(np.float32)
 
     def middle(self, place_en_m: Array) -> tuple[float, float]:
-        """Where to put the grid's middle for a subject there: on whole cells, so that it does not swim."""
+        """Return the grid's middle for a subject. It is a multiple of the cell size, so that waves do not swim."""
         if self.waves is None:
             return float(place_en_m[0]), float(place_en_m[1])
         east, north = (np.round(place_en_m / self._cell_m) * self._cell_m).tolist()
         return east, north
 
     def move(self, time_s: float, middle_en_m: tuple[float, float]) -> Points:
-        """Its vertices at an instant, about the middle and the still level; the same array each time."""
+        """Return the vertices at an instant, relative to the middle and the still level. The array is reused."""
         waves = self.waves
         if waves is not None:
             phase = (
@@ -81,7 +82,7 @@ class WaterGrid:
 
 
 def _axis(reach_m: float, resolution: WaterResolution) -> Array:
-    """Places of the grid's lines."""
+    """Return the coordinates of the grid's lines."""
     cell_m, growing = resolution.near_cell_m, np.arange(1, resolution.growth_cells + 1)
     near_m = cell_m * resolution.near_cells
     ratio = 1.0
@@ -101,6 +102,6 @@ def _faces(lines: int) -> Faces:
 
 
 def heading_wxyz(east: float, north: float) -> tuple[float, float, float, float]:
-    """Turn about the vertical that lays +x along a direction."""
+    """Return the rotation (w, x, y, z) about the vertical from +x to a direction."""
     half = 0.5 * math.atan2(north, east)
     return math.cos(half), 0.0, 0.0, math.sin(half)

@@ -130,7 +130,7 @@ def complete_graph_group(profile: ProfileGroups) -> NodeGraph | None:
 
 
 def _merged(derived: Node, written: Node | None) -> Node:
-    """What is written of a node over what follows for it; the rest empty."""
+    """Return the derived node with the written values over it. Values that neither has are empty."""
     return Node(**{"runs_on": "", "does": "", **_values(derived), **_values(written)})
 
 
@@ -164,7 +164,7 @@ def _agent_place(runs: str, name: str) -> tuple[Literal["real", "virtual"], str]
 
 
 def _autopilot_place(autopilot: AutopilotSpec) -> tuple[Literal["real", "virtual"], str]:
-    """Of another make: on a board where the agent is on one, or at the end of a cable."""
+    """Return kind and place of an autopilot: on a board, at the end of a cable, or virtual."""
     standby = autopilot.standby
     if autopilot.runs == "board" or (standby is not None and standby.runs == "board"):
         return "real", "autopilot board"

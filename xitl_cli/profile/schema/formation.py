@@ -14,7 +14,7 @@ _DRAWS = 10_000
 
 
 def formation_offsets(shape: str, count: int, spacing_m: float) -> list[Offset]:
-    """Of each vessel from the start, forward and to starboard."""
+    """Return the offset of each vessel from the start, forward and to starboard."""
     across = [place - (count - 1) / 2 for place in range(count)]
     if shape == "column":
         return [(0.0 - number * spacing_m, 0.0) for number in range(count)]
@@ -38,7 +38,9 @@ def formation_offsets(shape: str, count: int, spacing_m: float) -> list[Offset]:
 def spread_offsets(
     count: int, radius_m: float, apart_m: float, seed: str, free: Callable[[Offset], bool] = lambda place: True
 ) -> list[Offset] | None:
-    """Of each vessel from the middle, north and east, even over the circle; None where no more room was found.
+    """Return the offset of each vessel from the middle, north and east. None if no more free places were found.
+
+    Offsets are distributed evenly over the circle.
 
     seed: what the draw depends on. free: whether a vessel may lie at an offset.
     """

@@ -181,7 +181,7 @@ class Profile(Specification):
         return RunProfile(**given | {"ais": _complete_ais(self.ais or AisSpec(), called, number)})
 
     def role(self) -> Literal["runs", "graph only", "part"]:
-        """What the profile is good for: a run, its graph, or as a part of other profiles."""
+        """Use of the profile: for a run, for its graph, or as a part of other profiles."""
         if not self.missing_for_run():
             return "runs"
         groups = {field.name for field in fields(self)} - {"name", "description", "technique"}
@@ -227,7 +227,7 @@ def _complete_ais(ais: AisSpec, name: str, mmsi: int) -> AisSpec:
 
 
 def ground_stations_of(profile: Profile | RunProfile) -> tuple[str, ...]:
-    """Where the autopilot of this profile talks to ground stations; on a board its own command line says so."""
+    """Return the ground station addresses of the autopilot. They are empty on a board: its command line has them."""
     autopilot = profile.autopilot
     if autopilot is None or autopilot.kind == "none" or autopilot.runs == "board":
         return ()

@@ -1,4 +1,4 @@
-"""What the nodes of a run are made from."""
+"""Inputs from which the nodes of a run are made."""
 
 from __future__ import annotations
 

@@ -132,12 +132,10 @@ _KINDS = FAULT_GROUPS
 
 @dataclass(frozen=True, slots=True)
 class FaultsInForce:
-    """The active faults of one link and of the agent behind it. The defaults mean no fault.
-
-    The host applies `to_agent` with `seed` in its ImpairedTransport. The agent gets the rest in `message`.
-    """
+    """The active faults of one link and of the agent behind it. The defaults mean no fault."""
 
     to_agent: LinkFaults = NO_FAULTS
+    """The host applies them with `seed` in its ImpairedTransport. The agent gets the other fields in `message`."""
     from_agent: LinkFaults = NO_FAULTS
     cpu_load: float = 0.0
     clock_offset_s: float = 0.0

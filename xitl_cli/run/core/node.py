@@ -46,9 +46,10 @@ class SimulationClock:
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """Data for a node when the run starts. recorder: recorder of the topics of `vessel`."""
+    """Data for a node when the run starts."""
 
     recorder: Recorder
+    """Recorder of the topics of `vessel`."""
     pace: Pace
     clock: SimulationClock
     vessel: str = ""
@@ -144,25 +145,25 @@ class ExchangePart(RunNode):
 
 
 class ControlNode(RunNode):
-    """Node that moves the vessel by its motor commands.
-
-    command: active command. progress: progress at the latest exchange. position_error_m: latest horizontal error of
-    its estimate, None without an estimate.
-    """
+    """Node that moves the vessel by its motor commands."""
 
     command: MotorCommand
+    """Active command."""
     progress: Progress
+    """Progress at the latest exchange."""
     position_error_m: float | None = None
+    """Latest horizontal error of the node's position estimate, None without an estimate."""
 
 
 @dataclass(frozen=True, slots=True)
 class VesselNodes:
-    """Nodes of one vessel in the order of the calls; `control` is one of them."""
+    """Nodes of one vessel."""
 
     name: str
     """Name of the vessel, empty if there is only one."""
     control: ControlNode
     nodes: tuple[RunNode, ...]
+    """All nodes in the order of the calls, with `control`."""
     awaited: bool = True
     """The run waits until this vessel has finished."""
 

@@ -19,9 +19,10 @@ Idle = Callable[[float], object]
 
 
 class Pace(Protocol):
-    """Called before every physics step. slips: how often the world paused because this machine stalled."""
+    """Pace of a run. The run calls it before every physics step."""
 
     slips: int
+    """Number of times that the world paused because this machine stalled."""
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
         """Return when the step that ends at `sim_ns` is due. `idle` waits for up to the given time in seconds."""

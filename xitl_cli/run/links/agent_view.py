@@ -133,7 +133,7 @@ class AgentView:
         self.guided_ne_m = north_m, east_m
 
     def guided_target_ne_m(self) -> tuple[float, float] | None:
-        """Where the autopilot goes in GUIDED, north and east; None in other modes and without a place."""
+        """Target of the autopilot in GUIDED, north and east. None in other modes and without a target."""
         return self.guided_ne_m if self.mode == shown_mode("GUIDED", self.px4) else None
 
     def _heartbeat(self, message: Any) -> None:

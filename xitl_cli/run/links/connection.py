@@ -306,7 +306,7 @@ class AgentConnection:
 
     @property
     def target(self) -> Target:
-        """Its MAVLink system and component."""
+        """MAVLink system and component of the agent."""
         return self._terms.target
 
     @property

@@ -25,12 +25,12 @@ class LinkAccounts:
     receiver misses: see `SequenceMonitor`. The agent gets the host's totals from XITL_TIMESYNC, and the host the
     agent's from each status.
 
-    link: the host's end; set it before the first status. heard: valid frames from the agent so far. Count each frame
-    after it was handled. over: the run is over. If the ends did not agree by then, the number of frames that reached
-    the agent stays unknown.
+    heard: valid frames from the agent so far. Count each frame after it was handled. over: the run is over. If the ends
+    did not agree by then, the number of frames that reached the agent stays unknown.
     """
 
     link: Link
+    """The host's end. Set it before the first status."""
 
     def __init__(self) -> None:
         self.heard = 0

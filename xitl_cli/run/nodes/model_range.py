@@ -20,19 +20,21 @@ SOURCE = "physics"
 
 
 class RangeLook(NamedTuple):
-    """A vessel at one instant. length_m: overall length of its hulls."""
+    """A vessel at one instant."""
 
     simulation: Simulation
     state: SimulationState
     length_m: float
+    """Overall length of its hulls."""
 
 
 @dataclass(frozen=True, slots=True)
 class RangeLimit:
-    """A figure that has to stay at or below `most`; docs/seas.md gives the reason for each."""
+    """A limit of a figure within which the model is valid. docs/seas.md explains each limit."""
 
     key: str
     most: float
+    """Largest valid value of the figure."""
     figure: Callable[[RangeLook], float]
     text: str
     """Sentence of the summary, with the largest value and the share of the time above the limit."""

@@ -43,9 +43,10 @@ SHIPPED = "faults/"
 
 @dataclass(slots=True)
 class _Order:
-    """An order to the autopilot that is not done yet. words: text for the log."""
+    """An order to the autopilot that is not done yet."""
 
     words: str
+    """Text for the log."""
     since_ns: int | None = None
 
 

@@ -19,13 +19,12 @@ Order = Arm | ChangeMode | GoTo | SteerVelocity | CommandMotor | ChangeMission |
 
 
 class Steering:
-    """Receiver of an operator's orders to a vessel.
-
-    silences: number of command streams that ended without a request. asked_by: number of orders carried out, by client.
-    """
+    """Receiver of an operator's orders to a vessel."""
 
     silences: int
+    """Number of command streams that ended without a request."""
     asked_by: Counter[str]
+    """Number of orders carried out, by client."""
 
     def check(self, order: Order) -> None:
         """Raise ActionError for an order that is not possible, or while no autopilot is present."""

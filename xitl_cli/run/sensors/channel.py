@@ -17,10 +17,12 @@ from xitl_cli.run.sensors.sensor_messages import Message
 
 
 class Channel(Protocol):
-    """One kind of message. every: physics steps between messages. latency_ns: delay of the delivery."""
+    """One kind of message."""
 
     every: int
+    """Physics steps between messages."""
     latency_ns: int
+    """Delay of the delivery."""
 
     def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> Message | None:
         """Return the measurement now; None without a message."""

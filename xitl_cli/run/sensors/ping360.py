@@ -49,10 +49,12 @@ _LIMITS: dict[str, tuple[int, int]] = {
 
 @dataclass(slots=True)
 class _Job:
-    """An active command: the head arrives at ping_ns, and the answer is sent at answer_ns."""
+    """An active command."""
 
     ping_ns: int
+    """Time at which the head arrives."""
     answer_ns: int
+    """Time at which the answer is sent."""
     scan: AutoTransmitCommand | None = None
     pinged: bool = False
 

@@ -38,21 +38,26 @@ class PingFrame(NamedTuple):
 
 
 class TransducerCommand(NamedTuple):
-    """TRANSDUCER: go to `angle` and, with `transmit`, ping. Units as on the wire: gradians, us, ticks of 25 ns, kHz."""
+    """TRANSDUCER: turn the head and optionally ping. Units are those of the wire format."""
 
     mode: int
     gain_setting: int
     angle: int
+    """Angle of the head in gradians."""
     transmit_duration: int
+    """Microseconds."""
     sample_period: int
+    """Ticks of 25 ns."""
     transmit_frequency: int
+    """Kilohertz."""
     number_of_samples: int
     transmit: int
+    """1 to ping, 0 only to turn the head."""
     reserved: int = 0
 
 
 class AutoTransmitCommand(NamedTuple):
-    """AUTO_TRANSMIT: scan from start_angle clockwise to stop_angle and back, `delay` ms more between pings."""
+    """AUTO_TRANSMIT: scan a sector clockwise and back. Units are those of TransducerCommand."""
 
     mode: int
     gain_setting: int
@@ -61,9 +66,12 @@ class AutoTransmitCommand(NamedTuple):
     transmit_frequency: int
     number_of_samples: int
     start_angle: int
+    """Start of the sector in gradians. The scan goes clockwise to `stop_angle` and back."""
     stop_angle: int
+    """End of the sector in gradians."""
     num_steps: int
     delay: int
+    """Additional milliseconds between pings."""
 
 
 def pack_frame(frame: PingFrame) -> bytes:

@@ -13,13 +13,15 @@ Point = tuple[float, float]
 
 
 class SelfReport(NamedTuple):
-    """A report at simulation time at_ns, in the local frame; yaw rate positive to starboard."""
+    """A report in the local frame."""
 
     at_ns: int
+    """Simulation time of the report."""
     pos_ne_m: Point
     vel_ne_mps: Point
     yaw_rad: float
     yaw_rate_radps: float = 0.0
+    """Positive to starboard."""
     accurate: bool = True
     """The vessel's own estimate of its position error is below 10 m."""
     armed: bool = True

@@ -32,11 +32,14 @@ _SPREAD = 0.6  # of each body's share of the way, for its random place
 
 @dataclass(frozen=True, slots=True)
 class DebrisEncounter:
-    """A body to meet `along_m` from the start of the mission's legs, `right_m` off them, launched `ahead_m` before."""
+    """A body that the vessel encounters on its mission."""
 
     along_m: float
+    """Distance of the encounter along the legs, from the start of the mission."""
     ahead_m: float
+    """Remaining distance of the vessel to the encounter at the launch of the body."""
     right_m: float
+    """Offset of the encounter to the right of the legs."""
     kind: BodyKind
     length_m: float
     heading_rad: float

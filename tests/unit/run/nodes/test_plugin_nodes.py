@@ -280,3 +280,40 @@ def test_the_recorder_refuses_a_topic_that_it_cannot_write(tmp_path: Path, topic
     with pytest.raises(UserError, match=error):
         recorder.add_topic(topic)
     recorder.close()
+
+
+WATCH = """
+from dataclasses import dataclass
+from sim_core.keys import Specification
+from xitl_cli.plugin import NodeKind
+from xitl_cli.run.composition.parts import Place
+from xitl_cli.run.core.node import RunNode
+from xitl_cli.run.nodes.autopilot import AutopilotNode
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Keys(Specification):
+    pass
+
+class Watch(RunNode):
+    def __init__(self, keys, context):
+        self.autopilot, self.heard_at_s = context.parts[AutopilotNode], None
+    def exchange(self, step):
+        if self.heard_at_s is None and self.autopilot.view.heard:
+            self.heard_at_s = step.now_ns * 1e-9
+    def report(self):
+        return {"heard_at_s": self.heard_at_s}
+
+KIND = NodeKind(Keys, Watch, needs=(AutopilotNode,), place=Place.AUTOPILOT_EVENTS)
+"""
+
+
+def test_a_node_finds_another_node_that_it_needs(install: Install, depth: None) -> None:
+    install("xitl-watch", WATCH, nodes="watch = xitl_watch:KIND")
+    report = run("extends: sitl\nclock: {duration_s: 3}\nplugins: {watch: {}}\n").summary["plugins"]["watch"]
+    assert 0.0 < report["heard_at_s"] < 3.0
+
+
+def test_a_run_without_the_node_that_a_plug_in_needs_is_refused(install: Install, depth: None) -> None:
+    install("xitl-watch", WATCH, nodes="watch = xitl_watch:KIND")
+    with pytest.raises(UserError, match=r"^plugins\.watch needs AutopilotNode, which no node of this run provides$"):
+        run("extends: mitl\nclock: {duration_s: 1}\nplugins: {watch: {}}\n")
