@@ -45,20 +45,25 @@ def _rows(path: Path, origin: Origin) -> tuple[Entry, ...]:
         raise _error(Origin(source), f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
     rows: list[Entry] = []
     reader, header = csv.reader(text.splitlines()), True
-    for cells in reader:
-        at = Origin(source, reader.line_num)
-        cells = [cell.strip() for cell in cells]
-        if not any(cells) or cells[0].startswith("#"):
-            continue
-        height = _number(cells[1]) if len(cells) > 1 else None
-        if height is None:
-            if header and len(cells) > 1:
-                header = False
+    try:
+        for cells in reader:
+            at = Origin(source, reader.line_num)
+            cells = [cell.strip() for cell in cells]
+            if not any(cells) or cells[0].startswith("#"):
                 continue
-            raise _error(at, f"{shown(', '.join(cells))} is no row of time and height; write for example 3600, 0.42")
-        header = False
-        time: Scalar = _number(cells[0])
-        rows.append(Entry((Entry(cells[0] if time is None else time, at), Entry(height, at)), at))
+            height = _number(cells[1]) if len(cells) > 1 else None
+            if height is None:
+                if header and len(cells) > 1:
+                    header = False
+                    continue
+                raise _error(
+                    at, f"{shown(', '.join(cells))} is no row of time and height; write for example 3600, 0.42"
+                )
+            header = False
+            time: Scalar = _number(cells[0])
+            rows.append(Entry((Entry(cells[0] if time is None else time, at), Entry(height, at)), at))
+    except csv.Error as error:
+        raise _error(Origin(source, reader.line_num), f"is no CSV ({error}); write a time and a height") from None
     if not rows:
         raise _error(Origin(source), "has no rows; write a time and a height in each row")
     return tuple(rows)

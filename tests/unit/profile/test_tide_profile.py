@@ -131,6 +131,11 @@ def test_errors_name_the_line_the_key_and_the_fix(write: Write, text: str, line:
 @pytest.mark.parametrize(
     ("rows", "line", "sentence"),
     [
+        (
+            "0,1\n" + "x" * 200_000 + ",2\n",
+            2,
+            "is no CSV (field larger than field limit (131072)); write a time and a height",
+        ),
         ("time,height\n0,1\n1800,high\n", 3, "'1800, high' is no row of time and height; write for example 3600, 0.42"),
         ("0,1\n\n7200,2\n3600,1\n", 4, "environment.water.tide.table.2.0 = 3600 is not after 7200; sort the rows"),
         ("0,1\n3600,nan\n", 2, "environment.water.tide.table.1.1 = nan is not finite"),
