@@ -19,10 +19,17 @@ class Boat(RunNode):
         self.closed = True
 
 
+class Antenna(RunNode):
+    closed = False
+
+    def close(self) -> None:
+        self.closed = True
+
+
 class Radar(RunNode):
     def __init__(self, boat: Boat) -> None:
         self.boat = boat
-        self.antenna = RunNode()
+        self.antenna = Antenna()
 
 
 class Chart(RunNode):
@@ -62,6 +69,13 @@ def test_nodes_and_their_parts_are_called_in_the_order_of_their_places() -> None
     assert parts.nodes() == (found, found.antenna, parts.need(Boat), parts.need(Chart))
     assert parts.nodes(before=Place.CONTROL) == (found, found.antenna)
     assert parts.nodes(after=Place.CONTROL) == (parts.need(Chart),)
+
+
+def test_a_node_and_its_parts_are_closed() -> None:
+    with ExitStack() as opened:
+        parts = made_parts((boat, radar), {}, None, opened)
+    assert parts.need(Boat).closed
+    assert parts.need(Radar).antenna.closed
 
 
 def test_an_optional_need_may_be_absent() -> None:

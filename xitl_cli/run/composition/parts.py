@@ -162,7 +162,7 @@ def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: objec
         if declaration in done:
             return
         if declaration in begun:
-            circle = " → ".join(one.name for one in (*begun[begun.index(declaration) :], declaration))
+            circle = " → ".join(link.name for link in (*begun[begun.index(declaration) :], declaration))
             raise CompositionError(f"nodes need each other in a circle: {circle}")
         begun.append(declaration)
         arguments = {}
@@ -184,7 +184,9 @@ def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: objec
         made.update(dict.fromkeys(declaration.provides, node))
         if declaration.place is not None:
             placed.append((declaration.place, node))
-        placed.extend((place, getattr(node, name)) for place, name in declaration.also_at.items())
+        for place, name in declaration.also_at.items():
+            placed.append((place, getattr(node, name)))
+            opened.callback(placed[-1][1].close)
 
     for declaration in wanted:
         make(declaration)

@@ -29,7 +29,7 @@ class Sprint(VehicleDriver):
     def __init__(self, context):
         self.commands, self.keys = context.commands, context.keys
         self.arming = ArmingSequence(context.commands, "GUIDED")
-        self.arrived = False
+        self.arrived = self.closed = False
     def update(self, sim_ns):
         if self.arming.update(sim_ns):
             self.commands.sail(sim_ns, (1.5, 0.0))
@@ -37,7 +37,9 @@ class Sprint(VehicleDriver):
     def progress(self):
         return Progress("", finished=self.arrived, completed=self.arrived)
     def report(self):
-        return {"sprint": {"distance_m": self.keys.distance_m}}
+        return {"sprint": {"distance_m": self.keys.distance_m, "closed": self.closed}}
+    def close(self):
+        self.closed = True
 
 KIND = DriverKind(Sprint, SprintKeys)
 BARE = DriverKind(Sprint)
@@ -60,7 +62,7 @@ def test_a_driver_of_a_package_steers_the_vessel_and_reads_its_keys(install: Ins
     install("xitl-sprint", SPRINT.replace("FAILURE", "pass"), drivers="sprint = xitl_sprint:KIND")
     result = run("clock.duration_s=25.0", "plugins.sprint.distance_m=30.0")
     assert result.summary["driver"]["kind"] == "sprint"
-    assert result.summary["sprint"] == {"distance_m": 30.0}
+    assert result.summary["sprint"] == {"distance_m": 30.0, "closed": True}
     with result.open_log() as log:
         north_m = log.tables["/truth/state"].values("position_ned_m")[-1][0]
     assert north_m > 15.0, "1.5 m/s to the north for most of 25 s"
@@ -68,7 +70,7 @@ def test_a_driver_of_a_package_steers_the_vessel_and_reads_its_keys(install: Ins
 
 def test_without_its_group_the_keys_have_their_defaults(install: Install, boat: Path) -> None:
     install("xitl-sprint", SPRINT.replace("FAILURE", "pass"), drivers="sprint = xitl_sprint:KIND")
-    assert run("clock.duration_s=1.0").summary["sprint"] == {"distance_m": 40.0}
+    assert run("clock.duration_s=1.0").summary["sprint"] == {"distance_m": 40.0, "closed": True}
 
 
 def test_a_driver_that_raises_ends_the_run_with_its_name_and_the_traceback(install: Install, boat: Path) -> None:
