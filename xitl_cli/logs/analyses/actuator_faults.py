@@ -486,7 +486,8 @@ class _Search:
             return float("inf")
         best = min(self._coarse(usual, spans, few), key=lambda each: each.squares)
         near = self._near(best.span)
-        return float(self._squares(usual, self._sums(self._with(best.hypothesis)), near).min(initial=best.squares))
+        squares = self._squares(self._outside(usual, near), self._sums(self._with(best.hypothesis)), near)
+        return float(squares.min(initial=best.squares))
 
     def _prior(self, design: Floats, change: Floats) -> Floats:
         """(K,) weights of squared coefficients.
@@ -517,16 +518,24 @@ class _Search:
             for design, change in zip(designs, self._changes, strict=True)
         ]
 
-    def _squares(self, usual: Sequence[_Sums], faulty: Sequence[_Sums], spans: Spans) -> Floats:
-        """(S,) squared residuals of all rows, for a fault in each span (S, 2)."""
-        begin, after = spans[:, 0], spans[:, 1]
+    def _outside(self, usual: Sequence[_Sums], spans: Spans) -> list[tuple[Floats, Floats]]:
+        """Normal equations of the rows outside of each span, which are the same for every hypothesis.
+
+        One pair of (S, K, K) and (S, K) for each change.
+        """
+        inside = (known.between(spans[:, 0], spans[:, 1]) for known in usual)
+        return [
+            (known.gram[-1] - gram, known.moment[-1] - moment)
+            for known, (gram, moment) in zip(usual, inside, strict=True)
+        ]
+
+    def _squares(self, outside: Sequence[tuple[Floats, Floats]], faulty: Sequence[_Sums], spans: Spans) -> Floats:
+        """(S,) squared residuals of all rows, for a fault in each span (S, 2). outside: as `_outside` returns it."""
         total = np.full(len(spans), sum(_squares(change[self._sound]) for change in self._changes))
-        for known, other, prior in zip(usual, faulty, self._priors, strict=True):
-            gram, moment = known.gram[-1], known.moment[-1]
-            less_gram, less_moment = known.between(begin, after)
-            more_gram, more_moment = other.between(begin, after)
-            grams = gram - less_gram + more_gram + np.diag(prior)
-            moments = moment - less_moment + more_moment
+        for (gram, moment), other, prior in zip(outside, faulty, self._priors, strict=True):
+            more_gram, more_moment = other.between(spans[:, 0], spans[:, 1])
+            moments = moment + more_moment
+            grams = gram + more_gram + np.diag(prior)
             total -= np.einsum("sk,sk->s", moments, np.linalg.solve(grams, moments[:, :, None])[:, :, 0])
         return total
 
@@ -536,7 +545,8 @@ class _Search:
         The model keeps the fault: later searches start from commands that contain it.
         """
         usual = self._sums(self._designs)
-        whole = float(self._squares(usual, usual, np.zeros((1, 2), dtype=np.intp))[0])
+        nowhere = np.zeros((1, 2), dtype=np.intp)
+        whole = float(self._squares(self._outside(usual, nowhere), usual, nowhere)[0])
         spans = self._spans()
         if not len(spans):
             return None
@@ -609,8 +619,9 @@ class _Search:
     def _coarse(self, usual: Sequence[_Sums], spans: Spans, every: Sequence[_Hypothesis]) -> list[_Candidate]:
         """The best span of each hypothesis."""
         found = []
+        outside = self._outside(usual, spans)
         for hypothesis in every:
-            squares = self._squares(usual, self._sums(self._with(hypothesis)), spans)
+            squares = self._squares(outside, self._sums(self._with(hypothesis)), spans)
             at = int(np.argmin(squares))
             found.append(_Candidate(float(squares[at]), (int(spans[at, 0]), int(spans[at, 1])), hypothesis))
         return found
@@ -633,8 +644,9 @@ class _Search:
                         each for each in tried if (0.0 if each.kind == "thrust_loss" else -1.0) <= each.size <= 1.0
                     ]
                 near = self._near(best.span)
+                outside = self._outside(usual, near)
                 for hypothesis in tried:
-                    squares = self._squares(usual, self._sums(self._with(hypothesis)), near)
+                    squares = self._squares(outside, self._sums(self._with(hypothesis)), near)
                     at = int(np.argmin(squares))
                     if squares[at] < best.squares:
                         best = _Candidate(float(squares[at]), (int(near[at, 0]), int(near[at, 1])), hypothesis)
