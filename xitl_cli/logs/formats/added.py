@@ -1,4 +1,7 @@
-"""Log formats of other packages, which register them in the entry-point group `xitl.log_formats`."""
+"""Log formats of other packages, which register them in the entry-point group `xitl.log_formats`.
+
+`xitl_cli.logs` imports nothing else of xitl, so it reads this group by itself instead of asking the registry.
+"""
 
 from __future__ import annotations
 
