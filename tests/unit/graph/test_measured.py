@@ -311,7 +311,7 @@ def test_run_directories_that_cannot_be_shown(tmp_path: Path, golden: Golden) ->
     (folder / "summary.json").write_text("{")
     with pytest.raises(UserError, match=r"summary.json: cannot be read"):
         wdri(str(folder))
-    with pytest.raises(UserError, match="is a run that is over, --set changes nothing in it"):
+    with pytest.raises(UserError, match="is a finished run, which --set cannot change"):
         wdri(str(folder), overrides=["a=b"])
     found = section(traffic={}, nodes=[])
     found["measured"] = {**found["measured"], "nodes": [], "links": []}

@@ -341,7 +341,7 @@ def result_document(table: ResultTable, complete: bool, page: Path | None) -> di
     """Return the document of `--json`."""
     from collections import Counter
 
-    from xitl_cli.commands.sections import sections_document
+    from xitl_cli.commands.output import sections_document
     from xitl_cli.plugins.campaign.report import pass_rate, summary_sections
 
     verdicts = []
@@ -391,7 +391,7 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
         )
     console.print()
     show_rows(console, ("verdict", "held", "share", "95 % interval"), rows)
-    from xitl_cli.commands.sections import show_sections
+    from xitl_cli.commands.output import show_sections
 
     show_sections(console, summary_sections(table))
     worst = table.worst()

@@ -36,7 +36,7 @@ def compare(
     CAMPAIGN.require("a comparison needs")
     if (b is None) == (by is None):
         raise UserError("compare: give a second folder, or --by with an axis of the first; one of the two")
-    from xitl_cli.commands.sections import sections_document, show_sections
+    from xitl_cli.commands.output import sections_document, show_sections
     from xitl_cli.logs.report.html import refuse_other, write_sections
     from xitl_cli.plugins.campaign.compare import compare_by, compare_tables
     from xitl_cli.plugins.campaign.report import comparison_section
