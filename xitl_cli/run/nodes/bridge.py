@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.bridges.counts import BridgeCounts
+from agent.bridges.guard import FAILED
 from agent.mavlink.commands import version_text
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
@@ -30,6 +31,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.core.plugin_error import PluginNodeError
 from xitl_cli.run.launch.ardupilot import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.launch.px4 import Px4Launch
 from xitl_cli.run.links.agent_view import AgentView
@@ -250,6 +252,7 @@ class BridgeNode(RunNode):
         self._version = ""
         self._vehicle = ""
         self._problem: str | None = None
+        self._failure = ""
         self._exchanges = 0
         self._restarts: int | None = None
         self._text = ""
@@ -331,7 +334,9 @@ class BridgeNode(RunNode):
                 self._note(message.severity, text)
 
     def _note(self, severity: int, text: str) -> None:
-        if severity <= dialect.MAV_SEVERITY_ERROR and text.startswith(WRONG_VEHICLE):
+        if severity <= dialect.MAV_SEVERITY_CRITICAL and text.startswith(BRIDGE + FAILED):
+            self._failure = self._failure or text.removeprefix(BRIDGE + FAILED)
+        elif severity <= dialect.MAV_SEVERITY_ERROR and text.startswith(WRONG_VEHICLE):
             self._problem = text.removeprefix(BRIDGE)
         elif text.startswith(BRIDGE) and severity > dialect.MAV_SEVERITY_WARNING:
             self._complaints.clear()
@@ -356,7 +361,7 @@ class BridgeNode(RunNode):
             )
         self._check_restart(sim_ns)
         self._exchanges += 1
-        if self._problem is not None or self._exchanges % CHECK_EVERY == 0:
+        if self._failure or self._problem is not None or self._exchanges % CHECK_EVERY == 0:
             self.check()
 
     def _check_restart(self, sim_ns: int) -> None:
@@ -374,14 +379,16 @@ class BridgeNode(RunNode):
 
     def _other_make(self, mav_autopilot: int) -> str | None:
         wanted = self._profile.autopilot.kind
-        if mav_autopilot == _MAKES[wanted]:
+        if mav_autopilot == _MAKES.get(wanted, mav_autopilot):
             return None
         names = {number: name for name, number in _MAKES.items()}
         name = names.get(mav_autopilot, "another one")
         return f"the autopilot is {name} (MAV_AUTOPILOT {mav_autopilot}), not {wanted}"
 
     def check(self) -> None:
-        """Raise UserError when the autopilot has ended or is the wrong kind."""
+        """Raise UserError when the bridge of a package has failed, or the autopilot has ended or is the wrong kind."""
+        if self._failure:
+            raise PluginNodeError(f"autopilot.bridge.sensors: {self._failure}")
         if self._problem is not None:
             raise UserError(f"{self._problem}; use the firmware of one, or another autopilot.bridge.mavlink")
         if self._process is None:
