@@ -92,22 +92,27 @@ def entry_points(prefix: str) -> list[EntryPoint]:
     """
     known: set[str] = set()
     entries: list[EntryPoint] = []
-    for package, read in _packages_of_library() if _beyond_folders() else _packages_in_folders():
+    finders = [finder for finder in sys.meta_path if hasattr(finder, "find_distributions")]
+    beyond_folders = finders != [PathFinder] or any(path.endswith(".egg") or Path(path).is_file() for path in sys.path)
+    for package, read in _packages_of_library() if beyond_folders else _packages_in_folders():
         normalized = re.sub(r"[-_.]+", "-", package).lower()
         if normalized in known:
             continue
         if normalized:  # a damaged package may lack its name
             known.add(normalized)
         text = read("entry_points.txt")
-        if f"[{prefix}" in text:
-            entries += _parsed(text, prefix, read("METADATA") or read("PKG-INFO"))
+        if f"[{prefix}" not in text:
+            continue
+        metadata = read("METADATA") or read("PKG-INFO")
+        name_and_version = _field("Name", metadata) or "unknown", _field("Version", metadata) or "?"
+        group = ""
+        for line in map(str.strip, text.splitlines()):
+            if line.startswith("[") and line.endswith("]"):
+                group = line[1:-1]
+            elif line and not line.startswith("#") and group.startswith(prefix):
+                name, _, target = map(str.strip, line.partition("="))
+                entries.append(EntryPoint(group, name, target, *name_and_version))
     return entries
-
-
-def _beyond_folders() -> bool:
-    """Whether packages may be elsewhere than in folders of `sys.path`."""
-    finders = [finder for finder in sys.meta_path if hasattr(finder, "find_distributions")]
-    return finders != [PathFinder] or any(path.endswith(".egg") or Path(path).is_file() for path in sys.path)
 
 
 def _packages_of_library() -> Iterator[tuple[str, _Read]]:
@@ -125,6 +130,12 @@ def _packages_of_library() -> Iterator[tuple[str, _Read]]:
 
 
 def _packages_in_folders() -> Iterator[tuple[str, _Read]]:
+    def text(folder: str, file: str) -> str:
+        try:
+            return Path(folder + file).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            return ""
+
     for folder in dict.fromkeys(sys.path):
         try:
             files = os.listdir(folder or ".")  # noqa: PTH208  half the time of Path
@@ -132,26 +143,7 @@ def _packages_in_folders() -> Iterator[tuple[str, _Read]]:
             continue
         for file in files:
             if file.endswith((".dist-info", ".egg-info")):
-                yield file.rpartition(".")[0].partition("-")[0], partial(_text, f"{folder or '.'}/{file}/")
-
-
-def _text(folder: str, file: str) -> str:
-    try:
-        return Path(folder + file).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return ""
-
-
-def _parsed(text: str, prefix: str, metadata: str) -> Iterator[EntryPoint]:
-    """Yield the entry points in the text of an `entry_points.txt`. metadata: text of the package's METADATA."""
-    package, version = _field("Name", metadata) or "unknown", _field("Version", metadata) or "?"
-    group = ""
-    for line in map(str.strip, text.splitlines()):
-        if line.startswith("[") and line.endswith("]"):
-            group = line[1:-1]
-        elif line and not line.startswith("#") and group.startswith(prefix):
-            name, _, target = map(str.strip, line.partition("="))
-            yield EntryPoint(group, name, target, package, version)
+                yield file.rpartition(".")[0].partition("-")[0], partial(text, f"{folder or '.'}/{file}/")
 
 
 def _field(key: str, metadata: str) -> str:

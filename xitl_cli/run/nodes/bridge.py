@@ -7,9 +7,10 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.process import CONSOLE, FirmwareProcess, newest_log
+from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Table, first_of
@@ -456,6 +458,10 @@ class BridgeNode(RunNode):
         self.end()
         self._ports.close()
 
+    def traffic_behind(self, bridge: AgentTraffic) -> AgentTraffic:
+        """Return the traffic of the autopilot behind the bridge, for the graph of the run."""
+        return traffic_behind(self._profile, self.milestones.heartbeat_s is not None, self._counts, bridge)
+
     def report(self) -> dict[str, Any]:
         clocks = [] if self._clock is None else [self._clock.report()]
         return {"clocks": clocks, "autopilot": self.known()}
@@ -475,6 +481,26 @@ class BridgeNode(RunNode):
             real_clock=None if self._launch is None else autopilot.firmware_build == "linux",
             utc_offset_s=None if self._clock is None else self._clock.utc_offset_s,
         )
+
+
+def traffic_behind(profile: RunProfile, heard: bool, counts: BridgeCounts | None, bridge: AgentTraffic) -> AgentTraffic:
+    """Return the traffic of the autopilot behind a bridge, for the graph of the run.
+
+    The autopilot is present when a heartbeat arrived. It gets the frames that the bridge could pass on. An autopilot at
+    a serial device is a board, except at a pseudo terminal, which a program on this machine serves.
+    """
+    if not heard:
+        return replace(bridge, nodes="", to_agent={}, from_agent={}, estimates=0, efforts=0)
+    passed_on = ("script_in",) if profile.autopilot.bridge.sensors == "hil" else ("imu_out", "solution_out", "gnss_out")
+    to_agent, from_agent = dict(bridge.to_agent), dict(bridge.from_agent)
+    if counts is None or not any(getattr(counts, count) for count in passed_on):
+        to_agent = {number: frames for number, frames in to_agent.items() if number not in SENSORS}
+    if not bridge.efforts:
+        from_agent.pop(ACTUATORS, None)  # neutral commands from the bridge itself
+    kind, machine, device = bridge.kind, bridge.machine, urlsplit(profile.autopilot.bridge.mavlink)
+    if device.scheme == "serial" and not Path(device.path).resolve().is_relative_to("/dev/pts"):
+        kind, machine = "real", f"board at {device.path}"
+    return replace(bridge, kind=kind, machine=machine, to_agent=to_agent, from_agent=from_agent)
 
 
 def _vehicle(mav_type: int) -> str:
