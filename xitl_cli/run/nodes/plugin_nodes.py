@@ -70,11 +70,12 @@ class PluginGuard:
 class PluginNode(RunNode):
     """The node of a plug-in.
 
-    After an exception of the plug-in, the node is not called again, except to close it. See PluginGuard.
+    After an exception of the plug-in, the node is not called again, except to close it. who: as for PluginGuard, which
+    has the default for a node of the profile's `plugins`.
     """
 
-    def __init__(self, name: str, make: Callable[[], Any], topics: Sequence[Topic] = ()) -> None:
-        who = f"plugins.{name} ({package_of(NODES, name)})"
+    def __init__(self, name: str, make: Callable[[], Any], topics: Sequence[Topic] = (), who: str = "") -> None:
+        who = who or f"plugins.{name} ({package_of(NODES, name)})"
         self._name = name
         self._topics = topics
         self._guard = PluginGuard(f"plugins.{name}", who)
