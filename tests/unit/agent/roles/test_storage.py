@@ -95,7 +95,7 @@ def test_what_no_longer_fits_is_left_out_and_said(tmp_path: Path) -> None:
 def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "kept.json"
     path.write_text(text)
-    with pytest.raises(StorageError, match=r"kept\.json: is not a storage file .*; move it away to start with defaults"):
+    with pytest.raises(StorageError, match=r"kept\.json: is not a storage file .*; move it away to start"):
         Storage(path)
 
 
