@@ -129,10 +129,6 @@ def _hypotenuse(*sides: Any) -> Any:
     return np.sqrt(sum(np.square(side, dtype=np.float64) for side in sides))
 
 
-def _hypotenuse(*sides: Any) -> Any:
-    return np.sqrt(sum(np.square(side, dtype=np.float64) for side in sides))
-
-
 def _none(units: Sequence[Unit]) -> Unit:
     return None
 

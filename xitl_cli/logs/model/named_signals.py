@@ -18,7 +18,7 @@ import numpy as np
 from xitl_cli.logs.expressions.evaluation import ARITIES, Evaluation, Quantity
 from xitl_cli.logs.expressions.syntax import ExpressionError, Language, Name, Tree, names_in, parse
 from xitl_cli.logs.model.errors import LogError, UnknownNameError
-from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance, column_named, seconds_since
+from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, column_named, rising, seconds_since
 from xitl_cli.logs.model.text import resolve_name
 
 TIME = "time_s"
@@ -173,14 +173,6 @@ def _time_base(text: str, signals: Sequence[LogSignal]) -> tuple[Stamps, str]:
     if not len(inside[base]):
         raise LogError(f"{text!r}: {' and '.join(stamps)} do not overlap in time")
     return inside[base], base
-
-
-def rising(stamp_ns: Stamps) -> Flags:
-    """(N,) True in rows that are later than all previous rows."""
-    if not len(stamp_ns):
-        return np.ones(0, dtype=np.bool_)
-    newest = np.maximum.accumulate(stamp_ns)
-    return np.concatenate(([True], stamp_ns[1:] > newest[:-1]))
 
 
 def interpolation(signal: LogSignal) -> Callable[[Stamps], Floats]:
