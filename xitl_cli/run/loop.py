@@ -12,9 +12,16 @@ from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.mcap_file import RecordingError
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import PaceReport
-from xitl_cli.run.core.node import RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
+from xitl_cli.run.core.node import (
+    PluginNodeError,
+    RunNode,
+    RunStep,
+    SimulationClock,
+    VesselNodes,
+    WorldNodes,
+    overriding,
+)
 from xitl_cli.run.core.pace import Pace
-from xitl_cli.run.core.plugin_error import PluginNodeError
 from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
 from xitl_cli.run.world.plant import Plant

@@ -43,7 +43,6 @@ from xitl_cli.run.nodes.stations import StationAddresses
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.sensors.compass import compass_warnings
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
-from xitl_cli.run.traffic.departure import departs_after
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
@@ -53,6 +52,7 @@ from xitl_cli.seeds import Seeds
 
 if TYPE_CHECKING:
     from xitl_cli.logs.model.log import Log
+
 
 COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 
@@ -401,3 +401,32 @@ class Interruption:
 
         with end_signals_handled(note, signal.SIGINT):
             yield
+
+
+def departs_after(profiles: Sequence[RunProfile]) -> dict[str, tuple[str, ...]]:
+    """Return, by vessel, the vessels that must be ready before it sets out.
+
+    By `driver.departs_with`, these are its followers with their followers, all others, or none.
+    """
+    leaders = {
+        profile.vessel: profile.driver.follow.vessel
+        for profile in profiles
+        if profile.driver.kind == "follow" and profile.driver.follow is not None
+    }
+
+    def leads(name: str, other: str) -> bool:
+        while other in leaders:
+            other = leaders[other]
+            if other == name:
+                return True
+        return False
+
+    names = [profile.vessel for profile in profiles]
+    found = {}
+    for profile in profiles:
+        own, departs_with = profile.vessel, profile.driver.departs_with
+        others = [name for name in names if name != own]
+        if departs_with == "followers":
+            others = [name for name in others if leads(own, name)]
+        found[own] = () if departs_with == "nobody" else tuple(others)
+    return found

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from sim_core.vessel.spec import Propeller, VesselSpec
 from xitl_cli.plugins.ros.frames import FixedFrame, flu, flu_turn
 from xitl_cli.record.topics import VESSEL_FRAME
-from xitl_cli.replay.thruster_topics import thruster_names
+from xitl_cli.replay.thrust_log import thruster_names
 
 
 @dataclass(frozen=True, slots=True)

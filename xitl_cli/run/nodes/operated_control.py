@@ -16,8 +16,7 @@ from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.setup import embedded_parameters
 from xitl_cli.run.nodes.direct_control import DirectController, allocated, true_estimate
 from xitl_cli.run.operator.actions import ActionError, CommandMotor, EndRun, SteerVelocity
-from xitl_cli.run.operator.steering import Steering
-from xitl_cli.run.operator.streams import SILENT_S, Say
+from xitl_cli.run.operator.steering import SILENT_S, Say, Steering
 
 T = TypeVar("T")
 

@@ -41,7 +41,7 @@ from xitl_cli.run.operator.actions import (
     read_action,
 )
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
-from xitl_cli.run.operator.replay import TimedAction
+from xitl_cli.run.operator.operation import TimedAction
 from xitl_cli.run.operator.steering import Order, Steering
 
 SOURCE = "operator"

@@ -8,8 +8,7 @@ from typing import Any
 
 from xitl_cli.plugin import DriverContext, DriverKind
 from xitl_cli.registry import DRIVERS, OWN_PACKAGE, load, package_of
-from xitl_cli.run.core.node import RunContext
-from xitl_cli.run.core.plugin_error import PluginNodeError
+from xitl_cli.run.core.node import PluginNodeError, RunContext
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.plugin_nodes import PluginGuard

@@ -14,8 +14,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import Topic
 from xitl_cli.registry import NODES, package_of
-from xitl_cli.run.core.node import RunContext, RunNode, RunStep
-from xitl_cli.run.core.plugin_error import PluginNodeError
+from xitl_cli.run.core.node import PluginNodeError, RunContext, RunNode, RunStep
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -33,8 +33,7 @@ from xitl_cli.run.operator.actions import (
     SteerVelocity,
     SwitchFault,
 )
-from xitl_cli.run.operator.steering import Order, Steering
-from xitl_cli.run.operator.streams import SILENT_S, Say, VelocityStream
+from xitl_cli.run.operator.steering import SILENT_S, Order, Say, Steering, VelocityStream
 
 GIVE_UP_S = 10.0
 END_OF_ITS_OWN = "the vessel's driver has an end of its own; only a run with driver.kind: ros is ended so"

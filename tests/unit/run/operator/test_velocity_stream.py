@@ -138,7 +138,7 @@ def test_who_chooses_another_mode_has_the_vessel_until_the_stream_pauses() -> No
         helm.go_on()
     assert helm.modes() == []
     assert len(helm.targets()) == 0
-    assert "somebody has chosen AUTO" in helm.said[-1]
+    assert "because AUTO was chosen" in helm.said[-1]
     helm.go_on(1100)
     assert helm.modes() == []  # nor is it brought to HOLD: it was not the stream that drove
     helm.steer()
