@@ -37,8 +37,7 @@ from xitl_cli.run.nodes.findings import FindingsNode, findings_from_profile
 from xitl_cli.run.nodes.mission import MissionNode, TrackNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.operated_control import OperatedControl
-from xitl_cli.run.nodes.plugin_driver import driver_of
-from xitl_cli.run.nodes.plugin_nodes import PluginNode
+from xitl_cli.run.nodes.plugin_nodes import PluginNode, driver_of
 from xitl_cli.run.nodes.recorders import LinkRecorder, SensorRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode
 from xitl_cli.run.nodes.ros_companion import EstimateRate, RosCompanionNode

@@ -19,7 +19,6 @@ from sim_core.vessel.floating import floating_pose
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
-from xitl_cli.record.topics import MotionEstimate
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import (
     AgentConnection,
@@ -92,7 +91,8 @@ class CompanionInbox(AgentInbox):
     def __init__(
         self, frame: LocalFrame, lockstep: bool, on_message: Callable[[Any], object] = lambda message: None
     ) -> None:
-        super().__init__(COMPANION_LINK, frame, 0, lockstep, _pass_over, on_message)
+        # A companion has no estimate of the autopilot's kind.
+        super().__init__(COMPANION_LINK, frame, 0, lockstep, lambda stamp_ns, estimate: None, on_message)
         self.holds = False
         self.warnings: list[str] = []
         self._handlers[_TICK] = lambda message: None
@@ -129,19 +129,19 @@ class CompanionInbox(AgentInbox):
     def release(self, tick: int) -> None:
         """Handle all messages up to the answer to `tick`."""
         while self._messages[0].tick >= 0 and self._messages[0].tick <= tick:
-            self._take_in(self._frames.popleft(), self._messages.popleft())
+            self._handle_batch(self._frames.popleft(), self._messages.popleft())
 
     def release_all(self) -> None:
         """Stop holding messages, and handle the remaining ones."""
         self.holds = False
-        for frames, said in zip(self._frames, self._messages, strict=True):
-            self._take_in(frames, said)
+        for frames, messages in zip(self._frames, self._messages, strict=True):
+            self._handle_batch(frames, messages)
         self._frames, self._messages = deque([_Batch()]), deque([_Batch()])
 
-    def _take_in(self, frames: _Batch, said: _Batch) -> None:
+    def _handle_batch(self, frames: _Batch, messages: _Batch) -> None:
         for frame in frames.frames:
             self._keep("rx", frame)
-        super().handle(said.messages)
+        super().handle(messages.messages)
 
     def _keep(self, direction: str, frame: bytes) -> None:
         number = _id_of(frame)
@@ -154,10 +154,6 @@ class CompanionInbox(AgentInbox):
 
 def _id_of(frame: bytes) -> int:
     return frame[7] | frame[8] << 8 | frame[9] << 16
-
-
-def _pass_over(stamp_ns: int | None, estimate: MotionEstimate) -> None:
-    """Ignore the estimate. A companion has no estimate of the autopilot's kind."""
 
 
 REPEAT_S = 0.5
@@ -321,7 +317,7 @@ class CompanionNode(RunNode):
     def _give_up(self, why: UserError) -> None:
         self.agent.gone = why
         self.gone_s = self._now_ns() * 1e-9
-        self.inbox.say(WARNING, "run", f"the run goes on without its companion: {why}")
+        self.inbox.say(WARNING, "run", f"the run continues without its companion: {why}")
 
     def _heard(self, message: Any) -> None:
         self.heard.publish(message)

@@ -181,7 +181,7 @@ def test_a_stream_from_before_the_first_heartbeat_is_no_error() -> None:
     helm.steer()
     helm.go_on()
     assert helm.modes() == []
-    with pytest.raises(ActionError, match="has not been heard yet"):
+    with pytest.raises(ActionError, match="has not sent a heartbeat yet"):
         helm.orders.check(Arm())
     helm.beat(HOLD)
     helm.steer()
@@ -240,7 +240,7 @@ def test_what_nobody_could_carry_out_is_refused() -> None:
     helm = Helm()
     with pytest.raises(ActionError, match="the autopilot commands the motors"):
         helm.orders.check(CommandMotor(number=0, command=0.5))
-    with pytest.raises(ActionError, match=r"only a run with driver\.kind: ros"):
+    with pytest.raises(ActionError, match=r"this action needs driver\.kind: ros"):
         helm.orders.check(EndRun())
     helm = Helm(profile="sitl-px4")
     with pytest.raises(ActionError, match="PX4 takes no speed and turn rate"):
