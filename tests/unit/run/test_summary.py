@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
 
+from agent.wire import dialect
 from tests.golden import Golden
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
@@ -22,7 +24,7 @@ from xitl_cli.run.core.reports import (
     NodeReport,
 )
 from xitl_cli.run.core.statistics import Histogram
-from xitl_cli.run.nodes.bridge import AutopilotReport
+from xitl_cli.run.links.link_accounts import agent_traffic
 from xitl_cli.run.scores.mission import MissionScore
 from xitl_cli.run.session import Result
 from xitl_cli.run.summary import RunOutcome, Sections, VesselOutcome, merged, summary_of
@@ -48,9 +50,12 @@ def outcome() -> RunOutcome:
     )
 
 
-def sections(**values: Any) -> Sections:
+def sections(nodes: Sequence[NodeReport] = (), **values: Any) -> Sections:
     mission = MissionScore(load_profile("hitl-beaglebone").runnable().mission.waypoints_ned_m)
-    return merged([{"mission": mission.section(), "pace": PaceReport()}, values])
+    frames = {"tx": {dialect.MAVLINK_MSG_ID_XITL_IMU: 9}, "rx": {dialect.MAVLINK_MSG_ID_XITL_ACTUATORS: 9}}
+    agents = [agent_traffic(node, [], frames) for node in nodes]
+    of_nodes = {"nodes": nodes, "agents": agents, "edges": [("PS1", "M")]}
+    return merged([{"mission": mission.section(), "pace": PaceReport()}, of_nodes, values])
 
 
 def summarised(profile: str, made: Sections) -> dict[str, Any]:
@@ -99,7 +104,6 @@ def eventful() -> Sections:
             FaultReport("gnss-dropout", "gnss", None, None),
         ],
         pace=PaceReport(2, 3.4, 2, 3.6, 2.5),
-        traffic={"agent": {"tx": {54002: 9}, "rx": {54006: 9}}},
     )
 
 
@@ -136,13 +140,6 @@ def test_the_summary_is_plain_json_with_everything_in_it() -> None:
     assert (summary["pace"]["slips"], summary["pace"]["slipped_s"], summary["pace"]["stalls"]) == (2, 3.4, 2)
     assert [fault["until_s"] for fault in summary["faults"]] == [45.0, None, None]
     assert summary["nodes"][0]["kind"] == "real"
-
-
-def test_the_graph_is_that_of_the_autopilot_behind_the_bridge() -> None:
-    nodes = [NodeReport("LS,LC,LA", "board", "1", None, 0, kind="real")]
-    made = sections(nodes=nodes, autopilot=AutopilotReport("ardupilot"))
-    unheard = summarised("hitl-ardupilot-linux", made)["graph"]["measured"]
-    assert [node["name"] for node in unheard["nodes"]] == ["PS1", "M"]
 
 
 def test_quantiles_of_bins_never_exceed_the_maximum() -> None:

@@ -9,13 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from agent.entry_points import OWN_PACKAGE
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.link import Link
 from xitl_cli.errors import UserError
 from xitl_cli.plugin import DriverContext, DriverKind
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import Topic
-from xitl_cli.registry import DRIVERS, NODES, OWN_PACKAGE, load, package_of
+from xitl_cli.registry import DRIVERS, NODES, load, package_of
 from xitl_cli.run.core.node import PluginNodeError, RunContext, RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.nodes.drivers import VehicleDriver

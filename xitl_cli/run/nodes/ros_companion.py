@@ -12,6 +12,7 @@ from xitl_cli.profile.schema.agents import CompanionSpec
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
+from xitl_cli.run.links.link_accounts import agent_traffic
 
 LINK, ASKED = "ros", "ros"
 NODES = "HS,HC,HA"
@@ -59,7 +60,7 @@ class RosCompanionNode(RunNode):
             estimates=seen,
             efforts=orders,
         )
-        return {"nodes": [node], "traffic": {LINK: {"tx": sent, "rx": received}}}
+        return {"nodes": [node], "agents": [agent_traffic(node, [], {"tx": sent, "rx": received})]}
 
 
 WATCHED_S = 3.0

@@ -70,7 +70,7 @@ class Case:
             "tcp://127.0.0.1:5760",
             heartbeat_s=1.0,
             arm_timeout_s=90.0,
-            complained=lambda: "; the bridge said: the script says nothing",
+            complained=lambda: "; the bridge reports: the script says nothing",
         )
 
     def hear(self, message: Any) -> None:

@@ -1,4 +1,4 @@
-"""Entry points of installed packages, read from their `entry_points.txt`.
+"""Entry points of installed packages, read from their `entry_points.txt`: on the host, and on a board.
 
 `importlib.metadata` gives the same answer, but its import and its scan take a seventh of the start of `xitl`. It is
 used only where packages are not folders: in zip files, in eggs and with importers of other packages.
@@ -9,13 +9,18 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import Any
+from typing import Any, Callable
+
+INTERFACE = 1
+"""Version of the interface between xitl and plug-ins. A plug-in module may state its own as `XITL_INTERFACE`."""
+
+OWN_PACKAGE = "xitl"
 
 _TARGET = re.compile(r"(?P<module>[\w.]+)\s*(?::\s*(?P<object>[\w.]+)\s*)?(?:\[.*\]\s*)?")
 
@@ -23,7 +28,7 @@ _Read = Callable[[str], str]
 """Returns the text of a file that describes a package, empty when it cannot be read."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class EntryPoint:
     """An object that an installed package registers under a name in a group."""
 
@@ -47,11 +52,37 @@ class EntryPoint:
             value = getattr(value, name)
         return value
 
+    def load_error(self) -> str:
+        """Return the reason why the object cannot be loaded, as one sentence; empty when it can."""
+        who = f"{self.name}: the plug-in of {self.package} {self.version}"
+        again = f"pip install --force-reinstall {self.package}"
+        try:
+            self.load()
+            wanted = getattr(sys.modules[self.module], "XITL_INTERFACE", INTERFACE)
+        except (Exception, SystemExit) as problem:  # noqa: BLE001  the code of a plug-in may raise anything when imported
+            reason = " ".join(f"{type(problem).__name__}: {problem}".split())
+            return f"{who} cannot be loaded ({reason}); correct it, or reinstall it: {again}"
+        if wanted != INTERFACE:
+            return (
+                f"{who} is made for interface {wanted} of xitl, and this is interface {INTERFACE}; "
+                "install a version for it"
+            )
+        return ""
+
     def _parts(self) -> tuple[str, str]:
         match = _TARGET.fullmatch(self.target)
         if match is None:
             raise ValueError(f"{self.target!r} is not module:object")
         return match["module"], match["object"] or ""
+
+
+def ranked_entry_points(prefix: str) -> tuple[EntryPoint, ...]:
+    """Return the entry points of xitl first, then those of other packages by package and name.
+
+    If two packages register one name in a group, the first counts.
+    """
+    entries = entry_points(prefix)
+    return tuple(sorted(entries, key=lambda entry: (entry.package != OWN_PACKAGE, entry.package, entry.name)))
 
 
 def entry_points(prefix: str) -> list[EntryPoint]:
