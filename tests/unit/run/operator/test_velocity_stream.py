@@ -243,7 +243,7 @@ def test_what_nobody_could_carry_out_is_refused() -> None:
     with pytest.raises(ActionError, match=r"this action needs driver\.kind: ros"):
         helm.orders.check(EndRun())
     helm = Helm(profile="sitl-px4")
-    with pytest.raises(ActionError, match="PX4 takes no speed and turn rate"):
+    with pytest.raises(ActionError, match="PX4 does not accept a speed and a turn rate"):
         helm.orders.check(SteerVelocity(speed_mps=1.0, turn_rate_radps=0.0))
 
 
