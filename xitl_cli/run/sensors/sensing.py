@@ -105,8 +105,11 @@ class SensorSuite:
 
     def recorded_report(self) -> dict[str, dict[str, dict[str, int]]]:
         """Return `recorded_sensors`: by sensor, the recorded samples that were sent, and skipped for newer ones."""
-        recorded = {name: each for name, each in self._sensors.items() if isinstance(each, RecordedChannel)}
-        counts = {name: {"sent": each.sent, "skipped": each.skipped} for name, each in recorded.items()}
+        counts = {
+            name: {"sent": channel.sent, "skipped": channel.skipped}
+            for name, channel in self._sensors.items()
+            if isinstance(channel, RecordedChannel)
+        }
         return {"recorded_sensors": counts} if counts else {}
 
     def set_fault(self, name: str, fault: FaultSpec) -> None:
