@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable, Sequence
 
+from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
+from sim_core.vessel.actuators import ActuatorError
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.mcap_file import RecordingError
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.registry import ACTUATORS, package_of
 from xitl_cli.run.core.node import (
     PluginNodeError,
     RunNode,
@@ -89,7 +93,15 @@ class Loop:
         while number < self._last_step:
             number += 1
             self._wait_until(plant.state.time_ns + plant.simulation.dt_ns)
-            plant.advance(self._motors)
+            try:
+                plant.advance(self._motors)
+            except ActuatorError as error:
+                now_ns, package = plant.state.time_ns, package_of(ACTUATORS, error.kind)
+                text = "".join(traceback.format_exception(error))
+                self._recorder.log(now_ns, ERROR, "vehicle.actuators", text)
+                raise PluginNodeError(
+                    f"{error} at {now_ns * 1e-9:.2f} s ({package}); correct the plug-in or remove it from the profile"
+                ) from error
             now_ns = clock.step_ns = plant.state.time_ns
             # The step of each vessel, indexed by group number
             steps = [RunStep(number, now_ns, view, view.motion(), view.held) for view in plant.vessels]

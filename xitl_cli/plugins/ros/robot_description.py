@@ -79,7 +79,7 @@ def state_of(thruster: ThrusterLink, rotor: Sequence[float], water_density_kgpm3
 
 def _propellers(vehicle: VesselSpec) -> Iterator[ThrusterLink]:
     """Yield propellers. A gear turns the thrust to port, counter-clockwise, for the bow to go to starboard."""
-    angles = iter(range(len(vehicle.propellers), vehicle.commands))
+    angles = iter(range(len(vehicle.propellers), vehicle.own_commands))
     for number, (name, propeller) in enumerate(zip(thruster_names(vehicle), vehicle.propellers, strict=True)):
         turn = flu_turn(0.0, 0.0, math.radians(propeller.angle_deg))
         frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(propeller.position_frd_m), turn)
@@ -89,7 +89,7 @@ def _propellers(vehicle: VesselSpec) -> Iterator[ThrusterLink]:
 
 
 def _rudders(vehicle: VesselSpec) -> Iterator[ThrusterLink]:
-    first = vehicle.commands - len(vehicle.rudders)
+    first = vehicle.own_commands - len(vehicle.rudders)
     for number, rudder in enumerate(vehicle.rudders):
         name = f"rudder_{number}"
         frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(rudder.position_frd_m))

@@ -68,7 +68,7 @@ class PluginGuard:
         path = Path(last.filename)
         file = f"{path.parent.name}/{path.name}" if path.name == "__init__.py" else path.name
         why = f"{reason}, {file}:{last.lineno}"
-        return f"{self._who} failed {when} ({why}); correct the plug-in or take it out of the profile"
+        return f"{self._who} failed {when} ({why}); correct the plug-in or remove it from the profile"
 
 
 class PluginNode(RunNode):
