@@ -17,7 +17,7 @@ from sim_core.vessel.spec import DemiHull, Propeller, VesselSpec
 from xitl_cli.plugins.ros.frames import FixedFrame, Quaternion, Vector, flu, flu_turn, frame_name, sensor_frames
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import VESSEL_FRAME
-from xitl_cli.replay.thruster_topics import thruster_names
+from xitl_cli.replay.thrust_log import thruster_names
 
 
 @dataclass(frozen=True, slots=True)
