@@ -29,11 +29,11 @@ def discovery_range(spec: RosSpec) -> DiscoveryRange:
         return "LOCALHOST" if spec.discovery == "localhost" else "SUBNET"
     if os.environ.get(LOCAL_VARIABLE) == "1":
         return "LOCALHOST"
-    given = os.environ.get(RANGE_VARIABLE) or "LOCALHOST"
+    value = os.environ.get(RANGE_VARIABLE) or "LOCALHOST"
     for known in get_args(DiscoveryRange):
-        if given == known:
+        if value == known:
             return known  # type: ignore[no-any-return]
-    raise UserError(f"{RANGE_VARIABLE}={given} is not known; use {', '.join(get_args(DiscoveryRange))}")
+    raise UserError(f"{RANGE_VARIABLE}={value} is not known; use {', '.join(get_args(DiscoveryRange))}")
 
 
 def stays_on_machine(spec: RosSpec) -> bool:

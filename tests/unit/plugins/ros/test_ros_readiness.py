@@ -23,4 +23,4 @@ def test_the_way_into_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     there.clear()
     assert check_ros().advice == "pip install 'xitl[ros2]'"
     there.add("cyclonedds")
-    assert check_ros().found == "cyclonedds; no rclpy is sourced for this Python"
+    assert check_ros().found == "cyclonedds; this Python has no rclpy"
