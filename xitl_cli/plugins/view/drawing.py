@@ -9,7 +9,7 @@ Existing nodes are moved and not created again, because a browser can keep up wi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,7 @@ from xitl_cli.plugins.view.model import (
     ViewScene,
 )
 from xitl_cli.plugins.view.scene import plain_vessel
-from xitl_cli.plugins.view.water import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
+from xitl_cli.plugins.view.shapes import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
 
 if TYPE_CHECKING:
     import viser
@@ -214,6 +214,30 @@ class SceneDrawing:
             self._bodies[number].visible = False
 
 
+def add_drawing_options(
+    server: viser.ViserServer, drawing: SceneDrawing, changed: Callable[[], object] = lambda: None
+) -> None:
+    """Add a folder with the options of a drawing to the page. changed: called after each change of the shown parts."""
+    gui = server.gui
+    with gui.add_folder("Show", order=7.0, expand_by_default=False):
+        estimates = gui.add_checkbox("Estimated pose", True)
+        clouds = gui.add_checkbox("Lidar and sonar", True)
+        night = gui.add_checkbox("Night", drawing.dark)
+
+    def choose(event: object) -> None:
+        drawing.show_estimates(estimates.value)
+        drawing.show_clouds(clouds.value)
+        changed()
+
+    def change_light(event: object) -> None:
+        drawing.dark = night.value
+        gui.configure_theme(dark_mode=night.value, show_logo=False, show_share_button=False)
+
+    estimates.on_update(choose)
+    clouds.on_update(choose)
+    night.on_update(change_light)
+
+
 def sky_rows(lighting: Lighting) -> NDArray[np.uint8]:
     """Return the sky colours (192, 3) from the top of a picture to its bottom, independent of the camera."""
     share = np.linspace(0.0, 1.0, 72)[:, None] ** 0.9
@@ -305,7 +329,11 @@ class _VesselDrawing:
         self._hull = api.add_frame(self._path, show_axes=False)
         for number, mesh in enumerate(vessel.meshes):
             _add_mesh(api, f"{self._path}/{number}", mesh)
-        self._propellers = [self._propeller(number) for number in range(len(vessel.thrusters))]
+        self._propellers = []
+        for number, thruster in enumerate(vessel.thrusters):
+            turning = shapes.propeller(thruster.diameter_m).mesh("propeller", (45, 48, 54))
+            path = f"{self._path}/propellers/{number}"
+            self._propellers.append(_add_mesh(api, path, turning, position=thruster.place_flu_m))
         self._turned_rad = [0.0] * len(vessel.thrusters)
         self._estimate: Any = None
         self._clouds: dict[str, tuple[Points, Any]] = {}
@@ -321,11 +349,6 @@ class _VesselDrawing:
         self._mission_nodes: list[Any] = []
         self._marks: list[Any] = []
         self._draw_mission(vessel.mission_enu_m)
-
-    def _propeller(self, number: int) -> Any:
-        thruster = self._vessel.thrusters[number]
-        turning = shapes.propeller(thruster.diameter_m).mesh("propeller", (45, 48, 54))
-        return _add_mesh(self._api, f"{self._path}/propellers/{number}", turning, position=thruster.place_flu_m)
 
     def _draw_mission(self, places: Array, moved: bool = False) -> None:
         if not moved and (places is self._mission or np.array_equal(places, self._mission)):
