@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import agent
+from agent.bridges.kinds import NEEDED_LINK, NO_LINK, OWN_SENSORS, BridgeError, bridge_kind
 from agent.files import read_text
 from agent.machine import REAL, VIRTUAL
 from agent.timing.realtime import DEFAULT_PRIORITY
 
 DEFAULT_LINK = "udp://127.0.0.1:14660"
 FCU, COMPANION, BRIDGE = "fcu", "companion", "bridge"
-INJECTIONS = ("vectornav", "microstrain7", "hil", "px4")
 KEEP, REBOOT = "keep", "reboot"
 SECTION = "agent"
 _BESIDE = {
@@ -119,13 +119,17 @@ def check_bridge(options: Options) -> None:
         raise OptionsError("sensors, world: nothing gets into the autopilot; give --sensors, --world or both")
     if options.world and not options.world.startswith("udp://"):
         raise OptionsError(f"world: {options.world} is no address of datagrams; write it like udp://127.0.0.1:9002")
-    if options.world and options.sensors == "px4":
-        raise OptionsError("world: PX4 has none beside its simulator messages; leave it out")
-    if options.sensors in ("vectornav", "microstrain7") and not options.sensor_link:
+    try:
+        kind = bridge_kind(options.sensors) if options.sensors else None
+    except BridgeError as error:
+        raise OptionsError(f"sensors: {error}") from None
+    if options.world and kind is not None and kind.sets_time:
+        raise OptionsError(f"world: {options.sensors} sets the time of the autopilot itself; leave it out")
+    if kind is not None and kind.sensor_link == NEEDED_LINK and not options.sensor_link:
         raise OptionsError(
             f"sensor-link: {options.sensors} needs a line of its own; write it like --sensor-link serial:///dev/ttyUSB0"
         )
-    if options.sensor_link and options.sensors not in ("vectornav", "microstrain7", "px4"):
+    if options.sensor_link and (kind is None or kind.sensor_link == NO_LINK):
         who = f"the sensors {options.sensors} use" if options.sensors else "the world uses"
         raise OptionsError(f"sensor-link: {who} none; leave it out")
 
@@ -283,7 +287,8 @@ def _parser(program: str) -> argparse.ArgumentParser:
     )
     add("--autopilot", metavar="URL", help="bridge: MAVLink of the other autopilot, like tcp://127.0.0.1:5760")
     add("--world", metavar="URL", help="bridge: serve its JSON simulator interface here, like udp://127.0.0.1:9002")
-    add("--sensors", choices=INJECTIONS, help="bridge: how our sensors get into it")
+    own = ", ".join(OWN_SENSORS)
+    add("--sensors", metavar="NAME", help=f"bridge: how our sensors get into it: {own}, or a bridge of a package")
     add("--sensor-link", metavar="URL", help="bridge: where, when that is a line of its own")
     add("--outputs", type=_channels, metavar="N[,N]", help="bridge: its channels of the motors, in their order")
     add("--trim", dest="trim_us", type=_pulse, metavar="US", help="bridge: pulse width of a motor at rest")

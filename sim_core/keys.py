@@ -242,13 +242,14 @@ def value_problem(value: object, kind: Any, markers: tuple[Any, ...], unit: str 
         if value in words:
             return None
         more = [name for marker in markers if isinstance(marker, MoreChoices) for name in marker.names()]
-        words = list(dict.fromkeys([*words, *more]))
-        if value in words:
+        if value in more:
             return None
+        added = any(isinstance(marker, MoreChoices) for marker in markers)
+        words = list(dict.fromkeys([*words, *more]))
         close = difflib.get_close_matches(value, words, n=1) if isinstance(value, str) else []
         hint = f"did you mean {close[0]!r}? " if close else ""
         either = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
-        return f"is not one of the choices; {hint}use {either}"
+        return f"is not one of the choices; {hint}use {either}" + (", or install the package that has it" * added)
     if kind is str:
         return None if isinstance(value, str) else "is not text; put it in quotes"
     if kind is bool:

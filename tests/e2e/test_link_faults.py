@@ -142,7 +142,7 @@ def test_an_agent_that_stays_silent_ends_the_run_with_one_sentence(start: Start,
     assert process.returncode == 2, stderr
     assert len(stderr.strip().splitlines()) == 1, stderr
     assert "stopped answering and was silent for 1 s" in stderr
-    assert "unknown how many lost of sensors, unknown how many lost of actuators" in " ".join(printed.split())
+    assert "unknown number lost of sensors, unknown number lost of actuators" in " ".join(printed.split())
     error = summary(tmp_path / "run")["error"]
     assert error in stderr
     assert error in said(tmp_path / "run")

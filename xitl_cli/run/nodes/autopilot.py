@@ -283,8 +283,10 @@ class AutopilotNode(ControlNode):
 
     def report(self) -> dict[str, Any]:
         score = self._check.score
+        connections = connections_report(self.agents)
         return {
-            **connections_report(self.agents),
+            **connections,
+            "agents": [self._supervision.traffic_behind(agent) for agent in connections["agents"]],
             "estimation": {
                 "position_rms_m": score.position_rms_m,
                 "position_nees": score.position_nees,

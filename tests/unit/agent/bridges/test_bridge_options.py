@@ -60,7 +60,6 @@ def test_on_the_command_line_and_in_a_file(tmp_path: Path) -> None:
         ("--outputs 1,2,3,4,5,6,7,8,9", "names no output channels"),
         ("--trim nan", "nan is no pulse width; use microseconds, like 1500"),
         ("--span 0", "0 is no pulse width"),
-        ("--sensors sextant", "invalid choice"),
         ("--after-run sink", "invalid choice"),
     ],
 )
@@ -75,7 +74,8 @@ def test_values_that_cannot_be(words: str, sentence: str) -> None:
         ({"autopilot": ""}, "autopilot: a bridge needs the URL of its MAVLink; write it like --autopilot tcp://"),
         ({"sensors": "", "world": "", "sensor_link": ""}, "sensors, world: nothing gets into the autopilot; give"),
         ({"world": "tcp://127.0.0.1:9002"}, "world: tcp://127.0.0.1:9002 is no address of datagrams; write it like"),
-        ({"sensors": "px4", "sensor_link": ""}, "world: PX4 has none beside its simulator messages; leave it out"),
+        ({"sensors": "px4", "sensor_link": ""}, "world: px4 sets the time of the autopilot itself; leave it out"),
+        ({"sensors": "sextant"}, "sensors: sextant: no installed package registers it in xitl.bridges; install its"),
         ({"sensor_link": ""}, "sensor-link: vectornav needs a line of its own; write it like --sensor-link serial"),
         ({"sensors": "microstrain7", "sensor_link": ""}, "sensor-link: microstrain7 needs a line of its own"),
         ({"sensors": "hil"}, "sensor-link: the sensors hil use none; leave it out"),
