@@ -201,15 +201,8 @@ class VesselConversion:
 
     def topics(self) -> Iterator[RosTopic]:
         """Yield its topics."""
-        names = [
-            "mission",
-            "robot_description",
-            "ground_truth/odom",
-            "ground_truth/fix",
-            "wind",
-            "current",
-            "diagnostics",
-        ]
+        names = ["mission", "robot_description", "ground_truth/odom", "ground_truth/fix"]
+        names += ["wind", "current", "diagnostics"]
         if self._first:
             names += ["/clock", "/tf"]
         if self._estimated:

@@ -189,7 +189,7 @@ def named_topics(spec: RosSpec) -> dict[str, RosTopic]:
                 raise UserError(f"{path}.{key} is for a topic of your own; name its recorded topic with `of`")
         if asked.name is not None:
             if "{" in known:
-                raise UserError(f"{path}.name: a topic with a number or name in it cannot be renamed; omit this key")
+                raise UserError(f"{path}.name: a topic with several instances cannot be renamed; omit this key")
             named[known] = replace(OUTPUTS[known], called=_checked_name(path, asked.name))
     return named
 

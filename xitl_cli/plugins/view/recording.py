@@ -176,6 +176,9 @@ class LogScene:
         """Return the world at time_s, with the messages after since_s. seen: include the clouds of sensors."""
         vessels = {vessel.name: vessel.track.at(time_s, seen) for vessel in self._placed}
         vessels |= {name: VesselInstant(*pose.at(time_s)) for name, pose in self._others.items()}
+        first = bisect_right(self._passing_s, time_s - self._longest_s)
+        behind = bisect_right(self._passing_s, time_s + ROUNDING_S)
+        latest = {entity.name: entity for entity in self._passing[first:behind]}  # temporary drawings
         return ViewInstant(
             time_s,
             vessels,
@@ -188,14 +191,8 @@ class LogScene:
             },
             tuple(event for event in self._events if since_s is not None and since_s < event.time_s <= time_s),
             waves=None if self._waves is None else self._waves.at(time_s),
-            drawings=self._drawings(time_s),
+            drawings=passing_at(latest, time_s),
         )
-
-    def _drawings(self, time_s: float) -> dict[str, tuple[SceneMesh, ...]]:
-        """Return the meshes of the latest temporary drawing of each name."""
-        first = bisect_right(self._passing_s, time_s - self._longest_s)
-        behind = bisect_right(self._passing_s, time_s + ROUNDING_S)
-        return passing_at({entity.name: entity for entity in self._passing[first:behind]}, time_s)
 
     def findings(self) -> list[SceneFinding]:
         """Run all analyses on all logs and return their findings, the worst first. It takes seconds."""
@@ -328,7 +325,11 @@ def _recording(log: Log, opened: ExitStack) -> _Recording:
 
 def _place_logs(logs: Sequence[Log], notes: list[str]) -> list[PlacedLog]:
     """Return the logs that have positions and attitudes. The first is the lead, to which the others are aligned."""
-    names = _vessel_names(logs)
+    names = [log.vessel for log in logs]
+    paths = list(dict.fromkeys(log.path for log in logs))
+    if len(paths) > 1:  # the names begin with the file's name, and contain no `/`
+        files = dict(zip(paths, short_names(paths), strict=True))
+        names = [f"{files[log.path]} {log.vessel}".strip().replace("/", " ") for log in logs]
     placed: list[PlacedLog] = []
     lacking: list[str] = []
     for log, name in zip(logs, names, strict=True):
@@ -350,15 +351,6 @@ def _place_logs(logs: Sequence[Log], notes: list[str]) -> list[PlacedLog]:
     if len(placed) == 1 and len(logs) > 1 and not placed[0].log.vessel:
         placed = [replace(placed[0], name="")]
     return placed
-
-
-def _vessel_names(logs: Sequence[Log]) -> list[str]:
-    """Return the vessels' names. With several files, they begin with the file's name and contain no `/`."""
-    paths = list(dict.fromkeys(log.path for log in logs))
-    if len(paths) == 1:
-        return [log.vessel for log in logs]
-    by_path = dict(zip(paths, short_names(paths), strict=True))
-    return [f"{by_path[log.path]} {log.vessel}".strip().replace("/", " ") for log in logs]
 
 
 def _lack(log: Log) -> str:
