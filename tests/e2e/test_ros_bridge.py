@@ -49,7 +49,7 @@ def test_a_bridge_that_hangs_and_is_killed_holds_nothing_up(tmp_path: Path) -> N
         hung_s = newest_time_s(log.read_text())
         wait_until(lambda: newest_time_s(log.read_text()) > hung_s + 30.0)  # what waits for it is too much
         os.kill(bridge, signal.SIGKILL)
-        wait_until(lambda: "the run goes on without it (signal 9)" in log.read_text())
+        wait_until(lambda: "the run continues without it (signal 9)" in log.read_text())
         run.send_signal(signal.SIGINT)
         assert run.wait(PATIENCE_S) == 130
     finally:

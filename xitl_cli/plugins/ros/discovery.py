@@ -42,14 +42,12 @@ def stays_on_machine(spec: RosSpec) -> bool:
 
 
 class Commanders:
-    """Accepts or refuses messages according to `ros.commanders`. A node without a known name is refused.
-
-    refused: number of messages and peers by topic.
-    """
+    """Accepts or refuses messages according to `ros.commanders`. A node without a known name is refused."""
 
     def __init__(self, names: Sequence[str] | None) -> None:
         self._names = None if names is None else frozenset(names)
         self.refused: Counter[str] = Counter()
+        """Number of messages and peers by topic."""
         self._problems: list[str] = []
 
     @property

@@ -42,9 +42,9 @@ MOST_IN_PIPE_BYTES = 1 << 20
 class LiveRosNode(RunNode):
     """The bridge of a run to ROS. If it dies or hangs, the run continues unchanged.
 
-    profiles: one per vessel. tell: shows a text to the user. It is a mirror of the recording, see McapFile. answers_ns:
-    the latest /clock that each node has answered, by its name. If the run waits for nodes, it handles their requests
-    only during standstills (`poll`), so that it does not depend on the wall clock.
+    profiles: one per vessel. tell: shows a text to the user. It is a mirror of the recording, see McapFile. If the run
+    waits for nodes, it handles their requests only during standstills (`poll`), so that it does not depend on the wall
+    clock.
     """
 
     def __init__(self, profiles: Sequence[RunProfile], tell: Callable[[str], object]) -> None:
@@ -71,6 +71,7 @@ class LiveRosNode(RunNode):
         self._refusals: set[str] = set()
         self._holds = self._spec.lockstep is not None
         self.answers_ns: dict[str, int] = {}
+        """The latest /clock that each node has answered, by its name."""
 
     def attach_operator(self, operator: OperatorNode) -> None:
         """Let the operator carry out requests of nodes, and poll this node during standstills too."""

@@ -59,12 +59,13 @@ MALFORMED: tuple[Any, ...] = (SerdeError, ValueError, IndexError, AssertionError
 
 
 class PeerConnection:
-    """A connection to the node's port. idle_since_s: start of the peer's silence; None while it waits for an answer."""
+    """A connection to the node's port."""
 
     def __init__(self, end: socket.socket, host: str, port: int) -> None:
         self.end, self.host = end, host
         self.name = f"{host}:{port}"
         self.idle_since_s: float | None = time.monotonic()
+        """Start of the peer's silence; None while it waits for an answer."""
 
     def close(self) -> None:
         shut(self.end)

@@ -74,12 +74,12 @@ def refusal(address: ViewAddress, head: bytes) -> str:
 class Gate:
     """Serves `listener` in a thread and forwards connections with the token of `address`.
 
-    inner: host and port of the server behind. The attribute `refused` counts connections that were closed with 403 or
-    sent no valid request.
+    inner: host and port of the server behind.
     """
 
     def __init__(self, listener: socket.socket, address: ViewAddress, inner: tuple[str, int]) -> None:
         self.refused = 0
+        """Connections that were closed with 403 or sent no valid request."""
         self._address = address
         self._inner = inner
         self._listener = listener

@@ -129,11 +129,7 @@ class DriftingBody:
 
 
 class LogScene:
-    """Logs of vessels as one scene. It is a context manager that closes the logs.
-
-    scene: the constant part. Its notes explain the alignment of the logs, and the data that they lack. span_s: first
-    and last time with a known pose of any vessel. marks: events in order of time.
-    """
+    """Logs of vessels as one scene. It is a context manager that closes the logs."""
 
     def __init__(
         self,
@@ -144,6 +140,7 @@ class LogScene:
         passing: Sequence[DrawnEntity] = (),
     ) -> None:
         self.scene = scene
+        """The constant part. Its notes explain the alignment of the logs, and the data that they lack."""
         self._passing = sorted(passing, key=attrgetter("from_s"))
         self._passing_s = [entity.from_s for entity in self._passing]
         self._longest_s = max((entity.lifetime_s for entity in passing), default=0.0)
@@ -152,11 +149,13 @@ class LogScene:
         self._bodies = bodies
         spans = [vessel.track.pose.span_s for vessel in placed]
         self.span_s = min(span[0] for span in spans), max(span[1] for span in spans)
+        """First and last time with a known pose of any vessel."""
         lead = placed[0]
         self._waves = _seas(lead, scene.water.waves)
         self._wind, self._current = (_stream(lead, name) for name in ("wind_ned_mps", "current_ned_mps"))
         self._events = sorted((event for vessel in placed for event in _events(vessel)), key=attrgetter("time_s"))
         self.marks = _marks(placed, self.span_s)
+        """Events in order of time."""
 
     @property
     def names(self) -> tuple[str, ...]:

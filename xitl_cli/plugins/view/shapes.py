@@ -195,7 +195,7 @@ REACH_M = 1800.0
 
 
 class WaterGrid:
-    """Grid with vertices_m (V, 3) relative to its middle, and faces (F, 3).
+    """Grid of the water surface.
 
     reach_m: half of its side length. waves: None for still water, whose grid is a square of two triangles.
     """
@@ -208,6 +208,7 @@ class WaterGrid:
         axis = np.array([-reach_m, reach_m]) if waves is None else _axis(reach_m, resolution)
         east, north = (part.ravel() for part in np.meshgrid(axis, axis, indexing="xy"))
         self.vertices_m: Points = np.column_stack([east, north, np.zeros(len(east))]).astype(np.float32)
+        """(V, 3), relative to the middle of the grid."""
         corner = np.arange(len(axis) ** 2).reshape(len(axis), len(axis))
         here, beside = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel()
         above, across = corner[1:, :-1].ravel(), corner[1:, 1:].ravel()

@@ -89,13 +89,12 @@ class Subscription(Protocol):
 
 
 class Registrar:
-    """Registers the node's publishers, subscribers, services and parameters with the master, in a separate thread.
-
-    node: its name, which changes if a running node has the same name.
-    """
+    """Registers the node's publishers, subscribers, services and parameters with the master, in a separate thread."""
 
     def __init__(self, uri: str, node: str, notes: NodeNotes) -> None:
-        self.uri, self.node = uri, node
+        self.uri = uri
+        self.node = node
+        """Name of the node, which changes if a running node has the same name."""
         self.node_uri = ""
         self._notes = notes
         self._wanted: dict[tuple[str, ...], tuple[Any, Subscription | None]] = {}
@@ -252,11 +251,13 @@ MOST_SAID = 400
 
 
 class NodeNotes:
-    """dropped: messages that did not fit, of slow readers or fast writers. refused: messages and peers."""
+    """Reports of a node: sentences, each once, and counts by topic."""
 
     def __init__(self) -> None:
         self.dropped: Counter[str] = Counter()
+        """Messages that did not fit in a queue, of slow readers or fast writers."""
         self.refused: Counter[str] = Counter()
+        """Messages and peers."""
         self._sentences: list[str] = []
         self._told: set[str] = set()
         self._lock = threading.Lock()

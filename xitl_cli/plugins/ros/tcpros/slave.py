@@ -41,7 +41,7 @@ class SlaveNode(Protocol):
 
 
 class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
-    """Answers in separate threads. uri: its address, for the master."""
+    """Answers in separate threads."""
 
     daemon_threads = True
     allow_reuse_address = True
@@ -51,6 +51,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         self._open_lock = threading.Lock()
         super().__init__((bound, 0), _Handler, logRequests=False, allow_none=True)
         self.uri = f"http://{host}:{self.server_address[1]}/"
+        """Address for the master."""
         self.register_instance(_SlaveApi(node, master))
         self._thread = threading.Thread(target=self.serve_forever, args=(0.1,), name="ros node", daemon=True)
         self._thread.start()
