@@ -23,7 +23,7 @@ from mcap_ros2.decoder import DecoderFactory
 from tests.golden import Golden
 from tests.patience import PATIENCE_S, let_pass, wait_until
 from xitl_cli.logs import open_log
-from xitl_cli.logs.analyses import events, links
+from xitl_cli.plugins.logs.analyses import events, links
 
 Start = Callable[..., subprocess.Popen[str]]
 

@@ -66,14 +66,14 @@ def thrusters_of(vehicle: VesselSpec) -> tuple[ThrusterLink, ...]:
     A gear turns the thrust to port, counter-clockwise, for the bow to go to starboard.
     """
     links: list[ThrusterLink] = []
-    angles = iter(range(len(vehicle.propellers), vehicle.commands))
+    angles = iter(range(len(vehicle.propellers), vehicle.own_commands))
     for number, (name, propeller) in enumerate(zip(thruster_names(vehicle), vehicle.propellers, strict=True)):
         turn = flu_turn(0.0, 0.0, math.radians(propeller.angle_deg))
         frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(propeller.position_frd_m), turn)
         gear = propeller.steering
         limit_rad = 0.0 if gear is None else math.radians(gear.max_angle_deg)
         links.append(ThrusterLink(name, frame, propeller, number, None if gear is None else next(angles), limit_rad))
-    first = vehicle.commands - len(vehicle.rudders)
+    first = vehicle.own_commands - len(vehicle.rudders)
     for number, rudder in enumerate(vehicle.rudders):
         name = f"rudder_{number}"
         frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(rudder.position_frd_m))

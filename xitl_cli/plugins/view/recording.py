@@ -195,16 +195,20 @@ class LogScene:
 
     def findings(self) -> list[SceneFinding]:
         """Run all analyses on all logs and return their findings, the worst first. It takes seconds."""
-        from xitl_cli.log_analyses import added_analyses
+        from xitl_cli.log_analyses import log_analyses
         from xitl_cli.logs.report.build import build_report
+        from xitl_cli.registry import PluginError
 
-        added = added_analyses()
+        try:
+            analyses = log_analyses()
+        except PluginError as error:
+            return [SceneFinding(None, Severity.NOTICE, "The logs are not analysed", str(error))]
         paths: dict[str, dict[Path, None]] = {}  # logs of each vessel
         for vessel in self._placed:
             paths.setdefault(vessel.log.vessel, {})[vessel.log.path] = None
         findings: list[tuple[str, SceneFinding]] = []
         for name, logs in paths.items():
-            findings += self._of_report(build_report(list(logs), vessel=name, added=added))
+            findings += self._of_report(build_report(list(logs), analyses, vessel=name))
         return _worst_first(findings)
 
     def findings_of(self, report: Report) -> list[SceneFinding]:
