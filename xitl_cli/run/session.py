@@ -38,7 +38,7 @@ from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.nodes.display import StatusDisplay
-from xitl_cli.run.nodes.plugin_live import live_outputs
+from xitl_cli.run.nodes.plugin_nodes import live_outputs
 from xitl_cli.run.nodes.stations import StationAddresses
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.sensors.compass import compass_warnings

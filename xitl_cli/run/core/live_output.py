@@ -1,6 +1,6 @@
 """Live outputs: plug-ins that show a run in progress and may pass on commands of a person.
 
-A run loads the outputs that its profile selects from the entry-point group `xitl.live_outputs` (nodes/plugin_live.py):
+A run loads the outputs that its profile selects from the entry-point group `xitl.live_outputs` (nodes/plugin_nodes.py):
 
     output = factory(profiles)                   profiles: one a vessel
     output.vessel_node(LiveVessel(...))          once for each vessel
