@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Callable, TypeVar
 
 from agent.bridges.injector import Injector, InjectorCounters, InjectorError
-from agent.bridges.kinds import BridgeKind
+from agent.bridges.kinds import FAILED, BridgeKind
 from agent.bridges.vehicle_link import VehicleLink
 from agent.timing.clock import Clock
 from agent.wire.codec import Message
@@ -16,9 +16,6 @@ from agent.wire.dialect import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_DEBUG
 from agent.wire.transport import TransportError
 
 T = TypeVar("T")
-
-FAILED = "the bridge of a package, "
-"""Start of the text that reports a failure to the host. The traceback is in a text before it."""
 
 
 class GuardedInjector(Injector):

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from agent.bridges.vehicle_link import VehicleLink
 
 GROUP = "xitl.bridges"
+FAILED = "the bridge of a package, "
+"""Start of the text that reports a failure of a bridge to the host. The traceback is in a text before it."""
 NO_LINK, OPTIONAL_LINK, NEEDED_LINK = "none", "optional", "needed"
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.bridges.counts import BridgeCounts
-from agent.bridges.guard import FAILED
+from agent.bridges.kinds import FAILED
 from agent.mavlink.commands import version_text
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
