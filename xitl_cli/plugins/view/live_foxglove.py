@@ -253,12 +253,11 @@ class LiveFoxgloveNode(RunNode):
         try:
             keys = json.loads(request.payload or b"{}")
         except ValueError as error:
-            keys = None
             refusal: str | None = f"{name}: is not JSON ({error})"
-        if isinstance(keys, dict):
-            refusal = self.ask({"action": name, **keys})
-        elif keys is not None:
+        else:
             refusal = f"{name}: write its keys as a JSON object, such as {{}}"
+            if isinstance(keys, dict):
+                refusal = self.ask({"action": name, **keys})
         return json.dumps({"success": refusal is None, "message": refusal or ""}).encode()
 
     # Parameters
