@@ -22,7 +22,7 @@ from xitl_cli.plugins.ros.tcpros.wire import (
     shut,
 )
 
-LOOK_S = 2.0
+CHECK_S = 2.0
 MOST_QUEUED_BYTES = 64 << 20
 MOST_SUBSCRIBERS = 128
 ANY = "*"
@@ -64,7 +64,7 @@ class SubscriberLink:
             while not self.closed:
                 with self._change:
                     if not self._waiting:
-                        self._change.wait(LOOK_S)
+                        self._change.wait(CHECK_S)
                     data = b"".join(self._waiting)
                     self._waiting.clear()
                     self._waiting_bytes = 0
@@ -218,14 +218,14 @@ class PublisherLink:
         self._uri = uri
         self._over = threading.Event()
         self._connection: socket.socket | None = None
-        threading.Thread(target=self._keep, name=f"from {uri}", daemon=True).start()
+        threading.Thread(target=self._run, name=f"from {uri}", daemon=True).start()
 
     def close(self) -> None:
         self._over.set()
         if self._connection is not None:
             shut(self._connection)
 
-    def _keep(self) -> None:
+    def _run(self) -> None:
         topic = self._subscriber.topic
         while not self._over.is_set():
             try:
