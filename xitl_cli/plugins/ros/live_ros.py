@@ -37,6 +37,10 @@ END_S = 5.0
 MOST_REFUSALS = 50  # reported refusals, each once
 MOST_IN_PIPE_BYTES = 1 << 20
 """Limit of queued data in the pipe: data in the pipe can no longer be dropped."""
+POLL_S = 0.002
+CLOCK_AGAIN_S = 0.2
+SETTLED_S = 1.0
+"""Wait after the first message of a node, so that its other endpoints and the bridge discover each other."""
 
 
 class LiveRosNode(RunNode):
@@ -259,12 +263,6 @@ class RosOutput(LiveOutput):
         if lead.ros.lockstep is None:
             return [bridge]
         return [bridge, RosLockstepNode(lead.ros.lockstep, lead.clock, bridge, run.tell, run.interrupted)]
-
-
-POLL_S = 0.002
-CLOCK_AGAIN_S = 0.2
-SETTLED_S = 1.0
-"""Wait after the first message of a node, so that its other endpoints and the bridge discover each other."""
 
 
 class AnsweringNodes(Protocol):

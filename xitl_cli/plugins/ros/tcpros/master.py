@@ -17,6 +17,8 @@ URI_VARIABLE, USUAL_URI = "ROS_MASTER_URI", "http://localhost:11311"
 TIMEOUT_S = 3.0
 RETRY_S = 1.0
 SIM_TIME = "/use_sim_time"
+MOST_SAID = 400
+"""Limit in characters, because names and requests of peers may have any length."""
 
 
 class MasterAwayError(Exception):
@@ -244,10 +246,6 @@ class Registrar:
 
     def _ask(self, method: str, *arguments: Any) -> Any:
         return call(self.uri, method, self.node, *arguments)
-
-
-MOST_SAID = 400
-"""Limit in characters, because names and requests of peers may have any length."""
 
 
 class NodeNotes:

@@ -26,6 +26,9 @@ CHECK_S = 2.0
 MOST_QUEUED_BYTES = 64 << 20
 MOST_SUBSCRIBERS = 128
 ANY = "*"
+HEADER_S = 10.0
+AGAIN_S = 1.0
+MOST_PUBLISHERS = 64
 
 
 class SubscriberLink:
@@ -142,11 +145,6 @@ class TopicPublisher:
     def close(self) -> None:
         for link in self._links:
             link.close()
-
-
-HEADER_S = 10.0
-AGAIN_S = 1.0
-MOST_PUBLISHERS = 64
 
 
 class TopicSubscriber:
