@@ -18,8 +18,7 @@ from tests.chromium import launch_chromium, needs_chromium
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.profile import load_profile
 from xitl_cli.run.nodes.display import NoDisplay
-from xitl_cli.run.operator.operation import Operation
-from xitl_cli.run.operator.replay import read_events
+from xitl_cli.run.operator.operation import Operation, read_events
 from xitl_cli.run.session import Result, run
 
 LAUNCHES = "launches debris"

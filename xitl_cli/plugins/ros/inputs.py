@@ -24,7 +24,7 @@ from xitl_cli.plugins.ros.middleware import COMMANDS, RELIABLE, Middleware
 from xitl_cli.plugins.ros.outputs import ENVIRONMENT, TRUTH, ros_name
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, VESSEL_FRAME
-from xitl_cli.replay.thruster_topics import motor_commands
+from xitl_cli.replay.thrust_log import motor_commands
 
 Action = Mapping[str, Any]
 STREAM_S = 0.005

@@ -17,7 +17,7 @@ from sim_core.vessel.spec import Propeller, VesselSpec
 from xitl_cli.plugins.ros.frames import FixedFrame, Vector, flu, flu_turn, frame_name, sensor_frames
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import VESSEL_FRAME
-from xitl_cli.replay.thruster_topics import thruster_names
+from xitl_cli.replay.thrust_log import thruster_names
 
 _WHITE, _DARK, _SENSOR = "0.92 0.93 0.95 1", "0.2 0.22 0.25 1", "0.1 0.4 0.7 1"
 _SENSOR_M = 0.03

@@ -222,7 +222,7 @@ def test_a_vessel_of_a_bag_is_read_as_if_it_were_alone(convoy: Path, tmp_path: P
             assert again.path.values[0, 1] == pytest.approx(10.0 * names.index(name) + 0.3)
     with open_log(bag, "") as first:
         assert first.vessel in names
-    with pytest.raises(LogError, match=f"has no vessel 'nobody'; it is of {', '.join(sorted(names))}"):
+    with pytest.raises(LogError, match=f"has no vessel 'nobody'; choose from {', '.join(sorted(names))}"):
         open_log(bag, "nobody")
     with pytest.raises(UserError, match="a bag keeps its topic names"):
         written(bag, place(tmp_path / "again", bag_format), bag_format, vessel=names[0])
@@ -233,7 +233,7 @@ def test_namespaces_are_told_from_parts_of_a_vessel(sailed: Path, tmp_path: Path
     assert namespaces_of_vessels(marked) == {"a": "/harbour/a", "b": "/harbour/b"}
     assert namespaces_of_vessels(["/robot_description", "/arm/robot_description", "/odometry"]) == {}
     bag = written(sailed, tmp_path / "made", "rosbag2-mcap", ["odometry", "ground_truth/odom"])
-    with pytest.raises(LogError, match="is of one vessel alone"):
+    with pytest.raises(LogError, match="has one vessel only"):
         open_log(bag, "a")
     with open_log(bag, "") as log:
         assert (log.vessels, log.vessel) == ((), "")

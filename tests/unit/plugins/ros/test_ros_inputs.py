@@ -18,7 +18,7 @@ from xitl_cli.plugins.ros.inputs import INPUTS, RosInputs
 from xitl_cli.plugins.ros.middleware import QosProfile
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.record.topics import TOPICS
-from xitl_cli.replay.thruster_topics import command_of_thrust, motor_commands
+from xitl_cli.replay.thrust_log import command_of_thrust, motor_commands
 
 TYPES = cast(Any, ros2_types().types)
 NAN = math.nan
