@@ -187,10 +187,6 @@ class McapFile:
             self._file.flush()
             self._whole_bytes = self._file.tell()
         except OSError as error:
-            self._refused(error)
-
-    def _refused(self, error: OSError) -> None:
-        if not self._refused_once:
             self._refused_once = True
             raise RecordingError(
                 f"{self.path}: the recording cannot be written ({error.strerror}); free space and run again"
