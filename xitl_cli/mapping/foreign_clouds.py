@@ -112,4 +112,4 @@ def _point_type(log: Log, table: Table) -> np.dtype[np.void]:
     try:
         return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
     except ValueError as error:
-        raise UserError(f"{log.path}: points of {table.name} are described wrongly ({error})") from error
+        raise UserError(f"{log.path}: the description of points in {table.name} is invalid ({error})") from error

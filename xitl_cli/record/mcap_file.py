@@ -84,7 +84,7 @@ class McapFile:
             self._file = path.open("xb")
         except OSError as error:
             raise UserError(
-                f"{path}: cannot be made ({error.strerror}); choose another directory with --out"
+                f"{path} cannot be created ({error.strerror}); choose another directory with --out"
             ) from error
         self._writer = ChunkWriter(self._file, compression)
         self._whole_bytes = self._file.tell()

@@ -161,8 +161,8 @@ def _first_armed_s(log: PulseLog, rows: Sequence[tuple[float, ...]], trim_us: fl
         if any(pulse not in (NO_PULSE_US, trim_us) for pulse in row):
             return at_s
     raise UserError(
-        f"{log.source}: no output ever leaves {trim_us:g} µs; check driver.replay.outputs and trim_us, "
-        "or give driver.replay.start_s"
+        f"{log.source}: all outputs stay at {trim_us:g} µs; check driver.replay.outputs and trim_us, "
+        "or set driver.replay.start_s"
     )
 
 

@@ -88,7 +88,7 @@ def read_csv(path: Path) -> PulseLog:
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except UnicodeDecodeError:
-        raise UserError(f"{path}: is not text; give a table of comma-separated values, or a .bin log") from None
+        raise UserError(f"{path} is not text; use a table of comma-separated values, or a .bin log") from None
     except csv.Error as error:
         raise UserError(f"{path}: is no table of comma-separated values ({error}); {_SHAPE}") from None
 
@@ -124,13 +124,13 @@ def _read_table(rows: Iterator[tuple[int, list[str]]], source: str) -> PulseLog:
     for line, cells in rows:
         if len(cells) != len(names):
             raise UserError(
-                f"{source}:{line}: has {len(cells)} columns where the first line names {len(names)}; give as many"
+                f"{source}:{line}: has {len(cells)} columns, but the first line has {len(names)}; write as many"
             )
         now_s = _number(cells[columns[time_name]], names[columns[time_name]], f"{source}:{line}") * _TIMES[time_name]
         if at_s and now_s <= at_s[-1]:
             raise UserError(
                 f"{source}:{line}: column {names[columns[time_name]]}: {now_s:g} s is not after the line before "
-                f"({at_s[-1]:g} s); put the lines in order of time"
+                f"({at_s[-1]:g} s); sort the lines by time"
             )
         at_s.append(now_s)
         for channel, values in pulses.items():
@@ -143,7 +143,7 @@ def _read_table(rows: Iterator[tuple[int, list[str]]], source: str) -> PulseLog:
                 )
             values.append(pulse)
     if not at_s:
-        raise UserError(f"{source}:{line}: has no line below its names; add one for each instant")
+        raise UserError(f"{source}:{line}: no data follows the names of the columns; add a line for each instant")
     return PulseLog(source, tuple(at_s), {channel: tuple(values) for channel, values in pulses.items()})
 
 
