@@ -56,7 +56,7 @@ class SensorLine:
     without limit. Up to `WAITING_FRAMES` frames wait when the line does not accept them. Beyond that, the oldest is
     dropped and counted.
 
-    unsent: number of frames dropped, or sent while nobody was connected.
+    unsent: number of frames dropped, or sent without a connection.
     sent: number of frames that the line accepted, by kind.
     calls: we connect to the other end, at the next `receive` after each `call`.
     """

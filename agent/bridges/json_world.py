@@ -133,17 +133,10 @@ class MotionInterpolator:
         norm = 1.0 / sqrt(a * a + b * b + c * c + d * d)
         (vn, ve, vd), (wn, we, wd) = self._vel, self._more
         return (
-            n0 + u * (n1 + u * (n2 + u * n3)),
-            e0 + u * (e1 + u * (e2 + u * e3)),
-            d0 + u * (d1 + u * (d2 + u * d3)),
-            a * norm,
-            b * norm,
-            c * norm,
-            d * norm,
-            vn + u * wn,
-            ve + u * we,
-            vd + u * wd,
-        )
+            n0 + u * (n1 + u * (n2 + u * n3)), e0 + u * (e1 + u * (e2 + u * e3)), d0 + u * (d1 + u * (d2 + u * d3)),
+            a * norm, b * norm, c * norm, d * norm,
+            vn + u * wn, ve + u * we, vd + u * wd,
+        )  # fmt: skip
 
     def free_force_frd_mps2(self) -> tuple[float, float, float]:
         """Specific force after the end, at constant velocity and attitude."""

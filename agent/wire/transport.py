@@ -97,7 +97,7 @@ class ServedPeer:
             self._patience_s = self._asked_s
 
     def bound(self, now_s: float) -> bool:
-        """Whether the peer has an active run, so that nobody else is served."""
+        """Whether the peer has an active run, so that no other is served."""
         return self._patience_s == RUN_SILENCE_S and not self._is_over(now_s)
 
     def gives_way(self, standing: SenderStatus, now_s: float) -> bool:

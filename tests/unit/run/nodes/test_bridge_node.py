@@ -200,7 +200,7 @@ def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path
     for words in (
         "ardupilot surface boat",
         "36782 inertial",
-        "31 not taken",
+        "31 not accepted",
         "12 long of 8999 loops",
         "missed 2 of 50",
     ):
