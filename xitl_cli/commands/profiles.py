@@ -99,7 +99,7 @@ def check(
             console.print(Text(str(error), style="red"), soft_wrap=True)
         else:
             profile = loaded.profile
-            role = profile.role()
+            role: str = profile.role()
             if profile.vessels is not None:
                 scripted = len(profile.vessels) - len(profile.sailed)
                 role += f", {plural(len(profile.sailed), 'vessel')}" + (f", {scripted} scripted" if scripted else "")

@@ -301,7 +301,6 @@ def _show_points(plan: CampaignPlan, as_json: bool, on: str | None, workers: int
 
 def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers: int | None) -> str:
     """Return wall time and disk of a campaign in a sentence each, and the basis of both."""
-    from xitl_cli.logs.model.text import plural
     from xitl_cli.plugins.campaign.estimate import ROW_BYTES
 
     about = "at most about" if cost.at_most else "about"

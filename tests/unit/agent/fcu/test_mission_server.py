@@ -244,7 +244,7 @@ def test_set_current_is_answered_and_refused_in_words() -> None:
     assert (reply.get_type(), reply.seq) == ("MISSION_CURRENT", 2)
     (reply,) = channel.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 9)), 0)
     assert reply.seq == 2
-    assert "mission item 9 is not there" in texts(channel.poll(0))
+    assert "mission item 9 does not exist" in texts(channel.poll(0))
 
 
 def test_a_station_may_end_its_upload() -> None:
