@@ -374,17 +374,12 @@ class Px4Injector(Injector):
 
     def _on_vehicle(self, message: Message) -> None:
         """Handle a message from the autopilot's MAVLink, which carries the outputs of a board."""
-        if isinstance(message, mav.MAVLink_heartbeat_message):
-            self._on_heartbeat(message)
-        elif self._line is None and isinstance(message, mav.MAVLink_hil_actuator_controls_message):
+        if self._line is None and isinstance(message, mav.MAVLink_hil_actuator_controls_message):
             self._note([message])
-
-    def _on_heartbeat(self, message: Message) -> None:
-        """Handle a heartbeat. A disarmed PX4 sends no new outputs, so the last ones are reset to 0."""
-        if message.autopilot != mav.MAV_AUTOPILOT_PX4:
+        if not isinstance(message, mav.MAVLink_heartbeat_message) or message.autopilot != mav.MAV_AUTOPILOT_PX4:
             return
         armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-        if self._armed and not armed:
+        if self._armed and not armed:  # a disarmed PX4 sends no new outputs
             self._outputs = (0.0,) * OUTPUTS
             self.counts.outputs_in += 1
         self._armed = armed
@@ -398,7 +393,11 @@ class Px4Injector(Injector):
             if isinstance(message, mav.MAVLink_hil_actuator_controls_message):
                 self.counts.outputs_in += 1
                 armed = message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED
-                self._outputs = tuple(map(_limited, message.controls)) if armed else (0.0,) * OUTPUTS
+                self._outputs = (0.0,) * OUTPUTS
+                if armed:  # limited to [-1, 1]; a value that is not finite becomes 0
+                    self._outputs = tuple(
+                        max(-1.0, min(1.0, value)) if math.isfinite(value) else 0.0 for value in message.controls
+                    )
         if line is None:
             return
         if line.restarts > self.counts.restarts:
@@ -409,8 +408,3 @@ class Px4Injector(Injector):
         warning = line.take_warning()
         if warning:
             self._say(_WARNING, warning)
-
-
-def _limited(value: float) -> float:
-    """Limit an output to [-1, 1]. A value that is not finite becomes 0."""
-    return max(-1.0, min(1.0, value)) if math.isfinite(value) else 0.0

@@ -178,4 +178,5 @@ def _mission_item(fields: Any) -> MissionItem:
 
 def _fence_item(fields: Any) -> FenceItem:
     whole = {"command", "vertex_count"}
-    return FenceItem(**{name: int(value) if name in whole else float(value) for name, value in fields.items()})
+    numbers: dict[str, Any] = {name: int(value) if name in whole else float(value) for name, value in fields.items()}
+    return FenceItem(**numbers)

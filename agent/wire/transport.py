@@ -184,9 +184,9 @@ class Transport(ABC):
         self.unsent = 0
 
     @classmethod
-    @abstractmethod
     def open(cls: type[Self], url: SplitResult, listen: bool) -> Self:
-        """Open from a split URL. Raises a TransportError."""
+        """Open from a split URL. Raises a TransportError: always BadUrlError for a transport without a URL."""
+        raise BadUrlError(url.geturl(), f"{cls.__name__} has no URL", "use a scheme of SCHEMES")
 
     @abstractmethod
     def send(self, data: bytes) -> bool:
