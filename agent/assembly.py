@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Callable
 
 from agent.faults import AgentFaults
 from agent.fcu.control.controller import ControllerError
-from agent.files import read_text
 from agent.machine import read_machine
 from agent.mavlink.parameter_rows import ParameterError
 from agent.node import AgentNode
-from agent.options import BRIDGE, COMPANION, REBOOT, Options, OptionsError, check_bridge
+from agent.options import BRIDGE, COMPANION, REBOOT, Options, OptionsError, check_bridge, read_option_file
 from agent.reports import Identity
 from agent.roles.role import Role
 from agent.roles.storage import StorageError
@@ -42,7 +41,7 @@ def assemble(
     """
     clock = MonotonicClock()
     faults = AgentFaults(clock)
-    opened.callback(faults.close)
+    opened.callback(faults.end)
     key = _signing(options.link_key, "--link-key")
     component_id = COMPANION_COMPONENT_ID if options.role == COMPANION else AUTOPILOT_COMPONENT_ID
     link = Link(faults.wrap(transport), options.system_id, component_id, signing=key)
@@ -119,7 +118,7 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
 
     parameters = Parameters(system_id=options.system_id)
     if options.parameters is not None:
-        parameters.load(_text(options.parameters), str(options.parameters))
+        parameters.load(read_option_file(options.parameters), str(options.parameters))
     make_controller = load_controller(options.controller) if options.controller else None
     signing = _signing(options.signing_key, "--signing-key")
     storage = None
@@ -144,7 +143,7 @@ def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]]
     if directory is None and file is None:
         return None
     if directory is not None and file is not None:
-        raise OptionsError("log-dir, log-file: a log goes to one of them; leave the other out")
+        raise OptionsError("log-dir, log-file: a log needs only one of them; leave the other out")
     from agent.fcu.dataflash.flight_log import FlightLog
     from agent.fcu.dataflash.writer import fixed_log_opener, numbered_log_opener
 
@@ -160,12 +159,3 @@ def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]]
 
 def _signing(key_file: Path | None, option: str) -> Signing | None:
     return None if key_file is None else Signing(read_key_file(str(key_file), option))
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_text(path)
-    except UnicodeDecodeError:
-        raise OptionsError(f"{path}: cannot be read (not text); check the path") from None
-    except OSError as error:
-        raise OptionsError(f"{path}: cannot be read ({error.strerror}); check the path") from None

@@ -216,6 +216,14 @@ class MoreChoices:
     """Returns the additional choices. It is called when they are needed."""
 
 
+@dataclass(frozen=True, slots=True)
+class RegisteredGroups:
+    """Marks a key that holds groups of other packages, by name. A file reader looks up the class of each group."""
+
+    registry: str
+    """Entry-point group that has the classes."""
+
+
 def own_rule(annotation: Any) -> ValueProblem | None:
     """Return the special rule that replaces the rule of the type."""
     return next((marker for marker in unpacked(annotation)[1] if isinstance(marker, ValueProblem)), None)

@@ -129,12 +129,12 @@ def analyze(*logs: PathText, sections: str | Iterable[str] = (), vessel: str = "
 
     A log that cannot be read is in the report's `refusals`. Raises LogError for an unknown section.
     """
-    from xitl_cli.log_analyses import added_analyses
-    from xitl_cli.logs.report.build import build_report, sections_named
+    from xitl_cli.log_analyses import log_analyses, sections_named
+    from xitl_cli.logs.report.build import OVERVIEW, build_report
 
-    wanted = (sections,) if isinstance(sections, str) else tuple(sections)
-    added = added_analyses(wanted)
-    return build_report([Path(log) for log in logs], sections_named(wanted, added), vessel=vessel, added=added)
+    wanted = sections_named((sections,) if isinstance(sections, str) else tuple(sections))
+    overview = not wanted or OVERVIEW in wanted
+    return build_report([Path(log) for log in logs], log_analyses(wanted), vessel=vessel, overview=overview)
 
 
 def compare(
@@ -155,10 +155,15 @@ def compare(
     of_a, of_b: the autopilot's estimate or the simulator's truth. armed: use only the time in which both were armed.
     vessel: one vessel of a fleet's recording, by default the first. vessel_b: another vessel for `b`.
     """
+    from xitl_cli.log_analyses import log_analyses
+    from xitl_cli.logs.compare.comparison import OVERLAID
     from xitl_cli.logs.compare.comparison import compare as compare_logs
 
+    overlaid = log_analyses(OVERLAID)
     with open_log(a, vessel) as log_a, open_log(b, vessel_b or vessel) as log_b:
-        return compare_logs(log_a, log_b, align=align, start=start, of_a=of_a, of_b=of_b, armed=armed)
+        return compare_logs(
+            log_a, log_b, align=align, start=start, of_a=of_a, of_b=of_b, armed=armed, analyses=overlaid
+        )
 
 
 def _texts(overrides: Overrides) -> list[str]:

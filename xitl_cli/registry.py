@@ -24,6 +24,7 @@ COMMANDS = "xitl.commands"
 NODES = "xitl.nodes"
 DRIVERS = "xitl.drivers"
 BRIDGES = "xitl.bridges"
+ACTUATORS = "xitl.actuators"
 LOG_ANALYSES = "xitl.log_analyses"
 LOG_FORMATS = "xitl.log_formats"
 LIVE_OUTPUTS = "xitl.live_outputs"
@@ -38,6 +39,7 @@ GROUPS = {
     NODES: "nodes of a run with profile keys and topics, such as a sensor: `xitl_cli.plugin.NodeKind`",
     DRIVERS: "drivers, which command an autopilot in a run: `xitl_cli.plugin.DriverKind`",
     BRIDGES: "bridges, which feed an autopilot and read its outputs: `agent.bridges.kinds.BridgeKind`",
+    ACTUATORS: "actuators of a vessel, such as a sail: keys that derive from `sim_core.vessel.actuators.ActuatorSpec`",
     LOG_ANALYSES: "analyses of `xitl logs analyze`: a function from a `Log` to a `Section`, or to None",
     LOG_FORMATS: "formats of logs beyond those of xitl: `xitl_cli.logs.formats.added.LogFormat`",
     LIVE_OUTPUTS: "live outputs of a run, as a function from profiles to "

@@ -63,10 +63,9 @@ def complete_set(context: typer.Context, incomplete: str) -> list[str]:
 
 def complete_section(incomplete: str) -> list[str]:
     """Return names of analyses."""
-    from xitl_cli.logs.report.build import SECTIONS
-    from xitl_cli.registry import LOG_ANALYSES, names
+    from xitl_cli.log_analyses import section_names
 
-    return [name for name in (*SECTIONS, *names(LOG_ANALYSES)) if name.startswith(incomplete)]
+    return [name for name in section_names() if name.startswith(incomplete)]
 
 
 ProfileName = Annotated[

@@ -143,8 +143,8 @@ class RosConversion:
 class VesselConversion:
     """Conversion for one vessel.
 
-    handlers: by recorded topic without the vessel's name. named: display names of topics. first: True if it produces
-    the messages common to all vessels, except transforms.
+    named: topics by their names in OUTPUTS. first: True if it produces the messages common to all vessels, except
+    transforms.
     """
 
     def __init__(self, profile: RunProfile, named: Mapping[str, RosTopic], first: bool) -> None:
@@ -198,18 +198,12 @@ class VesselConversion:
         for topic, users in self._users.items():
             handlers[topic] = partial(self._with_users, handlers.get(topic), users)
         self.handlers = handlers
+        """By recorded topic without the vessel's name."""
 
     def topics(self) -> Iterator[RosTopic]:
         """Yield its topics."""
-        names = [
-            "mission",
-            "robot_description",
-            "ground_truth/odom",
-            "ground_truth/fix",
-            "wind",
-            "current",
-            "diagnostics",
-        ]
+        names = ["mission", "robot_description", "ground_truth/odom", "ground_truth/fix"]
+        names += ["wind", "current", "diagnostics"]
         if self._first:
             names += ["/clock", "/tf"]
         if self._estimated:
@@ -597,11 +591,11 @@ class ContinuousOdometry:
     """Integrates the velocity of an estimate with jumps of its corrected position.
 
     The position drifts from that of the estimate without bound, and never jumps. The axes of `odom` are those of `map`.
-    origin_map_m: position of `odom` in `map` (3,), ENU; zero at first.
     """
 
     def __init__(self) -> None:
         self.origin_map_m: Array = np.zeros(3)
+        """Position of `odom` in `map` (3,), ENU; zero at first."""
         self._place_odom_m: Array | None = None
         self._velocity_mps: Array = np.zeros(3)
         self._stamp_ns = 0

@@ -41,10 +41,7 @@ class Attitude(Protocol):
 
 
 class Instruments:
-    """Sensors of one vessel. framed: adds the vessel's name to a frame's name.
-
-    kinds: MAVLink messages that it converts. topics: resulting topics of OUTPUTS. rangefinders: parts of RANGE.
-    """
+    """Sensors of one vessel. framed: adds the vessel's name to a frame's name."""
 
     def __init__(self, sensors: SensorsSpec, framed: Callable[[str], str]) -> None:
         self._sensors = sensors
@@ -67,10 +64,13 @@ class Instruments:
         if sensors.messages.obstacle_distance is not None and sensors.lidar is None:
             self._makers[dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = self._sectors
         self.kinds = frozenset(self._makers)
+        """MAVLink messages that it converts."""
         self.topics = ["imu/data", "fix", "fix_velocity", "magnetic_field", "fluid_pressure"]
+        """Resulting topics of OUTPUTS."""
         if dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE in self._makers:
             self.topics.append("scan")
         self.rangefinders = [f"rangefinder_{number}" for number in range(len(sensors.rangefinders))]
+        """Parts of RANGE."""
 
     def messages(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
         """Convert a message of one of `kinds`."""

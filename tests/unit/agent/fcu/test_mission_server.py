@@ -122,7 +122,7 @@ def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> N
         said += channel.poll(tick * SECOND // 50)
     assert requests(said) == [1] * 5
     assert acks(said) == [mav.MAV_MISSION_OPERATION_CANCELLED]
-    assert "Mission upload given up: item 1 did not come" in texts(said)
+    assert "Mission upload cancelled: item 1 did not arrive" in texts(said)
     assert channel.autopilot.navigator.mission == old
 
 

@@ -545,7 +545,7 @@ def test_idle_persistent_calls_lock_nobody_out(nodes: Callable[[str], TcprosMidd
     caller.join()
     assert replies == [b"\x01"]
     assert node.losses().refused == {"connections": 301 - middleware_module.MOST_OF_HOST}
-    assert any("idle for longest" in problem for problem in node.problems())
+    assert any("longest idle one" in problem for problem in node.problems())
     for each in idle:
         each.close()
 
