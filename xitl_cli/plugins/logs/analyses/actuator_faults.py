@@ -19,7 +19,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import yaw, yaw_rate
-from xitl_cli.logs.signals.receivers import GnssReceiver, gnss_receivers, injected_receivers
+from xitl_cli.logs.signals.receivers import gnss_receivers, injected_receivers
 from xitl_cli.logs.signals.sensors import injected_units
 from xitl_cli.logs.signals.series import Series, make_series
 from xitl_cli.logs.signals.spans import runs
@@ -122,7 +122,9 @@ class ActuatorFault:
 def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
     if vehicle_kind(log) != "rover":
         return
-    driven = [each for each in driven_outputs(log, parameter_values(log)) if np.ptp(np.nan_to_num(each.command)) > 0.1]
+    driven = [
+        output for output in driven_outputs(log, parameter_values(log)) if np.ptp(np.nan_to_num(output.command)) > 0.1
+    ]
     motion = vessel_motion(log, driven)
     if motion is None:
         return
@@ -131,43 +133,38 @@ def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
         if not any(
             fault.from_ns < turn.until_ns and turn.from_ns < (fault.until_ns or turn.until_ns) for fault in faults
         ):
-            yield _of_unanswered(turn, driven, clock)
+            yield _of_unanswered(turn, driven[0], clock)
     for fault in faults:
         output = driven[fault.output]
         end_ns = fault.until_ns or int(motion.stamp_ns[-1])
         until = "the end of the log" if fault.until_ns is None else clock.text(fault.until_ns)
+        sentence = f"From {clock.text(fault.from_ns)} to {until} the vessel answers as if {output.name} "
+        sentence += _as_if(fault, output)
+        if fault.other is not None:
+            sentence += f", or {_as_if(fault.other, output)}: its commands varied too little to tell"
+        if fault.began_ns is not None:
+            earliest, latest = (clock.text(at_ns) for at_ns in fault.began_ns)
+            sentence += (
+                f"; it began between {earliest} and {latest}, as its commands hardly differed from it in this time"
+            )
         yield Finding.warning(
             f"actuation.{fault.kind}",
-            f"From {clock.text(fault.from_ns)} to {until} the vessel answers as if {output.name} "
-            f"{_as_if(fault, output)}{_or_as_if(fault, output)}{_began(fault, clock)}",
+            sentence,
             (Evidence(*_message_and_field(output.series), fault.from_ns, end_ns, f"{fault.size:.2f}"),),
-            "Look at this propeller or rudder, its gear, its motor and its wires; it did not do as commanded.",
+            "Check this propeller or rudder, its gear, its motor and its wires: it did not do what was commanded.",
         )
 
 
-def _or_as_if(fault: ActuatorFault, output: OutputChannel) -> str:
-    if fault.other is None:
-        return ""
-    return f", or {_as_if(fault.other, output)}: its commands varied too little to tell"
-
-
-def _of_unanswered(turn: UnansweredTurn, driven: Sequence[OutputChannel], clock: LogClock) -> Finding:
+def _of_unanswered(turn: UnansweredTurn, output: OutputChannel, clock: LogClock) -> Finding:
     turned, commanded = ("starboard", "port") if turn.yaw_rate_radps > 0.0 else ("port", "starboard")
     rate = f"{abs(np.degrees(turn.yaw_rate_radps)):.0f} deg/s"
     return Finding.warning(
         "actuation.unanswered",
         f"From {clock.text(turn.from_ns)} to {clock.text(turn.until_ns)} the vessel did not answer its commands: it "
         f"turned to {turned} at {rate} while they were to {commanded}",
-        tuple(Evidence(*_message_and_field(each.series), turn.from_ns, turn.until_ns, rate) for each in driven[:1]),
-        "Look at the propellers, rudders and their wires: is one reversed, without thrust or stuck?",
+        (Evidence(*_message_and_field(output.series), turn.from_ns, turn.until_ns, rate),),
+        "Check the propellers, the rudders and their wires: is one reversed, without thrust or stuck?",
     )
-
-
-def _began(fault: ActuatorFault, clock: LogClock) -> str:
-    if fault.began_ns is None:
-        return ""
-    earliest, latest = (clock.text(at_ns) for at_ns in fault.began_ns)
-    return f"; it began between {earliest} and {latest}, as its commands hardly differed from it in this time"
 
 
 def _as_if(fault: ActuatorFault, output: OutputChannel) -> str:
@@ -189,16 +186,22 @@ def _message_and_field(series: Series) -> tuple[str, str]:
 def vessel_motion(log: Log, driven: Sequence[OutputChannel]) -> VesselMotion | None:
     """Longest time in which the vehicle was armed; None if heading, speed or commands are not logged."""
     turning, heading = _turning(log), yaw(log)
-    receiver = next(iter(gnss_receivers(log) or injected_receivers(log)), None)
-    velocity = None if receiver is None else _velocity(receiver)
-    if turning is None or heading is None or velocity is None or not any(each.drives for each in driven):
+    velocity = None
+    if receivers := gnss_receivers(log) or injected_receivers(log):
+        fixed = receivers[0].fix >= 3
+        velocity = make_series(receivers[0].stamp_ns[fixed], receivers[0].vel_ned_mps[fixed, :2], "m/s", "velocity")
+    if turning is None or heading is None or velocity is None or not any(output.drives for output in driven):
         return None
-    commands = [make_series(each.series.stamp_ns, each.command, "", each.name) for each in driven]
-    known = [each for each in (turning, heading, velocity, *commands) if each is not None]
-    if len(known) != 3 + len(driven):
+    commands = [
+        series
+        for output in driven
+        if (series := make_series(output.series.stamp_ns, output.command, "", output.name)) is not None
+    ]
+    if len(commands) != len(driven):
         return None
-    begin = max(int(each.stamp_ns[0]) for each in known)
-    end = min(int(each.stamp_ns[-1]) for each in known)
+    needed = (turning, heading, velocity, *commands)
+    begin = max(int(series.stamp_ns[0]) for series in needed)
+    end = min(int(series.stamp_ns[-1]) for series in needed)
     step_ns = round(1e9 / RATE_HZ)
     many = (end - begin) // step_ns
     if not _FEWEST_ROWS * _STRIDE < many < 200_000:
@@ -217,8 +220,8 @@ def vessel_motion(log: Log, driven: Sequence[OutputChannel]) -> VesselMotion | N
         north * np.cos(psi) + east * np.sin(psi),
         east * np.cos(psi) - north * np.sin(psi),
         psi,
-        np.stack([_averaged(each, at_ns) for each in commands if each is not None], axis=1),
-        np.array([not each.drives for each in driven]),
+        np.stack([_averaged(series, at_ns) for series in commands], axis=1),
+        np.array([not output.drives for output in driven]),
     )
 
 
@@ -228,11 +231,6 @@ def _turning(log: Log) -> Series | None:
         if unit.gyro_radps is not None:
             return make_series(unit.stamp_ns, np.degrees(unit.gyro_radps[:, 2]), "deg/s", unit.name)
     return yaw_rate(log)
-
-
-def _velocity(receiver: GnssReceiver) -> Series | None:
-    fixed = receiver.fix >= 3
-    return make_series(receiver.stamp_ns[fixed], receiver.vel_ned_mps[fixed, :2], "m/s", receiver.message)
 
 
 def _averaged(series: Series, at_ns: Stamps) -> Floats:
@@ -348,11 +346,11 @@ def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
         return []
     # Choose the lag by the best fit with a fault: a fault that the model lacks makes a wrong lag look good.
     searches = [_Search(first.lagged(lag_s), _scales(first)) for lag_s in _LAGS_S]
-    search = min(searches, key=lambda each: each.least_squares())
-    found: list[ActuatorFault] = []
-    while len(found) < _MOST_FAULTS and (fault := search.next_fault()) is not None:
-        found.append(fault)
-    joined = _joined(sorted(found, key=lambda fault: fault.from_ns))
+    search = min(searches, key=_Search.least_squares)
+    faults: list[ActuatorFault] = []
+    while len(faults) < _MOST_FAULTS and (fault := search.next_fault()) is not None:
+        faults.append(fault)
+    joined = _joined(sorted(faults, key=lambda fault: fault.from_ns))
     return [fault for fault in joined if _certain(fault, motion)]
 
 
@@ -408,7 +406,7 @@ def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
         last = joined[-1] if joined else None
         same = last is not None and (last.kind, last.output) == (fault.kind, fault.output)
         if last is not None and same and last.until_ns and fault.from_ns - last.until_ns < _PAUSE_NS:
-            size = max((last, fault), key=lambda each: each.gain).size
+            size = last.size if last.gain >= fault.gain else fault.size
             gain = last.gain + fault.gain
             joined[-1] = replace(last, until_ns=fault.until_ns, size=size, gain=gain)
         else:
@@ -500,6 +498,10 @@ class _Candidate:
     hypothesis: _Hypothesis
 
 
+def _squares_of(candidate: _Candidate) -> float:
+    return candidate.squares
+
+
 class _Search:
     """Search over spans and hypotheses, with both changes in units of their noise.
 
@@ -510,7 +512,7 @@ class _Search:
     def __init__(self, fit: _Fit, scales: Sequence[float]) -> None:
         self._fit = fit
         columns = zip(fit.command_columns(fit.commands), fit.motion_columns, fit.changes, scales, strict=True)
-        self._changes = [_Change(*each) for each in columns]
+        self._changes = [_Change(*parts) for parts in columns]
         self._free = np.ones(len(fit.rows), dtype=np.bool_)
         """(N,) rows without an earlier fault."""
         self._sound = np.ones(len(fit.rows), dtype=np.bool_)
@@ -523,10 +525,9 @@ class _Search:
         few = _hypotheses(self._fit.motion.steers, _FEW_SIZES)
         if not len(spans):
             return float("inf")
-        best = min(self._coarse(usual, spans, few), key=lambda each: each.squares)
+        best = min(self._coarse(usual, spans, few), key=_squares_of)
         near = self._near(best.span)
-        squares = self._squares(_outside(usual, near), self._sums(best.hypothesis), near)
-        return float(squares.min(initial=best.squares))
+        return min(best.squares, self._best_span(best.hypothesis, _outside(usual, near), near).squares)
 
     def _columns(self, hypothesis: _Hypothesis) -> list[Floats]:
         """Columns of the commands of a vessel that has the fault all the time."""
@@ -542,34 +543,33 @@ class _Search:
     def _usual_sums(self) -> list[Floats]:
         return [change.sums(change.commands) for change in self._changes]
 
-    def _sums(self, hypothesis: _Hypothesis) -> list[Floats]:
-        return [change.sums(columns) for change, columns in zip(self._changes, self._columns(hypothesis), strict=True)]
-
-    def _squares(self, outside: Sequence[Floats], faulty: Sequence[Floats], spans: Spans) -> Floats:
-        """(S,) squared residuals of all rows, for a fault in each span (S, 2). outside: as `_outside` returns it."""
+    def _best_span(self, hypothesis: _Hypothesis, outside: Sequence[Floats], spans: Spans) -> _Candidate:
+        """The span (of S, 2) with the least squared residuals of all rows. outside: as `_outside` returns it."""
         squares = np.full(len(spans), sum(change.squares for change in self._changes))
-        for change, sound_part, sums in zip(self._changes, outside, faulty, strict=True):
-            squares -= _explained(*change.equations(sound_part + _between(sums, spans)))
-        return squares
+        for change, sound_part, columns in zip(self._changes, outside, self._columns(hypothesis), strict=True):
+            squares -= _explained(*change.equations(sound_part + _between(change.sums(columns), spans)))
+        best = int(np.argmin(squares))
+        return _Candidate(float(squares[best]), (int(spans[best, 0]), int(spans[best, 1])), hypothesis)
 
     def next_fault(self) -> ActuatorFault | None:
         """The fault that improves the fit most, in rows without an earlier fault.
 
         The model keeps the fault: later searches start from commands that contain it.
         """
-        usual = self._usual_sums()
-        nowhere = np.zeros((1, 2), dtype=np.intp)
-        whole = float(self._squares(_outside(usual, nowhere), usual, nowhere)[0])
         spans = self._spans()
         if not len(spans):
             return None
+        usual = self._usual_sums()
+        whole = 0.0  # squared residuals without a further fault
+        for change, sums in zip(self._changes, usual, strict=True):
+            whole += change.squares - float(_explained(*change.equations(sums[:, :, -1:].copy()))[0])
         refined = self._refined(usual, self._coarse(usual, spans, self._hypotheses))
-        variance = min(each.squares for each in refined) / (2.0 * float(self._sound.sum()))  # of a row
-        most = whole - min(each.squares for each in refined)
+        least = min(candidate.squares for candidate in refined)
+        variance = least / (2.0 * float(self._sound.sum()))  # of a row
 
-        def handicapped(each: _Candidate) -> float:
-            times, share = _HANDICAPS[each.hypothesis.kind]
-            return each.squares + times * variance + share * most
+        def handicapped(candidate: _Candidate) -> float:
+            times, share = _HANDICAPS[candidate.hypothesis.kind]
+            return candidate.squares + times * variance + share * (whole - least)
 
         ranked = sorted(refined, key=handicapped)
         chosen = ranked[0]
@@ -579,10 +579,10 @@ class _Search:
         chosen, within = self._onset(usual, chosen, variance, gain)
         self._keep(chosen)
         rivals = [
-            self._fault(each, gain)
-            for each in ranked[1:]
-            if each.hypothesis.output == chosen.hypothesis.output
-            and whole - each.squares >= _AS_GOOD * (whole - chosen.squares)
+            self._fault(candidate, gain)
+            for candidate in ranked[1:]
+            if candidate.hypothesis.output == chosen.hypothesis.output
+            and whole - candidate.squares >= _AS_GOOD * (whole - chosen.squares)
         ]
         fault = self._fault(chosen, gain)
         began = (self._at_ns(within[0]), self._at_ns(within[1]))
@@ -627,42 +627,29 @@ class _Search:
             change.commands[begin:after] = columns[begin:after]
             change.use_rows(self._sound)
 
-    def _coarse(self, usual: Sequence[Floats], spans: Spans, every: Sequence[_Hypothesis]) -> list[_Candidate]:
+    def _coarse(self, usual: Sequence[Floats], spans: Spans, hypotheses: Sequence[_Hypothesis]) -> list[_Candidate]:
         """The best span of each hypothesis."""
-        found = []
         outside = _outside(usual, spans)
-        for hypothesis in every:
-            squares = self._squares(outside, self._sums(hypothesis), spans)
-            at = int(np.argmin(squares))
-            found.append(_Candidate(float(squares[at]), (int(spans[at, 0]), int(spans[at, 1])), hypothesis))
-        return found
+        return [self._best_span(hypothesis, outside, spans) for hypothesis in hypotheses]
 
-    def _refined(self, usual: Sequence[Floats], every: Sequence[_Candidate]) -> list[_Candidate]:
+    def _refined(self, usual: Sequence[Floats], candidates: Sequence[_Candidate]) -> list[_Candidate]:
         """The best of each kind and output, with ends to a row and a finer size."""
-        found = []
         groups: dict[tuple[str, int], list[_Candidate]] = {}
-        for each in every:
-            groups.setdefault((each.hypothesis.kind, each.hypothesis.output), []).append(each)
-        for group in groups.values():
-            best = min(group, key=lambda each: each.squares)
+        for candidate in candidates:
+            groups.setdefault((candidate.hypothesis.kind, candidate.hypothesis.output), []).append(candidate)
+        refined = []
+        for (kind, _), group in groups.items():
+            best = min(group, key=_squares_of)
+            smallest = 0.0 if kind == "thrust_loss" else -1.0
             for step in (0.0, 0.05, 0.02):
-                tried = [best.hypothesis]
-                if best.hypothesis.kind != "reversed" and step:
-                    tried = [
-                        replace(best.hypothesis, size=best.hypothesis.size + by * step) for by in (-2, -1, 0, 1, 2)
-                    ]
-                    tried = [
-                        each for each in tried if (0.0 if each.kind == "thrust_loss" else -1.0) <= each.size <= 1.0
-                    ]
+                steps = (0.0,) if kind == "reversed" or not step else (-2 * step, -step, 0.0, step, 2 * step)
+                sizes = [best.hypothesis.size + change for change in steps]
                 near = self._near(best.span)
                 outside = _outside(usual, near)
-                for hypothesis in tried:
-                    squares = self._squares(outside, self._sums(hypothesis), near)
-                    at = int(np.argmin(squares))
-                    if squares[at] < best.squares:
-                        best = _Candidate(float(squares[at]), (int(near[at, 0]), int(near[at, 1])), hypothesis)
-            found.append(best)
-        return found
+                for hypothesis in [replace(best.hypothesis, size=size) for size in sizes if smallest <= size <= 1.0]:
+                    best = min(best, self._best_span(hypothesis, outside, near), key=_squares_of)
+            refined.append(best)
+        return refined
 
     def _near(self, span: tuple[int, int]) -> Spans:
         """Spans with ends near those of a span."""
@@ -671,7 +658,7 @@ class _Search:
         ends = np.arange(max(span[1] - reach, 0), min(span[1] + reach, many) + 1)
         if span[1] >= many - reach:
             ends = np.append(ends, many)
-        spans = np.stack([each.ravel() for each in np.meshgrid(begins, ends, indexing="ij")], axis=1)
+        spans = np.stack(np.meshgrid(begins, ends, indexing="ij"), axis=-1).reshape(-1, 2)
         return _possible(spans, self._free, round(0.5 * _LENGTHS_S[0] * RATE_HZ / _STRIDE))
 
     def _fault(self, chosen: _Candidate, gain: float) -> ActuatorFault:

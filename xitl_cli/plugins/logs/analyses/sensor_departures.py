@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.frames import quat_multiply, quat_normalize, quat_to_matrix
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding
@@ -426,26 +427,9 @@ def _rotations(unit: InertialUnit) -> tuple[Stamps, Floats] | None:
     turn = np.concatenate([np.cos(0.5 * size), angle * scale], axis=1)
     reach = 1
     while reach < len(turn):  # products from the start to each row, by doubling
-        turn = np.concatenate([turn[:reach], _product(turn[:-reach], turn[reach:])])
+        turn = np.concatenate([turn[:reach], quat_multiply(turn[:-reach], turn[reach:])])
         reach *= 2
-    return stamp_ns, _matrices(turn / np.linalg.norm(turn, axis=1, keepdims=True))
-
-
-def _product(one: Floats, other: Floats) -> Floats:
-    """Product of quaternions (N, 4), scalar first."""
-    scalar = one[:, 0] * other[:, 0] - np.sum(one[:, 1:] * other[:, 1:], axis=1)
-    vector = one[:, :1] * other[:, 1:] + other[:, :1] * one[:, 1:] + np.cross(one[:, 1:], other[:, 1:])
-    return np.concatenate([scalar[:, None], vector], axis=1)
-
-
-def _matrices(turn: Floats) -> Floats:
-    w, x, y, z = turn.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return stamp_ns, quat_to_matrix(quat_normalize(turn))
 
 
 def gyro_steps(
