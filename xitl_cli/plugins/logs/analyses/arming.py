@@ -73,7 +73,7 @@ def analyse(log: Log) -> Section | None:
             )
         )
     findings = [*_never(log, spans, refusals, clock), *_how(rows, spans, clock)]
-    lacks = () if _tells(log) else ("Whether it was armed is not logged: no ARM, EV or MSG, no heartbeat.",)
+    lacks = () if _tells(log) else ("The log does not show whether it was armed: it has no ARM, EV, MSG or heartbeat.",)
     facts = tuple(_facts(log, spans, refusals, clock))
     return Section("arming", "Arming", facts, tuple(findings), tuple(grids), lacks=lacks)
 
@@ -194,13 +194,13 @@ def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
             f'It was never armed; the last reason given was "{worst.reason}" ({worst.count} times, until '
             f"{clock.text(worst.last_ns)})",
             tuple(_evidence(each) for each in refusals[:_MOST_FINDINGS]),
-            "Clear each reason in the table; the last one is what still held.",
+            "Clear each reason in the table. The last one still applied.",
         )
         return
     if not spans:
         lasted = (clock.end_ns - clock.start_ns) * 1e-9
-        sentence = f"It was not armed in the {lasted:.0f} s of this log, and nobody is told to have tried"
-        yield Finding.notice("arming.never", sentence, (), "Take a log of a run to judge one.")
+        sentence = f"It was not armed in the {lasted:.0f} s of this log, and no attempt is logged"
+        yield Finding.notice("arming.never", sentence, (), "Analyse the log of a run in which it was armed.")
         return
     if not attempts:
         return
@@ -235,21 +235,21 @@ def _how(rows: list[ArmSwitch], spans: list[signals.StateSpan], clock: LogClock)
             f"It was armed at {clock.text(partly[0].at_ns)} without the checks of {', '.join(left_out[:6])}"
             + (f" and {len(left_out) - 6} more" if len(left_out) > 6 else ""),
             tuple(Evidence("ARM", "ArmChecks", row.at_ns, value=str(row.checks)) for row in partly[:_MOST_FINDINGS]),
-            "See that each is left out on purpose (ARMING_CHECK, ARMING_SKIPCHK).",
+            "Check that each is left out on purpose (ARMING_CHECK, ARMING_SKIPCHK).",
         )
     for row in [row for row in rows if row.armed and row.forced][:_MOST_FINDINGS]:
         yield Finding.warning(
             "arming.forced",
-            f"It was armed by force at {clock.text(row.at_ns)}, past whatever the checks said",
+            f"It was armed by force at {clock.text(row.at_ns)}, whatever the checks reported",
             (Evidence("ARM", "Forced", row.at_ns, value="1"),),
-            "Arm without force; the reasons refused are in the table.",
+            "Arm without force. The table lists the reasons of the refusals.",
         )
     for row in [row for row in rows if not row.armed and row.method in FAILSAFE_ARMING_METHODS][:_MOST_FINDINGS]:
         yield Finding.critical(
             "arming.disarmed_by_failsafe",
             f"At {clock.text(row.at_ns)} the autopilot disarmed by itself: {arming_method_name(row.method or 0)}",
             (Evidence("ARM", "Method", row.at_ns, value=str(row.method)),),
-            "The main loop stood still: see the scheduler section."
+            "The main loop stopped: see the scheduler section."
             if row.method == 6
             else "Look at the events just before.",
         )

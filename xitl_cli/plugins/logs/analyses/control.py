@@ -216,7 +216,7 @@ _LOST_STEP = "Look at motors and propellers (outputs at their ends), vibration a
 _LIMITS: Mapping[str, tuple[TrackingLimit, ...]] = {
     "heading": (
         TrackingLimit(
-            "heading_off", "was off the heading demanded",
+            "heading_off", "was off the demanded heading",
             "Look at steering and thrusters then (outputs), at current and wind, and at the compass; a vessel too slow "
             "to steer does the same.",
             30.0, 0.0, 15.0,
@@ -224,7 +224,7 @@ _LIMITS: Mapping[str, tuple[TrackingLimit, ...]] = {
     ),
     "speed": (
         TrackingLimit(
-            "too_slow", "stayed under the speed demanded",
+            "too_slow", "stayed below the demanded speed",
             "Look at throttle (outputs), battery, hull and propellers, and at current and wind.",
             0.5, 0.3, 15.0, side=-1,
         ),
@@ -244,7 +244,7 @@ _LIMITS: Mapping[str, tuple[TrackingLimit, ...]] = {
     **{
         name: (
             TrackingLimit(
-                "attitude_lost", f"lost control: its {name} was off the one demanded", _LOST_STEP,
+                "attitude_lost", f"lost control: its {name} was off the demanded one", _LOST_STEP,
                 30.0, 0.0, 2.0, Severity.CRITICAL, moved=30.0,
             ),
         )
@@ -253,7 +253,7 @@ _LIMITS: Mapping[str, tuple[TrackingLimit, ...]] = {
     **{
         f"{axis}_rate": (
             TrackingLimit(
-                "rate_lost", f"did not follow its {axis} rate demanded", _LOST_STEP, 60.0, 1.0, 1.0, moved=60.0
+                "rate_lost", f"did not follow its demanded {axis} rate", _LOST_STEP, 60.0, 1.0, 1.0, moved=60.0
             ),
         )
         for axis in ("roll", "pitch", "yaw")
@@ -269,7 +269,7 @@ def analyse(log: Log) -> Section | None:
     if not trackings:
         if log.format != "dataflash":
             return None
-        lack = "What was demanded is not logged: no NTUN, THR or STER of Rover, no desired attitude (ATT), no RATE."
+        lack = "No setpoints are logged: no NTUN, THR or STER of Rover, no desired attitude (ATT), no RATE."
         return Section("control", _TITLE, lacks=(lack,))
     by_key: dict[str, Finding] = {}
     for tracking in trackings:
@@ -281,7 +281,7 @@ def analyse(log: Log) -> Section | None:
                 by_key[finding.key] = replace(first or finding, evidence=(*evidence, *finding.evidence))
     if not by_key and clock.armed:
         errors = [f"{tracking.label} within {_rms(tracking):.2g} {tracking.unit} RMS" for tracking in trackings]
-        followed = Finding.ok("control.followed", f"It followed what was demanded: {', '.join(errors)}")
+        followed = Finding.ok("control.followed", f"It followed its setpoints: {', '.join(errors)}")
         by_key = {followed.key: followed}
     facts: list[Fact] = []
     for tracking in trackings:

@@ -202,8 +202,8 @@ def analyse(log: Log) -> Section | None:
     ]
     if stray_m is not None:
         sentence = (
-            f"SIM is no truth here: its vehicle moved unlike the receiver and was {stray_m:.0f} m away from it, so the "
-            "sensors were fed from outside"
+            f"SIM is not the truth here: its vehicle moved unlike the receiver and was {stray_m:.0f} m away from it, "
+            "so the sensors were fed from outside"
         )
         step = "Compare the estimate with the recording of the simulator that fed the sensors (run.mcap)."
         evidence = (Evidence("SIM"), Evidence("GPS"))

@@ -234,7 +234,7 @@ def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iter
             f"The filter takes the {what} to be off by {bias[axis]:.2f} {unit} on {'xyz'[axis]}, since "
             f"{clock.text(from_ns)}" + (_AT_LIMIT if _at_limit(values, bias[axis]) else ""),
             (Evidence(message, fields[axis], from_ns, int(stamps[-1]), f"{bias[axis]:.2f} {unit}"),),
-            "Calibrate it at rest and warm, and see that it is left to settle before it is armed.",
+            "Calibrate it at rest and warm, and let it settle before arming.",
         )
 
 
@@ -307,7 +307,7 @@ def agreement_findings(every: list[EstimatorCore], two_worlds: bool, clock: LogC
             Severity.NOTICE if two_worlds else Severity.WARNING,
             f"Cores {every[0].number} and {every[1].number} were up to {size[worst]:.1f} {unit} apart in {what} "
             f"while armed, at {clock.text(at_ns)}"
-            + (": their IMUs are of two worlds, one fed from outside, one simulated" if two_worlds else ""),
+            + (": one IMU is fed from outside, the other is simulated" if two_worlds else ""),
             (Evidence(every[0].solution.name if every[0].solution else "XKF1", None, at_ns),),
             "Compare the IMUs they use: a bias or a gap of one of them pulls its core away.",
         )
@@ -493,7 +493,7 @@ def timeout_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
             f"The estimator went without {name} for {length_text(length_s(spans))} while armed, first at "
             f"{clock.text(spans[0][0])}",
             tuple(Evidence(table.name, "TS", begin, end, name) for begin, end in spans[:_MOST]),
-            "Look at that sensor: no data, or all of it refused.",
+            "Look at that sensor: it sent no data, or all of it was refused.",
         )
 
 
@@ -513,7 +513,7 @@ def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     bits = int(np.bitwise_or.reduce(flags[rows]))
     spans = spans_where(stamps, flags != 0, _JOIN_S)
     fault_names = (
-        f"its bits are 0x{bits:x}, of which versions differ in the meaning"
+        f"its bits are 0x{bits:x}; their meaning depends on the version"
         if core.filter == FIRST_FILTER
         else ", ".join(codes.bit_names(codes.EKF_FAULTS, bits))
     )
@@ -522,7 +522,8 @@ def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
         f"The filter itself was faulty for {length_text(length_s(spans))}, first at "
         f"{clock.text(int(stamps[rows[0]]))}: {fault_names}",
         tuple(Evidence(table.name, "FS", begin, end, f"0x{bits:x}") for begin, end in spans[:_MOST]),
-        "Do not trust attitude or position there; look at IMU gaps and clipping, and at what it fused.",
+        "Do not trust attitude or position there; look at gaps and clipping of the IMU, and at the measurements "
+        "that it used.",
     )
 
 
@@ -551,7 +552,7 @@ def unused_core_findings(log: Log, every: list[EstimatorCore], clock: LogClock) 
                 "estimator.unused_core",
                 f"Core {core.number} of the estimator, not in use then: {', '.join(told)}",
                 tuple(evidence),
-                "Nothing steered by it; compare its IMU with the others before a switch brings it into use.",
+                "Nothing used it. Compare its IMU with the others before a switch activates it.",
             )
 
 
@@ -573,7 +574,7 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
             f"The estimator had no absolute position for {_lasting(spans)} while armed, first at "
             f"{clock.text(spans[0][0])}",
             _evidence(table.name, column, spans),
-            "Look at GNSS (fix, dropouts) and at what was refused just before.",
+            "Look at GNSS (fix, dropouts) and at the refusals just before.",
         )
     if column == "SS":
         # Status flags of the filter while armed, position available: GPS glitch, dead reckoning.
@@ -581,7 +582,7 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
             yield Finding(
                 "estimator.gps_glitch",
                 Severity.WARNING if length_s(spans) >= _LONG_S else Severity.NOTICE,
-                f"The estimator took GPS for glitching for {_lasting(spans)} while armed, first at "
+                f"The estimator judged GPS to be glitching for {_lasting(spans)} while armed, first at "
                 f"{clock.text(spans[0][0])}",
                 _evidence(table.name, "SS", spans),
                 "Compare GPS with the estimate there: a jump, or a drift of the estimate.",
@@ -593,7 +594,7 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
                 f"The estimator was dead reckoning for {_lasting(spans)} while armed, first at "
                 f"{clock.text(spans[0][0])}",
                 _evidence(table.name, "SS", spans),
-                "Look at GNSS there: a dropout, or all of it refused.",
+                "Look at GNSS there: it dropped out, or all of it was refused.",
             )
 
 
@@ -747,5 +748,5 @@ def _jumped(every: list[EstimateJump], clock: LogClock) -> Iterator[Finding]:
                 )
                 for jump in these[:_MOST]
             ),
-            "Controllers saw a step there; look for what the estimator refused before it.",
+            "The controllers saw a step there. Look for measurements that the estimator refused before it.",
         )

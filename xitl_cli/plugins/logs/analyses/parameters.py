@@ -55,7 +55,7 @@ def analyse(log: Log) -> Section | None:
     if not rows:
         if log.of_topics:
             return None
-        lack = "No parameters are in the log (PARM, PARAM_VALUE), so settings and their changes are not known."
+        lack = "No parameters are in the log (PARM, PARAM_VALUE), so settings and their changes are unknown."
         return Section("parameters", "Parameters", lacks=(lack,))
     clock = LogClock(log)
     found = parameter_changes(log, rows)
@@ -98,7 +98,7 @@ def analyse(log: Log) -> Section | None:
         grids.append(
             Grid.limited("not_default", "Set to other than their default", ("parameter", "value", "default"), listed)
         )
-    lacks = () if defaults else ("Defaults of parameters are not in this log, so which were set is not known.",)
+    lacks = () if defaults else ("The log has no defaults of parameters, so it is unknown which were changed.",)
     shown = tuple(fact for fact in facts if fact.value is not None)
     return Section(
         "parameters", "Parameters", shown, tuple(_findings(log, found, last, clock)), tuple(grids), (), lacks
@@ -168,15 +168,15 @@ def _findings(
                 Evidence(each.source, each.name, each.at_ns, value=f"{each.before:g} to {each.after:g}")
                 for each in while_armed[:_MOST_EVIDENCE]
             ),
-            "Judge the parts before and after by themselves.",
+            "Judge the times before and after separately.",
         )
     threshold = last.get("FS_EKF_THRESH")
     if threshold is not None and threshold.value <= 0.0 and signals.armed(log):
         yield Finding.notice(
             "parameters.ekf_failsafe_off",
-            f"The EKF check is off (FS_EKF_THRESH {threshold.value:g}): no ERR 16 or 17 says nothing here",
+            f"The EKF check is off (FS_EKF_THRESH {threshold.value:g}), so a log without ERR 16 and 17 proves nothing",
             (Evidence(threshold.source, "FS_EKF_THRESH", threshold.at_ns, value=f"{threshold.value:g}"),),
-            "Set FS_EKF_THRESH to 0.8 to have a lost position noticed.",
+            "Set FS_EKF_THRESH to 0.8, so that the autopilot notices a lost position.",
         )
 
 

@@ -127,7 +127,7 @@ def board_section(log: Log, clock: LogClock) -> Section | None:
     """Section on the board's supply; None if nothing of it is logged."""
     parts = [part for part in (_supply(log, clock), _processor(log, clock)) if part is not None]
     if not parts and log.format == "dataflash":
-        lack = "The board's own voltage is not logged (POWR): its sensor may be missing."
+        lack = "The voltage of the board is not logged (POWR). Its sensor may be missing."
         return Section("power", _TITLE, lacks=(lack,))
     return Section.joined("power", _TITLE, parts) if parts else None
 
@@ -151,7 +151,7 @@ def _supply(log: Log, clock: LogClock) -> Section | None:
                 f"The board's supply fell to {least:.2f} V at {clock.text(lowest_ns)}; "
                 f"under {LEAST_V} V a brown-out is near"
             )
-            step = "Take servos and radios off the board's supply, or fit a stronger one."
+            step = "Power servos and radios from another supply, or fit a stronger one."
             findings.append(Finding.warning("power.brown_out", sentence, evidence, step))
         elif most - least > CHANGE_V:
             sentence = f"The board's supply changed by {most - least:.2f} V, from {least:.2f} to {most:.2f} V"
@@ -182,7 +182,7 @@ def _flag_findings(table: Table, clock: LogClock) -> Iterator[Finding]:
                 Evidence(table.name, field, begin, end, str(int(bits[over[0]])))
                 for begin, end in spells(table.stamp_ns, (bits & _OVERCURRENT) != 0)
             ),
-            "Unplug peripherals one by one, or feed them from a supply of their own.",
+            "Unplug peripherals one by one, or power them from a separate supply.",
         )
     lost = np.flatnonzero(((bits[:-1] & _BRICK) != 0) & ((bits[1:] & _BRICK) == 0)) + 1
     if len(lost):
@@ -248,7 +248,7 @@ def analyse(log: Log) -> Section | None:
                 "power.failsafe",
                 f"The battery failsafe acted, first at {clock.text(acted[0][0])}",
                 tuple(Evidence("ERR", "ECode", at_ns, None, str(code)) for at_ns, code in acted[:8]),
-                "See the voltage then and what BATT_FS_LOW_ACT and BATT_FS_CRT_ACT order.",
+                "Look at the voltage then, and at BATT_FS_LOW_ACT and BATT_FS_CRT_ACT.",
             )
         )
     supplied = Section(
@@ -284,7 +284,7 @@ def _judged(each: Battery, parameters: Mapping[str, float], clock: LogClock) -> 
             f"{clock.text(from_ns)}, down to {least:.2f} V"
             + (f", shorter than the failsafe waits ({timer_s:.0f} s)" if short else ""),
             (Evidence(each.message, each.voltage_field, from_ns, until_ns, f"{least:.2f} V"),),
-            "Charge or replace the battery, or lower what it has to give; check the level against its cells.",
+            "Charge or replace the battery, or reduce its load. Check the level against its cells.",
         )
         break
     limit = parameters.get(_prefix(each) + "LOW_MAH", 0.0)
@@ -337,7 +337,7 @@ def _nearly_empty(each: Battery) -> Iterator[Finding]:
         "power.nearly_empty",
         f"{each.name} had {left:.0f} % left at the end",
         (Evidence(each.message, "RemPct", at_ns, None, f"{left:.0f} %"),),
-        "Charge it before the next run; the figure counts from what the autopilot took for full at the start.",
+        "Charge it before the next run. The figure assumes a full battery at the start.",
     )
 
 

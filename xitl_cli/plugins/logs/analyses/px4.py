@@ -60,7 +60,7 @@ def analyse(log: Log) -> Section | None:
                 "px4.ends_armed",
                 "The log ends while the vehicle was armed: the supply failed, PX4 crashed, or the log was cut off",
                 (Evidence("vehicle_status", "arming_state", int(states[0][-1]), value="2"),),
-                "Look at the supply and for a fault log on the card; SDLOG_MODE decides until when PX4 logs.",
+                "Look at the supply and for a fault log on the card. SDLOG_MODE decides until when PX4 logs.",
             )
         )
     findings = [
@@ -132,7 +132,7 @@ def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
                 Evidence("vehicle_status", "failsafe", from_ns, until_ns, "1"),
                 *(Evidence("failsafe_flags", name, from_ns, until_ns, "1") for name in reasons),
             ),
-            "Find the flag that came first and its cause; COM_*_ACT and NAV_*_ACT decide what PX4 does then.",
+            "Find the flag that came first and its cause. COM_*_ACT and NAV_*_ACT decide the reaction of PX4.",
         )
 
 
@@ -182,7 +182,7 @@ def _reported(texts: list[LogText], clock: LogClock) -> Iterator[Finding]:
             "px4.reported",
             f'PX4 reported "{words}" at {clock.text(said[0].at_ns)}{times}',
             (Evidence("logged_messages", "message", said[0].at_ns, said[-1].at_ns, words),),
-            "Look at the sensors and states that the text names, just before.",
+            "Look at the sensors and states of this text just before.",
         )
 
 
@@ -257,7 +257,7 @@ def _clipping(log: Log, clock: LogClock) -> Iterator[Finding]:
             "px4.accel_clipping",
             f"The accelerometer of {name} clipped {grown.sum():.0f} samples, first at {clock.text(at_ns)}",
             (Evidence(name, "accel_clipping", at_ns),),
-            "Look for an impact, else damp the mounting: vibration goes beyond the range of the sensor.",
+            "Look for an impact. Otherwise, damp the mounting: vibration exceeds the range of the sensor.",
         )
 
 
@@ -279,7 +279,7 @@ def _battery(log: Log, clock: LogClock) -> Iterator[Finding]:
             "px4.battery",
             f"PX4 reported the battery as {_BATTERY.get(worst, f'warning {worst}')} at {clock.text(at_ns)}{told}",
             (Evidence(name, "warning", at_ns, value=str(worst)),),
-            "Compare with BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR; COM_LOW_BAT_ACT decides what follows.",
+            "Compare with BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR. COM_LOW_BAT_ACT decides the reaction.",
         )
 
 
@@ -311,5 +311,5 @@ def _dropouts(log: Log) -> Iterator[Finding]:
         f"The logger lost data {plural(len(lost), 'time')}, {1e-3 * lost.sum():.3g} s in all and {lost.max():.0f} ms "
         "at most",
         (Evidence("dropouts", "duration", int(table.stamp_ns[0]), int(table.stamp_ns[-1])),),
-        "Use a faster card or log less (SDLOG_PROFILE); gaps here need not be gaps in the vehicle.",
+        "Use a faster card or log less (SDLOG_PROFILE). A gap here need not be one in the vehicle.",
     )

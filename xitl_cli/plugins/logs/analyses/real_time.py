@@ -48,8 +48,8 @@ def analyse(log: Log) -> Section | None:
             "real_time.not_kept",
             not_real_time(shortfalls),
             tuple(evidence),
-            "Take none of its timing for that of the real thing: run it on a machine with less to do, with a "
-            "PREEMPT_RT kernel or a lower clock.physics_rate_hz, or in lockstep (`xitl doctor` looks at the machine).",
+            "Do not use its timing as that of a real system. Run it on a machine with less load, with a "
+            "PREEMPT_RT kernel or a lower clock.physics_rate_hz, or in lockstep (`xitl doctor` checks the machine).",
         )
     else:
         finding = Finding.ok("real_time.kept", "The run kept real time")
@@ -64,7 +64,7 @@ def analyse(log: Log) -> Section | None:
     facts.append(Fact("stalls", "Stalls of more than 40 ms", figures.stalls))
     facts.append(Fact("stalled_s", "In all", rounded(figures.stalled_s), "s"))
     facts.append(Fact("longest_stall_s", "The longest", rounded(figures.longest_stall_s), "s"))
-    facts.append(Fact("slipped_s", "Behind the wall clock and not made up", rounded(figures.slipped_s), "s"))
+    facts.append(Fact("slipped_s", "Behind the wall clock, not caught up", rounded(figures.slipped_s), "s"))
     return Section("real_time", "Real time", tuple(facts), (finding,))
 
 

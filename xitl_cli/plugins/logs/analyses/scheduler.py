@@ -145,9 +145,9 @@ def long_loop_section(log: Log, windows: LoopWindows, happened: Sequence[Moment]
 def _no_evidence(windows: LoopWindows, why: str) -> Finding:
     return Finding.notice(
         "scheduler.simulated_clock",
-        f"PM tells nothing of processor time: {why}, and the time between loops is that of the simulated clock",
+        f"PM shows no processor time: {why}, and the time between loops is that of the simulated clock",
         (Evidence("PM", windows.field("longest_us") if "longest_us" in dict(windows.names) else None),),
-        "Judge load and long loops on a log of a board, or of the Linux build in real time.",
+        "Judge load and long loops with a log of a board, or of the Linux build in real time.",
     )
 
 
@@ -217,11 +217,11 @@ def _findings(
             f"One loop took {1e3 * longest_s:.0f} ms, {longest_s / period_s:.0f} periods, "
             f"{'armed' if armed else 'not armed'}, {when}, with: {worst.happened}",
             (Evidence("PM", windows.field("longest_us"), begin, end, f"{1e6 * longest_s:.0f} us"),),
-            "Look at the time bases for why the clock stepped; the loop itself kept its time."
+            "See in the time bases why the clock stepped. The loop itself was on time."
             if worst.leapt
-            else "The controllers stood still for so long: look for what was written, opened or started then."
+            else "The controllers stopped for this time. Look for files or programs that were opened or started then."
             if armed
-            else "Harmless where it comes once at the start; see that it does not come again when armed.",
+            else "This is harmless once at the start. Check that it does not occur while armed.",
         )
     yield from _load(windows, clock)
     yield from _rate(log, windows)
@@ -267,7 +267,7 @@ def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
             )
             for one in found[:10]
         ),
-        "Look what comes together with them below; take load off (LOG_BITMASK, SCHED_LOOP_RATE, notch filters, "
+        "See below which events coincide with them. Reduce the load (LOG_BITMASK, SCHED_LOOP_RATE, notch filters, "
         "scripts) or give the process a real-time priority.",
     )
 
@@ -284,17 +284,17 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
         yield Finding.warning(
             "scheduler.load_saturated",
             f"Load was at 100 % in {len(full)} of {int(known.sum())} windows, first at {clock.text(at_ns)}: the "
-            "loop rate fell under 95 % of what it should be",
+            "loop rate fell under 95 % of its target",
             tuple(
                 Evidence("PM", windows.field("load_percent"), a, b)
                 for a, b in _window_spells(windows, known & (load > SATURATED_PERCENT))
             ),
-            "Lower SCHED_LOOP_RATE or what the autopilot has to do (LOG_BITMASK, filters, scripts).",
+            "Lower SCHED_LOOP_RATE or the load of the autopilot (LOG_BITMASK, filters, scripts).",
         )
         return
     if mean > LOAD_WARNING_PERCENT:
         evidence = Evidence("PM", windows.field("load_percent"), value=f"{mean:.1f} %")
-        step = "Lower SCHED_LOOP_RATE or what the autopilot has to do before something is added."
+        step = "Lower SCHED_LOOP_RATE or the load of the autopilot before you add something."
         yield Finding.warning("scheduler.load", f"The processor was {mean:.0f} % busy", (evidence,), step)
         return
     return
@@ -315,7 +315,7 @@ def _rate(log: Log, windows: LoopWindows) -> Iterator[Finding]:
         "scheduler.loop_rate",
         f"The main loop ran at {reached_hz:.0f} Hz where SCHED_LOOP_RATE asks for {wanted_hz:.0f} Hz",
         (Evidence("PM", windows.field("rate_hz"), value=f"{reached_hz:.0f} Hz"),),
-        "Lower SCHED_LOOP_RATE to what this board reaches: gains and filters count on it.",
+        "Lower SCHED_LOOP_RATE to the rate that this board reaches: gains and filters depend on it.",
     )
 
 
@@ -336,7 +336,7 @@ def _grid(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
             )
         )
     columns = ("window until (s)", "long", "loops", "longest (us)", "from (s)", "until (s)", "armed", "with")
-    return Grid.limited("long_loops", "Windows with long loops, and what else happened then", columns, rows)
+    return Grid.limited("long_loops", "Windows with long loops, and coincident events", columns, rows)
 
 
 def _plots(windows: LoopWindows, found: list[LongLoopWindow]) -> tuple[Plot, ...]:
@@ -399,7 +399,7 @@ def missed_section(
                 "scheduler.deadlines_missed",
                 f"{len(rows)} deadlines of {', '.join(unlisted)} were missed, the first at {clock.text(at_ns)}",
                 (Evidence(misses.message, None, at_ns, int(misses.end_ns[rows[-1]])),),
-                "How many cycles there were is not logged; compare with the rate of the task.",
+                "The number of cycles is not logged. Compare with the rate of the task.",
             )
         )
     listed = 0 if misses is None else len(misses)
@@ -407,7 +407,7 @@ def missed_section(
     facts = (
         Fact("tasks", "Periodic tasks", len(tasks)),
         Fact("deadlines_missed", "Deadlines missed", counted if tasks else listed),
-        Fact("cycles_skipped", "of those, cycles that never ran", sum(task.skipped for task in tasks)),
+        Fact("cycles_skipped", "Of these, cycles that never ran", sum(task.skipped for task in tasks)),
         Fact("misses_listed", "Misses logged one by one", listed),
     )
     return Section(
@@ -470,11 +470,11 @@ def _finding(
         evidence += tuple(
             Evidence(misses.message, field, int(misses.due_ns[row]), int(misses.end_ns[row])) for row in own[:10]
         )
-    step = "Give the agent a real-time priority and a processor of its own, or take load off that machine."
+    step = "Give the agent a real-time priority and its own processor, or reduce the load of that machine."
     if node == "PS1":
-        step = "The host was late with its own steps: close other programs on it, or lower clock.physics_rate_hz."
+        step = "The host was late with its steps. Close other programs on it, or lower clock.physics_rate_hz."
     if by_clock == missed:
-        step = "Look at the time bases for why the clock stepped; the tasks themselves kept their time."
+        step = "See in the time bases why the clock stepped. The tasks themselves were on time."
     return Finding("scheduler.deadlines_missed", severity, sentence, evidence, step)
 
 
@@ -505,7 +505,7 @@ def _missed_grid(misses: MissedDeadlines, happened: Sequence[Moment], clock: Log
             )
         )
     columns = ("due (s)", "task", "late (ms)", "ran (ms)", "skipped", "with")
-    return Grid.limited("misses", "Deadlines missed, and what else happened then", columns, rows)
+    return Grid.limited("misses", "Missed deadlines, and coincident events", columns, rows)
 
 
 def _missed_plots(misses: MissedDeadlines, by_step: Flags) -> tuple[Plot, ...]:
@@ -523,7 +523,7 @@ def _missed_plots(misses: MissedDeadlines, by_step: Flags) -> tuple[Plot, ...]:
 
 
 _STILL = "The run was in lockstep: time stands still while a task runs, so no deadline could be missed."
-_NO_PM = "The log has no PM: set bit 3 of LOG_BITMASK (PM) to log how the main loop kept its time."
+_NO_PM = "The log has no PM: set bit 3 of LOG_BITMASK (PM) to log the timing of the main loop."
 
 
 def analyse(log: Log) -> Section | None:

@@ -91,7 +91,7 @@ _MANY = 20
 _LEAPT = 0.8
 _RATE_APART = 0.05
 _GAP_STEP = (
-    "Compare with the links and the scheduler at that time; if the sensor itself fell out, check its bus and supply."
+    "Compare with the links and the scheduler at that time; if the sensor itself failed, check its bus and supply."
 )
 
 
@@ -116,8 +116,7 @@ def timing_section(found: list[JudgedSensor], clock: LogClock, *, telemetry: boo
                     for sensor in jumped[:4]
                     for jump in sensor.clock_jumps[:4]
                 ),
-                "Take times across it from the log's own stamps; a clock is set by a restart, by GPS or by a "
-                "ground station.",
+                "Use the log's own stamps for times across it. A restart, GPS or a ground station sets a clock.",
             )
         )
     findings = (
@@ -138,7 +137,7 @@ def _stamp_findings(sensor: JudgedSensor, telemetry: bool) -> Iterator[Finding]:
             "sensors.time_backward",
             f"{sensor.name}: {regular.backward} stamps go back, by up to {regular.back_s:.3g} s",
             (Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[0]), int(sensor.stamp_ns[-1])),),
-            "Look for a clock that was set during the run, or a damaged part of the log.",
+            "Look for a clock that was set during the run, or for a damaged part of the log.",
         )
 
 
@@ -179,7 +178,7 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
         "logged",
         (
             "Look at DSF.Dp and the storage (a card that is slow or full), at logging that was stopped, and at the "
-            "scheduler: the processor may have stood still."
+            "scheduler: the processor may have stopped."
         ),
     )
     if log.format == "tlog":
@@ -188,7 +187,7 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
         Finding(
             "sensors.recording_pauses",
             Severity.WARNING if sailing and lengths_s.max() >= 1.0 else Severity.NOTICE,
-            f"Nothing at all was {verb} for {lengths_s.sum():.2f} s in {len(long)} {noun}: at {times}",
+            f"Nothing was {verb} for {lengths_s.sum():.2f} s in {len(long)} {noun}: at {times}",
             tuple(Evidence("all messages", None, int(a), int(b)) for a, b in long[:8]),
             step,
         ),
@@ -274,7 +273,7 @@ def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
     yield Finding(
         "sensors.missing",
         Severity.WARNING if share >= _MISSING_WARNING else Severity.NOTICE,
-        f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz ask for are "
+        f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz need are "
         f"missing, in {len(sensor.gaps)} gaps of up to {longest_s:.3g} s",
         (Evidence(sensor.message, sensor.field, int(sensor.gaps.from_ns[0]), int(sensor.gaps.until_ns[-1])),),
         _GAP_STEP,
@@ -347,9 +346,9 @@ def trouble_section(
             "sensors.stopped_together",
             max(finding.severity for finding in stopped.values()),
             f"{', '.join(names)} and {last} stopped together at {clock.text(min(begins))}, while the vehicle moved: "
-            "each shows one and the same value from then on",
+            "each repeats one value from then on",
             tuple(evidence for finding in stopped.values() for evidence in finding.evidence),
-            "Look at what feeds them all: a link, a bus, or the process behind it.",
+            "Look at their common source: a link, a bus or a process.",
         )
         together = (one, *(finding for finding in every if finding.key != _STUCK))
     return Section("sensors", "Sensors", findings=(*together, *units))
@@ -374,7 +373,7 @@ def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None
     then = bad & while_stopped & ~elsewhere
     if not then.any():
         return [*stuck, *_unwell(sensor, bad, armed, clock)]
-    sentence = f"{stuck[0].sentence}; the autopilot called it unhealthy then"
+    sentence = f"{stuck[0].sentence}; the autopilot reported it as unhealthy then"
     evidence = (*stuck[0].evidence, *_health_evidence(sensor, then))
     one = replace(stuck[0], sentence=sentence, evidence=evidence)
     return [one, *stuck[1:], *_unwell(sensor, elsewhere, armed, clock)]
@@ -413,17 +412,17 @@ def _stuck(
                 f"{sensor.name} shows one and the same value {_when(sensor, [hold for hold, _ in certain], clock)}, "
                 f"while {certain[0][1]}",
                 _evidence(sensor, [hold for hold, _ in certain]),
-                "Check the sensor's bus and driver: a device that no longer answers may leave its last value behind.",
+                "Check the sensor's bus and driver: a device that no longer answers may leave its last value.",
             )
         )
     if doubtful:
         findings.append(
             Finding.notice(
                 "sensors.still",
-                f"{sensor.name} shows one and the same value {_when(sensor, doubtful, clock)}, though at other "
+                f"{sensor.name} shows one and the same value {_when(sensor, doubtful, clock)}, but at other "
                 "times no two samples are equal",
                 _evidence(sensor, doubtful),
-                "A simulated sensor without noise at rest does that; a real one is stuck.",
+                "This is normal for a simulated sensor without noise at rest. A real one is stuck.",
             )
         )
     return findings
@@ -497,10 +496,10 @@ def _unwell(sensor: JudgedSensor, bad: Flags, armed: Flags | None, clock: LogClo
         Finding(
             "sensors.unhealthy",
             Severity.WARNING if sailing.any() else Severity.NOTICE,
-            f"{sensor.name} was unhealthy to the autopilot {when}"
+            f"{sensor.name} was unhealthy according to the autopilot {when}"
             + ("" if sailing.any() or armed is None else ", only while disarmed"),
             _health_evidence(sensor, bad),
-            "See what else happened then (errors, gaps); a sensor that is not fitted should be disabled.",
+            "Look for errors and gaps at this time. Disable a sensor that is not fitted.",
         )
     ]
 
@@ -523,7 +522,7 @@ def _saturated(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
                 f"{unit.name}: the {what} is at the end of its range, {found.limit:.4g} {measure} on {field}, in "
                 f"{found.rows} samples, longest from {clock.text(at_ns)} for {(until_ns - at_ns) * 1e-9:.3g} s",
                 (Evidence(unit.table.name, field, at_ns, until_ns, f"{found.limit:.4g}"),),
-                "Damp the mounting or choose a larger range: what is cut off is lost to the estimator.",
+                "Damp the mounting or choose a larger range: the estimator does not get values beyond the range.",
             )
 
 
@@ -557,7 +556,7 @@ def _unit_errors(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
                 f"{unit.name}: the measurement rate fell from {usual:.0f} Hz to {rates[low].min():.0f} Hz at "
                 f"{clock.text(at_ns)}",
                 (Evidence(unit.table.name, field, at_ns, None, f"{rates[low].min():.0f}"),),
-                "The sensor's thread did not get to run, or its bus was held up: look at the scheduler then.",
+                "The sensor's thread did not run, or its bus was blocked. Look at the scheduler then.",
             )
 
 

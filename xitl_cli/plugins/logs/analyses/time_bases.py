@@ -105,7 +105,7 @@ def sample_clock_section(log: Log, relations: Sequence[ClockRelation], clock: Lo
                 f"{each.name} takes {each.per_sample_s * 1e3:.4f} ms a sample where {each.rate_hz:g} Hz is meant "
                 f"({(each.off_ppm or 0.0) * 1e-4:+.1f} %)",
                 (Evidence(each.message, each.field),),
-                "See which of the two is not what it should be: the rate that was set, or the clock.",
+                "Find which of the two is wrong: the rate that was set, or the clock.",
             )
             for each in found
             if each.message == "/clocks" and each.off_ppm is not None and abs(each.off_ppm) > RATE_OFF * 1e6
@@ -135,7 +135,7 @@ def _plots(found: list[SampleClock]) -> tuple[Plot, ...]:
     )
     return (
         Plot("sample_clocks", "Time base against the sample number", "s", lines, "xy", "sample"),
-        Plot("sample_residuals", "Time base less its line", "ms", tuple(traces), "xy", "sample"),
+        Plot("sample_residuals", "Time base minus its line", "ms", tuple(traces), "xy", "sample"),
     )
 
 
@@ -338,7 +338,7 @@ def clock_plots(relations: Sequence[ClockRelation], clock: LogClock) -> tuple[Pl
         plots.append(
             Plot(
                 f"residual_{pair_key(readings)}",
-                f"{pair_title(readings)}: what is left of the offset",
+                f"{pair_title(readings)}: residual of the offset",
                 "ms",
                 (Trace("residual", readings.at_ns[thin], relation.residual_s[thin] * 1e3, "points"),),
                 marks=marks,
@@ -433,7 +433,7 @@ def clock_pair_section(log: Log, relations: Sequence[ClockRelation], clock: LogC
                     f"About {clock.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
                     f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (standard error {error_ppm:.1f})",
                     (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
-                    "Temperature changes a crystal by single ppm only: look for what disciplines that clock.",
+                    "Temperature changes a crystal by a few ppm only. Look for the source that disciplines that clock.",
                 )
             )
     findings = [
@@ -536,7 +536,7 @@ def _step(group: list[tuple[ClockRelation, ClockStep]], clock: LogClock) -> Find
             Evidence(each.readings.message, each.readings.fields, one.at_ns, value=f"{one.size_s:+.4f} s")
             for each, one in sorted(group, key=lambda each: each[0] is not best)[:MOST_NAMED]
         ),
-        "Find what set or held up that clock then; intervals across this instant are not what they seem.",
+        "Find the cause that set or stopped that clock. Intervals across this time are wrong.",
     )
 
 
@@ -564,8 +564,8 @@ def _rates(relation: ClockRelation, made_up: bool) -> Iterator[Finding]:
         f"{pair_title(readings)} runs {abs(rate_ppm):.0f} ppm {'fast' if rate_ppm > 0.0 else 'slow'} "
         f"(standard error {error_ppm:.1f}), {per_hour_ms:.0f} ms an hour",
         (Evidence(readings.message, readings.fields, value=f"{rate_ppm:+.1f} ppm"),),
-        "Crystals differ by tens of ppm at most: see whether one of the clocks is simulated, disciplined or held "
-        "up; map stamps through this relation before comparing them.",
+        "Crystals differ by tens of ppm at most: check whether one of the clocks is simulated, disciplined or "
+        "stopped. Map stamps through this relation before comparing them.",
     )
 
 
@@ -595,7 +595,7 @@ def _scaled(relation: ClockRelation) -> Finding:
         "time_bases.scaled",
         f"{fast} went {ratio:.2f} times as fast as {slow}: one of them is a simulation's",
         (Evidence(readings.message, readings.fields, value=f"{ratio:.2f}"),),
-        "Rates and delays in this log are in two kinds of seconds: compare along one clock.",
+        "Rates and delays in this log have two kinds of seconds. Use one clock for comparisons.",
     )
 
 
@@ -616,14 +616,14 @@ def _gaps(relation: ClockRelation, clock: LogClock) -> Iterator[Finding]:
         f"{readings.second} was not read for {between_s[worst]:.1f} s after {clock.text(at_ns)}, else every "
         f"{usual_s:.2f} s; {len(long)} such gaps",
         (Evidence(readings.message, readings.fields, at_ns, int(readings.at_ns[worst + 1])),),
-        "Look at the links at that time: no exchange came through.",
+        "Look at the links at that time: no exchange succeeded.",
     )
 
 
 _LACKS = {
-    "dataflash": "The log holds the autopilot's clock alone: a GPS fix (GPA) or UTC in PM.R would let it be judged.",
-    "mcap": "The recording holds no second clock: no /clocks (runs in real time), telemetry, or stamps in headers.",
-    "tlog": "No message tells the autopilot's own time (time_boot_ms), so the clocks cannot be compared.",
+    "dataflash": "The log has only the autopilot's clock. A GPS fix (GPA) or UTC in PM.R is needed to judge it.",
+    "mcap": "The recording has no second clock: no /clocks (runs in real time), telemetry, or stamps in headers.",
+    "tlog": "No message has the autopilot's time (time_boot_ms), so the clocks cannot be compared.",
 }
 
 

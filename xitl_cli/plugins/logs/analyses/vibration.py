@@ -160,7 +160,7 @@ _TITLE = "Vibration"
 _FASTEST_NEEDED_HZ = 180.0
 _LENGTH = 1024
 _FROM_HZ = 5.0
-_SIMULATED = "The sensors are simulated: no motor shakes them, so that levels and spectra say little of a real vessel."
+_SIMULATED = "The sensors are simulated: no motor shakes them, so levels and spectra say little about a real vessel."
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,8 +270,8 @@ def _high(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterat
                     f"{100.0 * float(over.mean()):.0f} % of the {time}, up to "
                     f"{level[worst]:.0f} m/s² at {clock.text(int(stamps[worst]))}",
                     (Evidence(each.message, field, int(stamps[worst]), None, f"{level[worst]:.1f} m/s²"),),
-                    "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s² height "
-                    "and velocity of the estimator suffer.",
+                    "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s², height "
+                    "and velocity of the estimator are wrong.",
                 )
                 break
 
@@ -293,7 +293,7 @@ def _clips(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Itera
         "vibration.clipping",
         f"{each.name}: accelerometers were at the end of their range {count} times: at {times}",
         tuple(Evidence(each.message, each.clip_field, a, b, str(count)) for a, b in spans),
-        "Damp the mounting, look for knocks (waves, quay, loose parts): clipped samples are lost to the estimator.",
+        "Damp the mounting, look for knocks (waves, quay, loose parts): the estimator does not get clipped samples.",
     )
 
 
