@@ -68,19 +68,19 @@ def simulate(
     from xitl_cli.run.nodes.display import NoDisplay
     from xitl_cli.run.session import run
 
-    own = {"clock.seed": seed, "clock.duration_s": duration_s}
-    given = {key: value for key, value in own.items() if value is not None}
+    clock = {"clock.seed": seed, "clock.duration_s": duration_s}
+    clock_overrides = {key: value for key, value in clock.items() if value is not None}
     warnings: tuple[str, ...] = ()
     if isinstance(profile, Profile):
-        if given or overrides:
-            raise UserError(f"{profile.name}: is loaded already; give seed, duration_s and overrides to load_profile")
+        if clock_overrides or overrides:
+            raise UserError(f"{profile.name} is loaded already; give seed, duration_s and overrides to load_profile")
     else:
-        found = load_with_origins(fspath(profile), [*_texts(overrides), *_texts(given)])
-        profile, warnings = found.profile, found.warnings
+        loaded = load_with_origins(fspath(profile), [*_texts(overrides), *_texts(clock_overrides)])
+        profile, warnings = loaded.profile, loaded.warnings
     directory = default_path(profile.name) if out is None else Path(out)
     result = run(profile, directory, overwrite, NoDisplay, timed=duration_s is not None, warnings=warnings)
     if result.summary["error"]:
-        raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
+        raise UserError(f"{result.summary['error']} (the recording until then is in {result.directory})")
     return result
 
 
@@ -101,10 +101,10 @@ def wdri(
     from xitl_cli.graph.wdri import fleet_wdri, profile_wdri
 
     loaded = profile if isinstance(profile, Profile) else load_profile(profile, overrides)
-    held_against = None if reference is None else fspath(reference)
+    reference_name = None if reference is None else fspath(reference)
     if vessel is None and loaded.vessels is not None:
-        return fleet_wdri(loaded, held_against, vertices)
-    return profile_wdri(loaded if vessel is None else loaded.vessel(vessel), held_against, vertices)
+        return fleet_wdri(loaded, reference_name, vertices)
+    return profile_wdri(loaded if vessel is None else loaded.vessel(vessel), reference_name, vertices)
 
 
 def open_log(path: PathText, vessel: str | None = None) -> Log:
@@ -167,11 +167,10 @@ def compare(
 
 
 def _texts(overrides: Overrides) -> list[str]:
+    def plain(value: Any) -> Any:
+        """A path as text, a number or array of numpy as Python's own. Raises TypeError for anything else."""
+        return value.tolist() if hasattr(value, "tolist") else fspath(value)
+
     if isinstance(overrides, Mapping):
-        return [f"{key}={json.dumps(value, default=_plain)}" for key, value in overrides.items()]
+        return [f"{key}={json.dumps(value, default=plain)}" for key, value in overrides.items()]
     return [overrides] if isinstance(overrides, str) else list(overrides)
-
-
-def _plain(value: Any) -> Any:
-    """A path as text, a number or array of numpy as Python's own. Raises TypeError for anything else."""
-    return value.tolist() if hasattr(value, "tolist") else fspath(value)

@@ -195,7 +195,7 @@ def test_every_command_names_the_repair_of_what_was_never_closed(
     (tmp_path / "cut.mcap").write_bytes((tmp_path / "run.mcap").read_bytes()[:-30])
     told = logs(*arguments)
     assert told.returncode == 0, told.stderr
-    assert "never closed by its writer" in " ".join((told.stdout + told.stderr).split())
+    assert "not closed by its writer" in " ".join((told.stdout + told.stderr).split())
     assert "`xitl logs repair`" in told.stdout + told.stderr
 
 

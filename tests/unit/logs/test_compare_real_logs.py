@@ -125,7 +125,7 @@ def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
     )
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
-    assert any("two runs, laid where each first navigated by itself" in line for line in lines[:6])
+    assert any("two runs, aligned where each first navigated by itself" in line for line in lines[:6])
     assert any("IAE x (east)" in line and "m s" in line for line in lines)
     assert all(len(line) <= 80 for line in lines if str(page) not in line)
     assert "\x1b" not in done.stdout

@@ -176,7 +176,7 @@ class FindingGroup:
 
     @property
     def worst(self) -> Severity:
-        return max((self.cause.finding.severity, *(each.finding.severity for each in self.consequences)))
+        return max(placed.finding.severity for placed in (self.cause, *self.consequences))
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,15 +226,15 @@ def group_findings(report: ReportedFiles) -> list[FindingGroup]:
     last."""
     order = {id(file): place for place, file in enumerate(report.files)}
     placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]
-    causes = [_cause(each, placed) for each in placed]
+    causes = [_cause(effect, placed) for effect in placed]
     roots = [_root(place, causes, placed) for place in range(len(placed))]
     groups = []
-    for place, each in enumerate(placed):
+    for place, cause in enumerate(placed):
         if roots[place] != place:
             continue
-        under = [placed[other] for other, root in enumerate(roots) if root == place != other]
-        under.sort(key=lambda one: (one.begin_s, one.rank))
-        groups.append((each, FindingGroup(each.found, tuple(one.found for one in under))))
+        effects = [placed[other] for other, root in enumerate(roots) if root == place != other]
+        effects.sort(key=lambda effect: (effect.begin_s, effect.rank))
+        groups.append((cause, FindingGroup(cause.found, tuple(effect.found for effect in effects))))
     groups.sort(key=lambda pair: (-pair[1].worst, pair[0].begin_s))
     return [group for _, group in groups]
 
@@ -257,68 +257,66 @@ def is_kind(key: str, kinds: Sequence[str]) -> bool:
     return any(key == kind or key.startswith(f"{kind}.") for kind in kinds)
 
 
-def _cause(each: _Placed, every: Sequence[_Placed]) -> int | None:
+def _cause(effect: _Placed, every: Sequence[_Placed]) -> int | None:
     """Index of the earliest finding that causes this one."""
-    if each.found.finding.severity == Severity.OK:
+    if effect.found.finding.severity == Severity.OK:
         return None
     candidates = []
     for place, other in enumerate(every):
-        if other is each or other.found.finding.severity == Severity.OK:
+        if other is effect or other.found.finding.severity == Severity.OK:
             continue
-        span = _explaining(each, other)
+        span = _explaining_span(effect, other)
         if span is not None:
             # A lasting finding is a state, such as a field that always changes: an event explains more.
             candidates.append((other.lasts, span[0], other.rank, place))
-        elif _same(each, other):
+        elif _is_repeated(effect, other):
             candidates.append((False, other.begin_s, other.rank, place))
     return min(candidates)[-1] if candidates else None
 
 
-def _explaining(each: _Placed, cause: _Placed) -> tuple[float, float] | None:
+def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | None:
     """Span of a cause for this finding; None if no rule allows it or the cause is later.
 
     A cause covers at least half of its consequence.
     """
-    key, cause_key = each.found.finding.key, cause.found.finding.key
+    key, cause_key = effect.found.finding.key, cause.found.finding.key
     if key in _ANSWERS and not is_kind(cause_key, _ANSWERS[key]):
         return None
     reach_s = [rule.after_s for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
     if not reach_s:
         return None
     if max(reach_s) == WHOLE_LOG:
-        return (-math.inf, math.inf) if each.file == cause.file else None
-    if not each.spans:
+        return (-math.inf, math.inf) if effect.file == cause.file else None
+    if not effect.spans:
         return None
     explained = [
         next(
             (span for span in cause.spans if span[0] - _TOGETHER_S <= at <= cause.explains_until_s(span, max(reach_s))),
             None,
         )
-        for at, _ in each.spans
+        for at, _ in effect.spans
     ]
     known = [span for span in explained if span is not None]
-    if 2 * len(known) < len(each.spans) or not _precedes(cause, known[0][0], each):
+    if 2 * len(known) < len(effect.spans):
         return None
-    return known[0]
-
-
-def _precedes(cause: _Placed, begin_s: float, each: _Placed) -> bool:
-    """Whether a cause that begins at `begin_s` comes first."""
-    apart_s = each.begin_s - begin_s
+    # The cause begins first. If both begin together, the order of `_FIRST` decides.
+    begin_s = known[0][0]
+    apart_s = effect.begin_s - begin_s
     if abs(apart_s) <= _TOGETHER_S:
-        return (cause.rank, begin_s, cause.place) < (each.rank, each.begin_s, each.place)
-    return apart_s > 0.0
+        first = (cause.rank, begin_s, cause.place) < (effect.rank, effect.begin_s, effect.place)
+    else:
+        first = apart_s > 0.0
+    return known[0] if first else None
 
 
-def _same(each: _Placed, other: _Placed) -> bool:
-    """Whether both are the same finding in different files, so that two recordings of one run report it once."""
-    if each.found.finding.key != other.found.finding.key or each.file == other.file:
+def _is_repeated(finding: _Placed, other: _Placed) -> bool:
+    """Whether an earlier file has the same finding, so that two recordings of one run report it once."""
+    if finding.found.finding.key != other.found.finding.key or other.file >= finding.file:
         return False
-    if not each.spans or not other.spans:
+    if not finding.spans or not other.spans:
         return False
-    (begin, end), (other_begin, other_end) = each.spans[0], other.spans[0]
-    near = begin <= other_end + _SAME_S and other_begin <= end + _SAME_S
-    return near and other.file < each.file
+    (begin, end), (other_begin, other_end) = finding.spans[0], other.spans[0]
+    return begin <= other_end + _SAME_S and other_begin <= end + _SAME_S
 
 
 def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -> int:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.query import TIME, Condition, merge_rows, rows_at_once
+from xitl_cli.logs.model.named_signals import TIME
+from xitl_cli.logs.model.query import Condition, merge_rows, rows_at_once
 from xitl_cli.logs.model.table import Table, column_named, json_cells, text_cells
 
 _LINES = 2048

@@ -88,7 +88,7 @@ class McapLog(Log):
             there = ", ".join(self.vessels)
             raise LogError(
                 f"{self.path}: has no vessel {self._vessel!r}; "
-                + (f"it is of {there}" if there else "it is of one vessel alone: leave --vessel out")
+                + (f"choose from {there}" if there else "it has one vessel only: omit --vessel")
             )
         topics = self._topics()
         said = {LOG_TOPIC: SaidOfVessel(topics[LOG_TOPIC], self)} if self._vessel and LOG_TOPIC in topics else {}
