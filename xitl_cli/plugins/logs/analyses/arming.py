@@ -128,35 +128,31 @@ def _facts(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
         return
     first_ns = spans[0].from_ns
     yield Fact("first_armed_s", "First armed at", clock.second(first_ns), "s")
-    if (ready_ns := _ready_ns(log)) is not None and ready_ns <= first_ns:
-        yield Fact("ready_to_arm_s", "From checks passed to armed", rounded((first_ns - ready_ns) * 1e-9, 1), "s")
+    # First instant at which the pre-arm checks passed, from telemetry.
+    table = autopilot_messages(log, "SYS_STATUS")
+    names = ("onboard_control_sensors_present", "onboard_control_sensors_health")
+    if table is not None and set(names) <= set(table.columns):
+        present, health = (np.asarray(table.values(name, raw=True)).astype(np.int64) for name in names)
+        passed = np.flatnonzero(present & health & _PREARM_CHECK)
+        if len(passed) and (ready_ns := int(table.stamp_ns[passed[0]])) <= first_ns:
+            yield Fact("ready_to_arm_s", "From checks passed to armed", rounded((first_ns - ready_ns) * 1e-9, 1), "s")
     # First instant at which it was reported as set. A row at the very start of a log repeats an earlier one.
-    said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
+    set_ns = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
     table = log.tables.get("ORGN")
     if table is not None and "Type" in table.columns:
         rows = table.stamp_ns[np.asarray(table.values("Type", raw=True)) == 0]
-        said += [int(at_ns) for at_ns in rows if at_ns > clock.start_ns + _AGREES_NS]
-    if (origin_ns := min(said, default=None)) is not None and origin_ns <= first_ns:
+        set_ns += [int(at_ns) for at_ns in rows if at_ns > clock.start_ns + _AGREES_NS]
+    if (origin_ns := min(set_ns, default=None)) is not None and origin_ns <= first_ns:
         waited_s = rounded((first_ns - origin_ns) * 1e-9, 1)
         yield Fact("origin_to_arm_s", "From estimator origin to armed", waited_s, "s")
 
 
-def _ready_ns(log: Log) -> int | None:
-    """First instant at which the pre-arm checks passed, from telemetry."""
-    table = autopilot_messages(log, "SYS_STATUS")
-    names = ("onboard_control_sensors_present", "onboard_control_sensors_health")
-    if table is None or not set(names) <= set(table.columns):
-        return None
-    present, health = (np.asarray(table.values(name, raw=True)).astype(np.int64) for name in names)
-    good = np.flatnonzero(present & health & _PREARM_CHECK)
-    return int(table.stamp_ns[good[0]]) if len(good) else None
-
-
 def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: LogClock) -> Grid:
     def by(at_ns: int, armed: bool) -> str:
-        row = _row_at(rows, at_ns, armed)
-        if row is None:
+        near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
+        if not near:
             return "armed when the log ends" if not armed and at_ns >= clock.end_ns else ""
+        row = min(near, key=lambda row: abs(row.at_ns - at_ns))
         if row.method is None:
             return ""
         return arming_method_name(row.method) + (", forced" if row.forced else "")
@@ -178,22 +174,17 @@ def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: Log
     )
 
 
-def _row_at(rows: list[ArmSwitch], at_ns: int, armed: bool) -> ArmSwitch | None:
-    near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
-    return min(near, key=lambda row: abs(row.at_ns - at_ns), default=None)
-
-
 def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], clock: LogClock) -> Iterator[Finding]:
-    attempts = [each for each in refusals if each.attempt]
+    attempts = [refusal for refusal in refusals if refusal.attempt]
     if not spans and not _tells(log):
         return
     if not spans and refusals:
-        worst = max(attempts or refusals, key=lambda each: each.last_ns)
+        worst = max(attempts or refusals, key=lambda refusal: refusal.last_ns)
         yield Finding.warning(
             "arming.refused",
             f'It was never armed; the last reason given was "{worst.reason}" ({worst.count} times, until '
             f"{clock.text(worst.last_ns)})",
-            tuple(_evidence(each) for each in refusals[:_MOST_FINDINGS]),
+            tuple(map(_evidence, refusals[:_MOST_FINDINGS])),
             "Clear each reason in the table. The last one still applied.",
         )
         return
@@ -204,11 +195,11 @@ def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
         return
     if not attempts:
         return
-    total = sum(each.count for each in attempts)
+    total = sum(refusal.count for refusal in attempts)
     yield Finding.notice(
         "arming.attempts_refused",
         f'Arming was refused {total} times, first for "{attempts[0].reason}"',
-        tuple(_evidence(each) for each in attempts[:_MOST_FINDINGS]),
+        tuple(map(_evidence, attempts[:_MOST_FINDINGS])),
         "Wait for the pre-arm checks before arming.",
     )
 

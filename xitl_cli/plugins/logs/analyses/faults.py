@@ -190,19 +190,13 @@ def _wrongs(fault: Mapping[Any, Any]) -> tuple[tuple[str, str, str], ...]:
         for group, keys in fault.items()
         if group in EXPECTED and isinstance(keys, dict)
         for key, value in keys.items()
-        if key in EXPECTED[group] and _does_something(value)
+        if key in EXPECTED[group] and (any(value) if isinstance(value, list) else value)
     )
-
-
-def _does_something(value: object) -> bool:
-    if isinstance(value, list):
-        return any(value)
-    return bool(value)
 
 
 def _finding(fault: FaultSpan, clock: LogClock) -> Finding:
     end = "to the end" if fault.until_ns is None else f"to {clock.text(fault.until_ns)}"
-    seen = f"; to be seen: {fault.expected}" if fault.expected else ""
+    seen = f"; expected: {fault.expected}" if fault.expected else ""
     return Finding.notice(
         "faults.injected",
         f"On purpose: {fault.name} from {clock.text(fault.from_ns)} {end} ({fault.what}){seen}",

@@ -94,7 +94,10 @@ def analyse(log: Log) -> Section | None:
             )
         )
     if differ:
-        listed = [(row.name, _shown(row.value), _shown(defaults[row.name])) for row in sorted(differ, key=_name)]
+        listed = [
+            (row.name, _shown(row.value), _shown(defaults[row.name]))
+            for row in sorted(differ, key=lambda row: row.name)
+        ]
         grids.append(
             Grid.limited("not_default", "Set to other than their default", ("parameter", "value", "default"), listed)
         )
@@ -155,18 +158,18 @@ def _given(recording: Log) -> dict[str, set[float]]:
 def _findings(
     log: Log, found: list[ParameterChange], last: dict[str, ParameterRow], clock: LogClock
 ) -> Iterator[Finding]:
-    while_armed = [each for each in found if each.armed and not each.by_itself]
+    while_armed = [change for change in found if change.armed and not change.by_itself]
     if while_armed:
         first = while_armed[0]
-        names = list(dict.fromkeys(each.name for each in while_armed))
+        names = list(dict.fromkeys(change.name for change in while_armed))
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         yield Finding.notice(
             "parameters.changed_while_armed",
             f"{first.name}{more} changed while armed, first at {clock.text(first.at_ns)} from "
             f"{_shown(first.before):g} to {_shown(first.after):g}",
             tuple(
-                Evidence(each.source, each.name, each.at_ns, value=f"{each.before:g} to {each.after:g}")
-                for each in while_armed[:_MOST_EVIDENCE]
+                Evidence(change.source, change.name, change.at_ns, value=f"{change.before:g} to {change.after:g}")
+                for change in while_armed[:_MOST_EVIDENCE]
             ),
             "Judge the times before and after separately.",
         )
@@ -187,7 +190,3 @@ def _same(one: float, other: float) -> bool:
 def _shown(value: float) -> float:
     """Value with seven digits, the precision of a float32."""
     return float(f"{value:.7g}")
-
-
-def _name(row: ParameterRow) -> str:
-    return row.name

@@ -107,13 +107,6 @@ def _span(table: Table, first: int, after: int) -> tuple[int, int]:
     return int(stamps[first]), int(stamps[min(after, len(stamps) - 1)])
 
 
-def _lasted(table: Table, first: int, after: int) -> str:
-    if after >= len(table):
-        return "to the end of the log"
-    from_ns, until_ns = _span(table, first, after)
-    return f"for {length_text((until_ns - from_ns) * 1e-9)}"
-
-
 def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
     table = px4.topic(log, "vehicle_status")
     if table is None:
@@ -123,11 +116,12 @@ def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
         from_ns, until_ns = _span(table, first, after)
         reasons = _flags_set(log, from_ns, until_ns)
         because = f" ({', '.join(reasons)})" if reasons else ""
+        lasted = f"for {length_text((until_ns - from_ns) * 1e-9)}" if after < len(table) else "to the end of the log"
         acted = any(span.from_ns <= until_ns and from_ns <= span.until_ns for span in armed)
         judge, while_text = (Finding.critical, "") if acted else (Finding.notice, " while disarmed")
         yield judge(
             "px4.failsafe",
-            f"PX4 was in failsafe{while_text} from {clock.text(from_ns)} {_lasted(table, first, after)}{because}",
+            f"PX4 was in failsafe{while_text} from {clock.text(from_ns)} {lasted}{because}",
             (
                 Evidence("vehicle_status", "failsafe", from_ns, until_ns, "1"),
                 *(Evidence("failsafe_flags", name, from_ns, until_ns, "1") for name in reasons),
@@ -145,43 +139,43 @@ def _flags_set(log: Log, from_ns: int, until_ns: int) -> list[str]:
     if table is None or not len(table):
         return []
     row = min(int(np.searchsorted(table.stamp_ns, from_ns, side="right")), len(table) - 1)
-    found = []
+    names = []
     for name in table.columns:
         flags = _true(table, name)
         if name.startswith(_NO_REASON) or not len(flags):
             continue
         if flags[max(row - 1, 0) : row + 1].any() and not flags[: max(row - 1, 1)].all():
-            found.append(name)
-    return found[:6]
+            names.append(name)
+    return names[:6]
 
 
 def _detected(log: Log, clock: LogClock) -> Iterator[Finding]:
     table = px4.topic(log, "failure_detector_status")
     if table is None:
         return
-    for field, (what, parameter) in _DETECTED.items():
+    for field, (failure, parameter) in _DETECTED.items():
         for first, after in list(runs(_true(table, field)))[:1]:
             from_ns, until_ns = _span(table, first, after)
             yield Finding.critical(
                 "px4.failure_detected",
-                f"PX4's failure detector reported {what} at {clock.text(from_ns)}",
+                f"PX4's failure detector reported {failure} at {clock.text(from_ns)}",
                 (Evidence("failure_detector_status", field, from_ns, until_ns, "1"),),
-                f"Look at attitude, outputs and supply just before; {parameter} sets when it reports.",
+                f"Look at attitude, outputs and supply just before; {parameter} sets its limit.",
             )
 
 
 def _reported(texts: list[LogText], clock: LogClock) -> Iterator[Finding]:
     by_text: dict[str, list[LogText]] = {}
-    for each in texts:
-        words = " ".join(each.text.split())
-        if each.severity is not None and (each.severity <= _ERROR or "Preflight Fail" in words):
-            by_text.setdefault(words, []).append(each)
-    for words, said in list(by_text.items())[:_MOST_FINDINGS]:
-        times = "" if len(said) == 1 else f" ({len(said)} times)"
+    for text in texts:
+        words = " ".join(text.text.split())
+        if text.severity is not None and (text.severity <= _ERROR or "Preflight Fail" in words):
+            by_text.setdefault(words, []).append(text)
+    for words, alike in list(by_text.items())[:_MOST_FINDINGS]:
+        times = "" if len(alike) == 1 else f" ({len(alike)} times)"
         yield Finding.warning(
             "px4.reported",
-            f'PX4 reported "{words}" at {clock.text(said[0].at_ns)}{times}',
-            (Evidence("logged_messages", "message", said[0].at_ns, said[-1].at_ns, words),),
+            f'PX4 reported "{words}" at {clock.text(alike[0].at_ns)}{times}',
+            (Evidence("logged_messages", "message", alike[0].at_ns, alike[-1].at_ns, words),),
             "Look at the sensors and states of this text just before.",
         )
 
@@ -221,7 +215,9 @@ def _resets(log: Log, clock: LogClock) -> Iterator[Finding]:
         if not len(rows):
             continue
         changes = numbers(table, change_field)
-        size = None if changes is None else float(np.max(_lengths(changes[rows]))) * factor
+        size = None  # of numbers (N,) or vectors (N, k)
+        if changes is not None:
+            size = float(np.linalg.norm(changes[rows].reshape(len(rows), -1), axis=1).max()) * factor
         judge = Finding.notice if size is not None and size < small else Finding.warning
         by = "" if size is None else f", by {size:.2g} {unit}" if len(rows) == 1 else f", by {size:.2g} {unit} at most"
         stamps = table.stamp_ns[rows].tolist()
@@ -232,12 +228,6 @@ def _resets(log: Log, clock: LogClock) -> Iterator[Finding]:
             "Look at the test ratios, the compass and the receiver just before. EKF2 aligns its heading once after "
             "takeoff; other resets make the vehicle jump to its track.",
         )
-
-
-def _lengths(changes: Floats) -> Floats:
-    """(N,) lengths of numbers (N,) or vectors (N, k)."""
-    lengths: Floats = np.linalg.norm(changes.reshape(len(changes), -1), axis=1)
-    return lengths
 
 
 def _clipping(log: Log, clock: LogClock) -> Iterator[Finding]:

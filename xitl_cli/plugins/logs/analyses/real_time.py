@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from xitl_cli.logs.model.log import Log
@@ -86,6 +84,11 @@ def measured(log: Log) -> RealTimeFigures | None:
             losses.append(
                 LinkLosses(name, sent, max(round(_last(table, "lost", row) - _last(table, "impaired", row)), 0))
             )
+    clocks = log.tables.get(CLOCKS)
+    clock_steps: list[tuple[str, int]] = []
+    if clocks is not None and not spared:
+        steps = {name: round(_last(clocks, "steps", row)) for name, row in _rows_of(clocks, "node").items()}
+        clock_steps = [(name, many) for name, many in steps.items() if many and name != HOST]
     return RealTimeFigures(
         length_s=_wall_s(log),
         physics=worst([task for node, task in tasks if node == HOST]),
@@ -95,7 +98,7 @@ def measured(log: Log) -> RealTimeFigures | None:
         stalled_s=_last(pace, "stalled_s"),
         longest_stall_s=_last(pace, "longest_stall_s"),
         slipped_s=_last(pace, "slipped_s"),
-        clock_steps=() if spared else tuple(_steps(log.tables.get(CLOCKS))),
+        clock_steps=tuple(clock_steps),
     )
 
 
@@ -123,14 +126,6 @@ def _rows_of(table: Table | None, key: str) -> dict[str, int]:
     if table is None or key not in table.columns:
         return {}
     return {str(name): row for row, name in enumerate(table.values(key).tolist())}
-
-
-def _steps(table: Table | None) -> Iterator[tuple[str, int]]:
-    for name, row in _rows_of(table, "node").items():
-        assert table is not None
-        steps = round(_last(table, "steps", row))
-        if steps and name != HOST:
-            yield name, steps
 
 
 def _percent(share: float) -> float | None:

@@ -445,7 +445,12 @@ def _finding(
     for row in rows:
         if misses is not None and by_step[row]:
             leapt[misses.task[row]] += int(misses.skipped[row])
-    severity = max(_severity(task, max(task.missed - leapt[task.name], 0)) for task in tasks)
+    severity = Severity.NOTICE
+    for task in tasks:
+        own_missed = max(task.missed - leapt[task.name], 0)
+        ratio = own_missed / max(task.cycles + task.skipped, 1)
+        if ratio > RATIO_WARNING and own_missed > FEW:
+            severity = max(severity, Severity.CRITICAL if ratio > RATIO_CRITICAL else Severity.WARNING)
     missed, due = sum(task.missed for task in tasks), sum(task.cycles + task.skipped for task in tasks)
     by_clock = min(sum(leapt.values()), missed)
     each = ", ".join(f"{task.task} {task.missed} of {task.cycles + task.skipped}" for task in tasks)
@@ -476,13 +481,6 @@ def _finding(
     if by_clock == missed:
         step = "See in the time bases why the clock stepped. The tasks themselves were on time."
     return Finding("scheduler.deadlines_missed", severity, sentence, evidence, step)
-
-
-def _severity(task: TaskTotal, missed: int) -> Severity:
-    ratio = missed / max(task.cycles + task.skipped, 1)
-    if ratio <= RATIO_WARNING or missed <= FEW:
-        return Severity.NOTICE
-    return Severity.CRITICAL if ratio > RATIO_CRITICAL else Severity.WARNING
 
 
 def _ms(seconds: float) -> str:
@@ -536,7 +534,13 @@ def analyse(log: Log) -> Section | None:
             return None
         return Section("scheduler", "Scheduler", lacks=(_NO_PM,))
     steps = clock_steps(log)
-    happened = [*moments(log), *(_moment(step) for step in steps)]
+    leaps = [
+        Moment(
+            step.at_ns - round(step.size_s * 1e9), step.at_ns, "clock", f"its clock leapt {step.size_s:.3f} s ahead", ""
+        )
+        for step in steps
+    ]
+    happened = [*moments(log), *leaps]
     clock = LogClock(log)
     parts: list[Section] = []
     if tasks and clock_stood_still(tasks):
@@ -563,8 +567,3 @@ def clock_steps(log: Log) -> list[ClockStep]:
         for step in relation.steps
         if step.size_s > 0.0
     ]
-
-
-def _moment(step: ClockStep) -> Moment:
-    begin = step.at_ns - round(step.size_s * 1e9)
-    return Moment(begin, step.at_ns, "clock", f"its clock leapt {step.size_s:.3f} s ahead", "")

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
+from xitl_cli.logs.clocks.fit import clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.signals import Series, StateSpan, ground_speed, yaw_rate
 from xitl_cli.logs.signals import armed as log_armed
 from xitl_cli.logs.signals.gaps import Gap, Gaps, Regularity, gaps, regularity
@@ -161,7 +162,17 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
     """One finding for all noticeable pauses of the whole log."""
     long = pause[(pause[:, 1] - pause[:, 0]) >= int(_LONG_S * 1e9)]
     leapt = [step for relation in clock_relations(log) for step in relation.steps if step.size_s >= _LONG_S]
-    long = long[[not any(_is_leap(begin, end, step) for step in leapt) for begin, end in long.tolist()]]
+    # A clock that jumped makes no pause.
+    long = long[
+        [
+            not any(
+                begin_ns <= step.at_ns <= end_ns + round(_LONG_S * 1e9)
+                and step.size_s > _LEAPT * (end_ns - begin_ns) * 1e-9
+                for step in leapt
+            )
+            for begin_ns, end_ns in long.tolist()
+        ]
+    ]
     long = long[~switched_off(log, long)]
     lengths_s = (long[:, 1] - long[:, 0]) * 1e-9
     whole_s = 0.0 if log.span_ns is None else (log.span_ns[1] - log.span_ns[0]) * 1e-9
@@ -223,41 +234,42 @@ def switched_off(log: Log, pause: Stamps) -> Flags:
 def _long_gaps(sensor: JudgedSensor) -> tuple[Gap, ...]:
     """Gaps far longer than the period, in order of time."""
     least_s = max(_LONG_S, 5.0 * sensor.regularity.period_s)
-    return tuple(sorted((gap for gap in sensor.gaps.longest(100) if gap.duration_s > least_s), key=_gap_begin))
+    return tuple(
+        sorted((gap for gap in sensor.gaps.longest(100) if gap.duration_s > least_s), key=lambda gap: gap.from_ns)
+    )
 
 
-def _gaps(found: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
+def _gaps(sensors: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
     """One finding for sensors that are missing at the same times, because none of them is the cause."""
     groups: list[tuple[list[JudgedSensor], tuple[Gap, ...]]] = []
-    for sensor in found:
+    for sensor in sensors:
         if not (long := _long_gaps(sensor)):
             continue
-        for group, theirs in groups:
-            if len(theirs) == len(long) and all(map(_same, theirs, long)):
+        for group, common in groups:
+            if len(common) == len(long) and all(
+                abs(gap.from_ns - own.from_ns) < _SAME_NS and abs(gap.until_ns - own.until_ns) < _SAME_NS
+                for gap, own in zip(common, long, strict=True)
+            ):
                 group.append(sensor)
                 break
         else:
             groups.append(([sensor], long))
-    yield from (_gap(group, theirs, clock) for group, theirs in groups)
-
-
-def _gap(group: Sequence[JudgedSensor], long: Sequence[Gap], clock: LogClock) -> Finding:
-    *names, last = (sensor.name for sensor in group)
-    who = f"{', '.join(names)} and {last} are missing together" if names else f"{last} is missing"
-    noun = "gap" if len(long) == 1 else "gaps"
-    times = listed([f"{clock.text(gap.from_ns)} for {gap.duration_s:.2f} s" for gap in long])
-    lengths_s = [gap.duration_s for gap in long]
-    return Finding(
-        "sensors.gap",
-        Severity.WARNING if max(lengths_s) >= 1.0 else Severity.NOTICE,
-        f"{who} for {sum(lengths_s):.2f} s in {len(long)} {noun}: at {times}",
-        tuple(Evidence(one.message, one.field, gap.from_ns, gap.until_ns) for one in group for gap in long[:8]),
-        _GAP_STEP,
-    )
-
-
-def _same(one: Gap, other: Gap) -> bool:
-    return abs(one.from_ns - other.from_ns) < _SAME_NS and abs(one.until_ns - other.until_ns) < _SAME_NS
+    for group, common in groups:
+        *names, last = (sensor.name for sensor in group)
+        who = f"{', '.join(names)} and {last} are missing together" if names else f"{last} is missing"
+        times = listed([f"{clock.text(gap.from_ns)} for {gap.duration_s:.2f} s" for gap in common])
+        lengths_s = [gap.duration_s for gap in common]
+        yield Finding(
+            "sensors.gap",
+            Severity.WARNING if max(lengths_s) >= 1.0 else Severity.NOTICE,
+            f"{who} for {sum(lengths_s):.2f} s in {plural(len(common), 'gap')}: at {times}",
+            tuple(
+                Evidence(sensor.message, sensor.field, gap.from_ns, gap.until_ns)
+                for sensor in group
+                for gap in common[:8]
+            ),
+            _GAP_STEP,
+        )
 
 
 def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
@@ -278,16 +290,6 @@ def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
         (Evidence(sensor.message, sensor.field, int(sensor.gaps.from_ns[0]), int(sensor.gaps.until_ns[-1])),),
         _GAP_STEP,
     )
-
-
-def _gap_begin(gap: Gap) -> int:
-    return gap.from_ns
-
-
-def _is_leap(begin_ns: int, end_ns: int, step: ClockStep) -> bool:
-    """Whether the clock jumped, without a pause."""
-    inside = begin_ns <= step.at_ns <= end_ns + round(_LONG_S * 1e9)
-    return inside and step.size_s > _LEAPT * (end_ns - begin_ns) * 1e-9
 
 
 def _gap_plot(found: list[JudgedSensor]) -> tuple[Plot, ...]:
@@ -336,8 +338,11 @@ def trouble_section(
     units = [finding for unit in inertial for finding in (*_saturated(unit, clock), *_unit_errors(unit, clock))]
     # All findings. Sensors that stopped within a second share one finding, because none of them is the cause.
     every = tuple(finding for findings in by_sensor.values() for finding in findings)
-    stopped = {name: one for name, findings in by_sensor.items() for one in findings if one.key == _STUCK}
-    begins = [_begin(one) for one in stopped.values()]
+    stopped = {name: stuck for name, findings in by_sensor.items() for stuck in findings if stuck.key == _STUCK}
+    begins = [
+        min((evidence.at_ns for evidence in stuck.evidence if evidence.at_ns is not None), default=0)
+        for stuck in stopped.values()
+    ]
     if len(stopped) < 2 or max(begins) - min(begins) > _AT_ONCE_NS:
         together = every
     else:
@@ -377,10 +382,6 @@ def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None
     evidence = (*stuck[0].evidence, *_health_evidence(sensor, then))
     one = replace(stuck[0], sentence=sentence, evidence=evidence)
     return [one, *stuck[1:], *_unwell(sensor, elsewhere, armed, clock)]
-
-
-def _begin(finding: Finding) -> int:
-    return min((one.at_ns for one in finding.evidence if one.at_ns is not None), default=0)
 
 
 def _stuck(

@@ -571,18 +571,17 @@ def _rates(relation: ClockRelation, made_up: bool) -> Iterator[Finding]:
 
 def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
     """An OK finding about the pairs with a well-known rate, for logs without other findings."""
-    judged = [relation for relation in relations if _known(relation)]
+    # Relations with a rate that is known more precisely than its limit.
+    judged = [
+        relation
+        for relation in relations
+        if relation.longest.slope_error_ppm is not None and SURE * relation.longest.slope_error_ppm < CRYSTAL_PPM
+    ]
     if not judged:
         return ()
     pairs = pair_title(judged[0].readings) if len(judged) == 1 else f"{len(judged)} pairs of clocks"
     said = f"No step and no drift of more than {CRYSTAL_PPM:.0f} ppm: {pairs}"
     return (Finding.ok("time_bases.even", said),)
-
-
-def _known(relation: ClockRelation) -> bool:
-    """Whether the rate is known more precisely than its limit."""
-    error_ppm = relation.longest.slope_error_ppm
-    return error_ppm is not None and SURE * error_ppm < CRYSTAL_PPM
 
 
 def _scaled(relation: ClockRelation) -> Finding:
