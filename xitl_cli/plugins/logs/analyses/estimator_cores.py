@@ -434,43 +434,47 @@ def _ratios_of(core: int, table: Table, columns: Mapping[str, str]) -> list[Test
 
 def ratio_facts(every: list[TestRatios], clock: LogClock) -> Iterator[Fact]:
     """Largest ratio of each test of the core in use while armed, or overall if never armed."""
-    for one in every:
-        rows = inside(one.stamp_ns, clock.armed) if clock.armed else np.ones(len(one.values), dtype=np.bool_)
+    for ratios in every:
+        rows = inside(ratios.stamp_ns, clock.armed) if clock.armed else np.ones(len(ratios.values), dtype=np.bool_)
         if rows.any():
-            label = f"Largest test ratio, {one.of}"
-            yield Fact(f"ratio_{one.of}_max", label, round(float(one.values[rows].max()), 3))
+            label = f"Largest test ratio, {ratios.of}"
+            yield Fact(f"ratio_{ratios.of}_max", label, round(float(ratios.values[rows].max()), 3))
 
 
 def refusal_findings(every: list[TestRatios], clock: LogClock) -> Iterator[Finding]:
     """Refusals of the core in use while armed. Before arming, filters settle, so refusals are normal."""
-    for one in every:
-        spans = [span for span in one.refused if clock.was_armed(*span)]
+    for ratios in every:
+        spans = [span for span in ratios.refused if clock.was_armed(*span)]
         if not spans:
             continue
         total_s = length_s(spans)
-        rows = inside(one.stamp_ns, spans)
-        worst = int(np.flatnonzero(rows)[np.argmax(one.values[rows])])
-        message, _, field = one.source.partition(".")
+        rows = inside(ratios.stamp_ns, spans)
+        worst = int(np.flatnonzero(rows)[np.argmax(ratios.values[rows])])
+        message, _, field = ratios.source.partition(".")
         lasted = f"{length_text(total_s)} in all" if total_s > 0.0 else f"{len(spans)} single samples"
         yield Finding(
-            f"estimator.refused.{one.of}",
+            f"estimator.refused.{ratios.of}",
             Severity.WARNING if total_s >= _LONG_S else Severity.NOTICE,
-            f"The estimator refused {_SENSORS[one.of]} while armed, {lasted}; the test ratio reached "
-            f"{one.values[worst]:.2f} at {clock.text(int(one.stamp_ns[worst]))}",
+            f"The estimator refused {_SENSORS[ratios.of]} while armed, {lasted}; the test ratio reached "
+            f"{ratios.values[worst]:.2f} at {clock.text(int(ratios.stamp_ns[worst]))}",
             tuple(Evidence(message, field, begin, end) for begin, end in spans[:_MOST_SPANS]),
-            f"Compare {_SENSORS[one.of]} with the other sensors there; look for a jump, a bias or a lost fix.",
+            f"Compare {_SENSORS[ratios.of]} with the other sensors there; look for a jump, a bias or a lost fix.",
         )
 
 
 def ratio_plot(every: list[TestRatios], marks: tuple[Mark, ...]) -> Plot | None:
     if not every:
         return None
-    several = len({one.core for one in every}) > 1
+    several = len({ratios.core for ratios in every}) > 1
     traces = [
-        Trace(f"{one.of}, core {one.core}" if several else one.of, one.stamp_ns, one.values.astype(np.float64))
-        for one in every
+        Trace(
+            f"{ratios.of}, core {ratios.core}" if several else ratios.of,
+            ratios.stamp_ns,
+            ratios.values.astype(np.float64),
+        )
+        for ratios in every
     ]
-    begin, end = (pick(one.stamp_ns[at] for one in every) for pick, at in ((min, 0), (max, -1)))
+    begin, end = (pick(ratios.stamp_ns[at] for ratios in every) for pick, at in ((min, 0), (max, -1)))
     limit = Trace("refused from here", np.array([begin, end], dtype=np.int64), np.ones(2))
     return Plot("test_ratios", "Test ratios", "ratio", (*traces, limit), marks=marks)
 
@@ -533,24 +537,24 @@ def unused_core_findings(log: Log, every: list[EstimatorCore], clock: LogClock) 
         if len(every) < 2 or core.health is None or "PI" not in core.health.columns:
             continue
         idle = flag_column(core.health, "PI") != core.number
-        told: list[str] = []
+        troubles: list[str] = []
         evidence: list[Evidence] = []
         for ratio in _ratios_of(core.number, Selection(core.health, idle), _COLUMNS):
             spans = [span for span in ratio.refused if clock.was_armed(*span)]
             if length_s(spans) >= _LONG_S:
-                told.append(f"it refused {_SENSORS[ratio.of]} for {length_text(length_s(spans))}")
+                troubles.append(f"it refused {_SENSORS[ratio.of]} for {length_text(length_s(spans))}")
                 message, _, field = ratio.source.partition(".")
                 evidence += [Evidence(message, field, *span) for span in spans[:4]]
         table = Selection(core.health, idle)
         flags = flag_column(table, "FS") & ~codes.EKF_NOT_INITIALISED if "FS" in table.columns else np.zeros(0)
         if len(flags) and (bad := (flags != 0) & inside(table.stamp_ns, clock.armed)).any():
             spans = spans_where(table.stamp_ns, bad, _JOIN_S)
-            told.append(f"it was faulty for {_lasting(spans)}")
+            troubles.append(f"it was faulty for {_lasting(spans)}")
             evidence += [Evidence(table.name, "FS", *span) for span in spans[:4]]
-        if told:
+        if troubles:
             yield Finding.notice(
                 "estimator.unused_core",
-                f"Core {core.number} of the estimator, not in use then: {', '.join(told)}",
+                f"Core {core.number} of the estimator, not in use then: {', '.join(troubles)}",
                 tuple(evidence),
                 "Nothing used it. Compare its IMU with the others before a switch activates it.",
             )
@@ -647,7 +651,7 @@ def primary_core(every: list[EstimatorCore]) -> int:
 def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
     """Logged resets, and steps of the position that its velocity does not explain, in order of time."""
     names = {codes.EKF_ALT_RESET: "height reset", codes.EKF_YAW_RESET: "yaw reset"}
-    found = [EstimateJump(at_ns, names[number], None, "EV.Id") for at_ns, number in event_rows(log) if number in names]
+    jumps = [EstimateJump(at_ns, names[number], None, "EV.Id") for at_ns, number in event_rows(log) if number in names]
     if core is not None:
         # XKF4.OFN and OFE hold the last reset of the position.
         table = core.health
@@ -663,12 +667,12 @@ def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
                 for row in rows.tolist()
                 if math.isfinite(north[row]) and math.isfinite(east[row])
             ]
-        found += offsets
-        told = [(one.at_ns - _SAME_NS, one.at_ns + _SAME_NS) for one in found if abs(one.at_ns) < _LATEST_NS]
+        jumps += offsets
+        event_spans = [(one.at_ns - _SAME_NS, one.at_ns + _SAME_NS) for one in jumps if abs(one.at_ns) < _LATEST_NS]
         steps = _steps(core)
-        known = inside(np.array([one.at_ns for one in steps], dtype=np.int64), told)
-        found += [one for one, twice in zip(steps, known.tolist(), strict=True) if not twice]
-    return sorted(found, key=lambda jump: jump.at_ns)
+        known = inside(np.array([one.at_ns for one in steps], dtype=np.int64), event_spans)
+        jumps += [one for one, twice in zip(steps, known.tolist(), strict=True) if not twice]
+    return sorted(jumps, key=lambda jump: jump.at_ns)
 
 
 def reset_findings(

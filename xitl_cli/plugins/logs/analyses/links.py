@@ -271,17 +271,17 @@ def _silences(quiet: Quiet, happened: Sequence[Moment], clock: LogClock, in_run:
 
 def _plots(found: list[Sender], quiet: list[Quiet]) -> tuple[Plot, ...]:
     traces = []
-    for each in found[:6]:
-        if len(each.stamp_ns) < LEAST_FRAMES:
+    for sender in found[:6]:
+        if len(sender.stamp_ns) < LEAST_FRAMES:
             continue
-        begin = int(each.stamp_ns.min())
-        window = ((each.stamp_ns - begin) // WINDOW_NS).astype(np.int64)
+        begin = int(sender.stamp_ns.min())
+        window = ((sender.stamp_ns - begin) // WINDOW_NS).astype(np.int64)
         size = int(min(window.max() + 1, 200_000))
         kept = window < size
-        counted = np.bincount(window[kept], weights=each.lost[kept], minlength=size).astype(np.float64)
+        counted = np.bincount(window[kept], weights=sender.lost[kept], minlength=size).astype(np.float64)
         instants_ns: Stamps = begin + WINDOW_NS * np.arange(size, dtype=np.int64)
-        traces.append(Trace(each.name, instants_ns, counted, "steps"))
-    marks = tuple(Mark(begin, f"{each.name}: nothing", end) for each in quiet for begin, end in each.spans)
+        traces.append(Trace(sender.name, instants_ns, counted, "steps"))
+    marks = tuple(Mark(begin, f"{sender.name}: nothing", end) for sender in quiet for begin, end in sender.spans)
     if not traces:
         return ()
     return (Plot("sequence_losses", "Frames missing each second", "frames", tuple(traces), marks=marks),)

@@ -195,15 +195,17 @@ def _whole_max(values: Floats) -> int | None:
 
 
 def _findings(
-    log: Log, windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, clock: LogClock
+    log: Log, windows: LoopWindows, long_windows: list[LongLoopWindow], period_s: float | None, clock: LogClock
 ) -> Iterator[Finding]:
-    yield from _long(windows, found, clock)
+    yield from _long(windows, long_windows, clock)
     # One finding for the longest loop while armed and one while disarmed, if they are long at all.
     for armed in (True, False):
-        rows = [one for one in found if one.armed == armed and np.isfinite(windows.longest_us[one.row])]
+        rows = [
+            window for window in long_windows if window.armed == armed and np.isfinite(windows.longest_us[window.row])
+        ]
         if not rows or period_s is None:
             continue
-        worst = max(rows, key=lambda one: float(windows.longest_us[one.row]))
+        worst = max(rows, key=lambda window: float(windows.longest_us[window.row]))
         longest_s = float(windows.longest_us[worst.row]) * 1e-6
         if longest_s < LONG_PERIODS * period_s:
             continue
@@ -239,7 +241,7 @@ def _findings(
     )
 
 
-def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) -> Iterator[Finding]:
+def _long(windows: LoopWindows, long_windows: list[LongLoopWindow], clock: LogClock) -> Iterator[Finding]:
     total, long = _sum(windows.loops), _sum(windows.long_loops)
     if not total or not long:
         return
@@ -250,7 +252,7 @@ def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
     severity = Severity.NOTICE
     if ratio > MISS_WARNING or by_window[worst] > WINDOW_WARNING:
         severity = Severity.CRITICAL if ratio > MISS_CRITICAL else Severity.WARNING
-    beside = next((one.happened for one in found if one.row == worst), "")
+    beside = next((window.happened for window in long_windows if window.row == worst), "")
     at = f"{clock.text(int(windows.from_ns[worst]))} to {clock.text(int(windows.until_ns[worst]))}"
     yield Finding(
         "scheduler.long_loops",
@@ -261,11 +263,11 @@ def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
             Evidence(
                 "PM",
                 windows.field("long_loops"),
-                int(windows.from_ns[one.row]),
-                int(windows.until_ns[one.row]),
-                f"{windows.long_loops[one.row]:.0f} of {windows.loops[one.row]:.0f}",
+                int(windows.from_ns[window.row]),
+                int(windows.until_ns[window.row]),
+                f"{windows.long_loops[window.row]:.0f} of {windows.loops[window.row]:.0f}",
             )
-            for one in found[:10]
+            for window in long_windows[:10]
         ),
         "See below which events coincide with them. Reduce the load (LOG_BITMASK, SCHED_LOOP_RATE, notch filters, "
         "scripts) or give the process a real-time priority.",
@@ -319,35 +321,35 @@ def _rate(log: Log, windows: LoopWindows) -> Iterator[Finding]:
     )
 
 
-def _grid(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) -> Grid:
+def _grid(windows: LoopWindows, long: list[LongLoopWindow], clock: LogClock) -> Grid:
     rows: list[tuple[Value, ...]] = []
-    for one in found:
-        begin, end = one.placed or (int(windows.from_ns[one.row]), int(windows.until_ns[one.row]))
+    for window in long:
+        begin, end = window.placed or (int(windows.from_ns[window.row]), int(windows.until_ns[window.row]))
         rows.append(
             (
-                clock.second(int(windows.until_ns[one.row])),
-                rounded(windows.long_loops[one.row], 0),
-                rounded(windows.loops[one.row], 0),
-                rounded(windows.longest_us[one.row], 0),
-                clock.second(begin) if one.placed else None,
-                clock.second(end) if one.placed else None,
-                "yes" if one.armed else "no",
-                one.happened,
+                clock.second(int(windows.until_ns[window.row])),
+                rounded(windows.long_loops[window.row], 0),
+                rounded(windows.loops[window.row], 0),
+                rounded(windows.longest_us[window.row], 0),
+                clock.second(begin) if window.placed else None,
+                clock.second(end) if window.placed else None,
+                "yes" if window.armed else "no",
+                window.happened,
             )
         )
     columns = ("window until (s)", "long", "loops", "longest (us)", "from (s)", "until (s)", "armed", "with")
     return Grid.limited("long_loops", "Windows with long loops, and coincident events", columns, rows)
 
 
-def _plots(windows: LoopWindows, found: list[LongLoopWindow]) -> tuple[Plot, ...]:
+def _plots(windows: LoopWindows, long: list[LongLoopWindow]) -> tuple[Plot, ...]:
     marks = tuple(
         Mark(
-            (one.placed or (int(windows.from_ns[one.row]),))[0],
-            one.happened[:80],
-            (one.placed or (0, int(windows.until_ns[one.row])))[1],
-            Severity.WARNING if one.armed else Severity.NOTICE,
+            (window.placed or (int(windows.from_ns[window.row]),))[0],
+            window.happened[:80],
+            (window.placed or (0, int(windows.until_ns[window.row])))[1],
+            Severity.WARNING if window.armed else Severity.NOTICE,
         )
-        for one in found[:MOST_LOOP_MARKS]
+        for window in long[:MOST_LOOP_MARKS]
     )
     plots = []
     for key, title, label, parts in (

@@ -115,23 +115,23 @@ def sample_clock_section(log: Log, relations: Sequence[ClockRelation], clock: Lo
     )
 
 
-def _plots(found: list[SampleClock]) -> tuple[Plot, ...]:
+def _plots(clocks: list[SampleClock]) -> tuple[Plot, ...]:
     """Residuals of the lines, which the lines themselves do not show, and the lines."""
     traces = []
-    for each in found[:6]:
-        thin = slice(None, None, max(len(each.number) // MOST_SAMPLES_DRAWN, 1))
-        line_s = each.per_sample_s * (each.number - each.number[0])
-        left_s = (each.clock_ns - each.clock_ns[0]) * 1e-9 - line_s
+    for clock in clocks[:6]:
+        thin = slice(None, None, max(len(clock.number) // MOST_SAMPLES_DRAWN, 1))
+        line_s = clock.per_sample_s * (clock.number - clock.number[0])
+        left_s = (clock.clock_ns - clock.clock_ns[0]) * 1e-9 - line_s
         traces.append(
-            Trace(each.name, each.number[thin].astype(np.float64), (left_s - np.median(left_s))[thin] * 1e3, "points")
+            Trace(clock.name, clock.number[thin].astype(np.float64), (left_s - np.median(left_s))[thin] * 1e3, "points")
         )
     lines = tuple(
         Trace(
-            each.name,
-            each.number[:: max(len(each.number) // MOST_SAMPLES_DRAWN, 1)].astype(np.float64),
-            ((each.clock_ns - each.clock_ns[0]) * 1e-9)[:: max(len(each.number) // MOST_SAMPLES_DRAWN, 1)],
+            clock.name,
+            clock.number[:: max(len(clock.number) // MOST_SAMPLES_DRAWN, 1)].astype(np.float64),
+            ((clock.clock_ns - clock.clock_ns[0]) * 1e-9)[:: max(len(clock.number) // MOST_SAMPLES_DRAWN, 1)],
         )
-        for each in found[:6]
+        for clock in clocks[:6]
     )
     return (
         Plot("sample_clocks", "Time base against the sample number", "s", lines, "xy", "sample"),
