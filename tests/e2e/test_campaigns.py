@@ -144,7 +144,7 @@ def test_a_plan_from_the_command_line(undisturbed: list[dict[str, Any]]) -> None
     assert len({row["mission.cross_track_rms_m"] for row in undisturbed}) == RUNS  # seeds and winds do something
     parquet = pytest.importorskip("pyarrow.parquet")
     assert parquet.read_table("out/results.parquet")["number"].to_pylist() == list(range(1, RUNS + 1))
-    assert "holds a campaign already" in campaign("plan.yaml", "--out", "out", code=2)
+    assert "already contains a campaign" in campaign("plan.yaml", "--out", "out", code=2)
     assert campaign("plan.yaml", "--out", "out", "--resume").count(f"{RUNS} of {RUNS}") >= 1
     assert rows_in("out") == RUNS
 
@@ -284,7 +284,9 @@ def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]
             process.kill()
             _, errors = client.communicate(timeout=ENOUGH_S)
             assert client.returncode == 2, errors
-            assert "the scheduler is away; what ended is kept, --resume goes on" in " ".join(errors.split())
+            assert "the scheduler does not respond; completed runs are kept; continue with --resume" in " ".join(
+                errors.split()
+            )
             assert "Traceback" not in errors
         away = campaign("plan.yaml", "--on", address, "--out", "out", "--resume", code=2)
         assert f"--on {address}: does not answer" in " ".join(away.split())

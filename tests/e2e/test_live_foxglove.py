@@ -149,7 +149,7 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
             client.until(lambda: client.parameters.get("environment.wind.mean_mps") == 9.0)
             client.publish("/goal", {"pose": {"position": {"x": 20.0, "y": 10.0, "z": 0.0}}})
             client.publish("/nowhere/at-all", {})
-            client.until(lambda: any("nobody listens" in text for text in client.statuses))
+            client.until(lambda: any("the run does not use" in text for text in client.statuses))
             client.publish("/operator/ask", {"action": "pace", "factor": None})
             assert client.call("resume")["success"]
             client.until(lambda: any(b"go to 10.0 N 20.0 E" in payload for _, payload in client.payloads["/log"]))
@@ -247,6 +247,6 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path, monkeypatch: pytest.Monkey
         other.listen()
         port = other.getsockname()[1]
         profile = load_profile("sitl", [f"live.port={port}"])
-        with pytest.raises(UserError, match=f"live.port = {port}: somebody else listens there"):
+        with pytest.raises(UserError, match=f"live.port = {port}: another program listens there"):
             run(profile, tmp_path / "run", False, NoDisplay)
     assert not (tmp_path / "run").exists()

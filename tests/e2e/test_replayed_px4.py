@@ -82,4 +82,4 @@ def test_one_that_does_not_arm_tells_why(sim: Sim) -> None:
     assert code == 2
     why = "gave up after 7 s of waiting for the autopilot to become ready to arm; it said: Preflight Fail: barometer 0"
     number = "the autopilot is MAVLink system 101 and this vessel 1"  # the captured one was instance 100
-    assert f"{why} missing; the bridge said: {number}" in " ".join(said.split())
+    assert f"{why} missing; the bridge reports: {number}" in " ".join(said.split())

@@ -85,7 +85,8 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
         "obstacles": None,
         "companion": None,
         "warnings": [],
-        "traffic": {},
+        "agents": [],
+        "edges": [],
     }
     for report in reports:
         for key, value in report.items():
@@ -114,6 +115,8 @@ def summary_of(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> 
     }
 
 
+OF_THE_GRAPH = ("agents", "edges")
+"""Reports of the nodes that only `graph` uses."""
 ONCE = ("pace", "debris", "operator")
 """Sections that a fleet has at the top only. The top also holds the host's and the world's part of `OF_THE_RUN`."""
 OF_THE_RUN = ("tasks", "clocks", "warnings", *ONCE)
@@ -232,18 +235,11 @@ def _vessel(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sec
     written: dict[str, Any] = {}
     for key, value in sections.items():
         if key == "graph":
-            written[key] = graph_section(
-                profile,
-                outcome.duration_s,
-                vessel.held_s,
-                sections["links"],
-                sections["nodes"],
-                sections["traffic"],
-                sections["autopilot"],
-            )
+            edges = sections["edges"] if outcome.duration_s > 0 else []
+            written[key] = graph_section(profile, sections["agents"], edges)
         elif key == "autopilot" and value is not None:
             written[key] = value.section(sections["tasks"])
-        elif key != "traffic":
+        elif key not in OF_THE_GRAPH:
             written[key] = _written(value)
     return written
 

@@ -490,10 +490,9 @@ def _way(relation: ClockRelation, host: ClockRelation | None) -> _Way | None:
     )
     for beginning, clock, own_is_first, method in rules:
         if key.startswith(beginning):
-            out, back = relation.to_first, relation.to_second
-            if own_is_first:
-                return _Way(clock, back, out, _breaks(relation, True), error_s, method, by)
-            return _Way(clock, out, back, _breaks(relation, False), error_s, method, by)
+            ways = (relation.to_second, relation.to_first)
+            out, back = ways if own_is_first else ways[::-1]
+            return _Way(clock, out, back, _breaks(relation, own_is_first), error_s, method, by)
     return None
 
 

@@ -34,8 +34,8 @@ def campaign(
     from xitl_cli.plugins.campaign.plan import find_plan, read_plan
 
     check_installed()
-    from xitl_cli.plugins.campaign.carry_out import carry_out
+    from xitl_cli.plugins.campaign.engine import carry_out
     from xitl_cli.plugins.campaign.results import open_folder
 
-    found = read_plan(find_plan(fspath(plan)))
-    return carry_out(found, open_folder(found, None if out is None else Path(out), resume), on, workers)
+    checked = read_plan(find_plan(fspath(plan)))
+    return carry_out(checked, open_folder(checked, None if out is None else Path(out), resume), on, workers)

@@ -162,7 +162,7 @@ class Axis:
             return self.values
         if self.count is None:
             raise _wrong(
-                self.origin, self.key, "is a distribution; add count, or combine: latin_hypercube with samples"
+                self.origin, self.key, "is a distribution; add count, or use combine: latin_hypercube with samples"
             )
         rng = axis_generator(seed, self.key)
         return tuple(self.quantile(float(share)) for share in rng.random(self.count))
@@ -201,16 +201,18 @@ def _axis(key: str, entry: Entry) -> Axis:
     fault = key.startswith(f"{FAULTS}.") and key.count(".") == 1
     if isinstance(entry.value, tuple):
         if not entry.value:
-            raise _wrong(entry.origin, key, "has no value; give at least one")
-        values = tuple(_switch(key, one) if fault else _plain(one) for one in entry.value)
+            raise _wrong(entry.origin, key, "has no value; add at least one")
+        values = tuple(_switch(key, item) if fault else _plain(item) for item in entry.value)
         for number, value in enumerate(values):
             if value in values[:number] and type(value) is type(values[values.index(value)]):
-                raise _wrong(entry.value[number].origin, key, f"has {shown(value)} twice; give it once")
+                raise _wrong(entry.value[number].origin, key, f"has {shown(value)} twice; remove one of them")
         return Axis(key, entry.origin, values)
     if fault:
-        raise _wrong(entry.origin, key, "is switched: write [off, on], or name a key of the fault")
+        raise _wrong(entry.origin, key, "is a whole fault, on or off; write [off, on], or name a key of the fault")
     if not isinstance(entry.value, dict):
-        raise _wrong(entry.origin, key, f"= {shown(entry.value)} is one value; write a list, or put it under `set:`")
+        raise _wrong(
+            entry.origin, key, f"= {shown(entry.value)} is a single value; write a list, or put it under `set:`"
+        )
     if "from" in entry.value or "to" in entry.value:
         return _range(key, entry, entry.value)
     return _distribution(key, entry, entry.value)
@@ -224,39 +226,39 @@ def _plain(entry: Entry) -> AxisValue:
 def _switch(key: str, entry: Entry) -> bool:
     words = {"on": True, "off": False, True: True, False: False}
     if not isinstance(entry.value, (str, bool)) or entry.value not in words:
-        raise _wrong(entry.origin, key, f"= {shown(entry.plain())} is no switch; write on or off")
+        raise _wrong(entry.origin, key, f"= {shown(entry.plain())} is not a switch; write on or off")
     return words[entry.value]
 
 
-def _range(key: str, entry: Entry, given: Mapping[str, Entry]) -> Axis:
-    _only(key, given, ("from", "to", "step", "count", "scale"), entry.origin)
-    low, high = _number(key, given, "from", entry), _number(key, given, "to", entry)
-    scale = given["scale"].value if "scale" in given else "linear"
+def _range(key: str, entry: Entry, keys: Mapping[str, Entry]) -> Axis:
+    _only(key, keys, ("from", "to", "step", "count", "scale"))
+    low, high = _number(key, keys, "from", entry), _number(key, keys, "to", entry)
+    scale = keys["scale"].value if "scale" in keys else "linear"
     if scale not in ("linear", "log"):
-        raise _wrong(given["scale"].origin, f"{key}.scale", f"= {shown(scale)} is not a scale; write linear or log")
+        raise _wrong(keys["scale"].origin, f"{key}.scale", f"= {shown(scale)} is not a scale; write linear or log")
     if not high > low:
-        raise _wrong(entry.origin, key, f"goes from {low:g} to {high:g}; `to` has to be the larger one")
+        raise _wrong(entry.origin, key, f"goes from {low:g} to {high:g}; `to` must be the larger one")
     if scale == "log" and low <= 0:
-        raise _wrong(entry.origin, key, f"is logarithmic from {low:g}; begin above 0")
-    if "step" in given and "count" in given:
-        raise _wrong(given["step"].origin, key, "has step and count; keep one of them")
-    if "step" in given:
-        step = _number(key, given, "step", entry)
+        raise _wrong(entry.origin, key, f"is logarithmic from {low:g}; start above 0")
+    if "step" in keys and "count" in keys:
+        raise _wrong(keys["step"].origin, key, "has step and count; remove one of them")
+    if "step" in keys:
+        step = _number(key, keys, "step", entry)
         if scale == "log" and step <= 1:
-            raise _wrong(given["step"].origin, f"{key}.step", f"= {step:g} is a factor here; use more than 1")
+            raise _wrong(keys["step"].origin, f"{key}.step", f"= {step:g} is a factor here; use more than 1")
         if step <= 0:
-            raise _wrong(given["step"].origin, f"{key}.step", f"= {step:g} is too small; use a value above 0")
+            raise _wrong(keys["step"].origin, f"{key}.step", f"= {step:g} is too small; use a value above 0")
         steps = math.log(high / low) / math.log(step) if scale == "log" else (high - low) / step
-        _few(key, given["step"], steps)
+        _few(key, keys["step"], steps)
         numbers = range(math.floor(steps * (1 + 1e-12) + 1e-9) + 1)
         exact = [low * step**number if scale == "log" else low + number * step for number in numbers]
         return Axis(key, entry.origin, _tidy(exact, low, high, step), log=scale == "log")
-    if "count" in given:
-        count = _count(key, given["count"])
+    if "count" in keys:
+        count = _count(key, keys["count"])
         if count < 2:
-            raise _wrong(given["count"].origin, f"{key}.count", "= 1 is no range; use at least 2")
+            raise _wrong(keys["count"].origin, f"{key}.count", "= 1 does not make a range; use at least 2")
         shares = [number / (count - 1) for number in range(count)]
-        exact = [low * (high / low) ** one if scale == "log" else low + one * (high - low) for one in shares]
+        exact = [low * (high / low) ** share if scale == "log" else low + share * (high - low) for share in shares]
         return Axis(key, entry.origin, _tidy([*exact[:-1], high], low, high), log=scale == "log")
     return Axis(key, entry.origin, ends=(low, high), log=scale == "log")
 
@@ -264,27 +266,27 @@ def _range(key: str, entry: Entry, given: Mapping[str, Entry]) -> Axis:
 def _tidy(values: Sequence[float], *written: float) -> tuple[AxisValue, ...]:
     """Round 0.30000000000000004 to 0.3, and return whole numbers if all written numbers are whole."""
     rounded = [float(f"{value:.12g}") for value in values]
-    whole = all(isinstance(one, int) for one in written) and all(value.is_integer() for value in rounded)
+    whole = all(isinstance(number, int) for number in written) and all(value.is_integer() for value in rounded)
     return tuple(int(value) if whole else value for value in rounded)
 
 
-def _distribution(key: str, entry: Entry, given: Mapping[str, Entry]) -> Axis:
-    kinds = [kind for kind in (*_MOMENTS, "choice") if kind in given]
+def _distribution(key: str, entry: Entry, keys: Mapping[str, Entry]) -> Axis:
+    kinds = [kind for kind in (*_MOMENTS, "choice") if kind in keys]
     if len(kinds) != 1:
         known = ", ".join((*_MOMENTS, "choice"))
-        what = "is neither a range nor a distribution" if not kinds else f"is {' and '.join(kinds)} at once"
-        raise _wrong(entry.origin, key, f"{what}; write a list, {{from: …, to: …}} or one of {known}")
+        problem = "is neither a range nor a distribution" if not kinds else f"is both {' and '.join(kinds)}"
+        raise _wrong(entry.origin, key, f"{problem}; write a list, {{from: …, to: …}} or one of {known}")
     (kind,) = kinds
-    _only(key, given, (kind, "count", "weights" if kind == "choice" else "within"), entry.origin)
-    count = _count(key, given["count"]) if "count" in given else None
-    chosen = given[kind]
+    _only(key, keys, (kind, "count", "weights" if kind == "choice" else "within"))
+    count = _count(key, keys["count"]) if "count" in keys else None
+    chosen = keys[kind]
     if kind == "choice":
         if not isinstance(chosen.value, tuple) or not chosen.value:
-            raise _wrong(chosen.origin, f"{key}.choice", "is no list of values; write [a, b, …]")
-        values = tuple(_plain(one) for one in chosen.value)
-        weights = _numbers(f"{key}.weights", given["weights"]) if "weights" in given else (1.0,) * len(values)
+            raise _wrong(chosen.origin, f"{key}.choice", "is not a list of values; write [a, b, …]")
+        values = tuple(_plain(item) for item in chosen.value)
+        weights = _numbers(f"{key}.weights", keys["weights"]) if "weights" in keys else (1.0,) * len(values)
         if len(weights) != len(values) or min(weights) < 0 or sum(weights) <= 0:
-            raise _wrong(given["weights"].origin, f"{key}.weights", f"are not {len(values)} shares; give one for each")
+            raise _wrong(keys["weights"].origin, f"{key}.weights", f"are not {len(values)} shares; give one per value")
         return Axis(key, entry.origin, values, weights=weights, count=count)
     moments = _numbers(f"{key}.{kind}", chosen)
     if len(moments) != _MOMENTS[kind]:
@@ -294,39 +296,39 @@ def _distribution(key: str, entry: Entry, given: Mapping[str, Entry]) -> Axis:
         wrong = high <= 0 or (kind == "lognormal" and low <= 0)
     else:
         wrong = not low < high or list(moments) != sorted(moments) or (kind == "loguniform" and low <= 0)
-    if wrong or (kind == "integers" and not all(float(one).is_integer() for one in moments)):
-        raise _wrong(chosen.origin, f"{key}.{kind}", f"= {list(moments)} is no {_MEANING[kind]}; put it right")
-    within = _numbers(f"{key}.within", given["within"]) if "within" in given else None
+    if wrong or (kind == "integers" and not all(float(moment).is_integer() for moment in moments)):
+        raise _wrong(chosen.origin, f"{key}.{kind}", f"= {list(moments)} is not a valid {_MEANING[kind]}; correct it")
+    within = _numbers(f"{key}.within", keys["within"]) if "within" in keys else None
     if within is not None and (len(within) != 2 or not within[0] < within[1]):
-        raise _wrong(given["within"].origin, f"{key}.within", "is no [low, high]")
+        raise _wrong(keys["within"].origin, f"{key}.within", "is not [low, high]; give two increasing numbers")
     pair = None if within is None else (within[0], within[1])
     return Axis(key, entry.origin, distribution=Distribution(kind, moments, pair), count=count)
 
 
-def _only(key: str, given: Mapping[str, Entry], known: Sequence[str], origin: Origin) -> None:
+def _only(key: str, entries: Mapping[str, Entry], known: Sequence[str]) -> None:
     import difflib
 
-    for name in given:
+    for name, entry in entries.items():
         if name not in known:
             close = difflib.get_close_matches(name, known, n=1)
             fix = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
-            raise _wrong(given[name].origin, f"{key}.{name}", f"is not a known key; {fix}")
+            raise _wrong(entry.origin, f"{key}.{name}", f"is not a known key; {fix}")
 
 
-def _number(key: str, given: Mapping[str, Entry], name: str, entry: Entry) -> float:
-    if name not in given:
+def _number(key: str, keys: Mapping[str, Entry], name: str, entry: Entry) -> float:
+    if name not in keys:
         raise _wrong(entry.origin, key, f"has no `{name}`; write {{from: …, to: …, count: …}}")
-    (number,) = _numbers(f"{key}.{name}", Entry((given[name],), given[name].origin))
+    (number,) = _numbers(f"{key}.{name}", Entry((keys[name],), keys[name].origin))
     return number
 
 
 def _numbers(key: str, entry: Entry) -> tuple[float, ...]:
-    values = entry.value if isinstance(entry.value, tuple) else (entry,)
-    for one in values:
-        right = isinstance(one.value, (int, float)) and not isinstance(one.value, bool)
-        if not right or not math.isfinite(one.value):  # type: ignore[arg-type]
-            raise _wrong(one.origin, key, f"= {shown(one.plain())} is not a number; write a finite number")
-    return tuple(one.value for one in values)  # type: ignore[misc]
+    items = entry.value if isinstance(entry.value, tuple) else (entry,)
+    for item in items:
+        numeric = isinstance(item.value, (int, float)) and not isinstance(item.value, bool)
+        if not numeric or not math.isfinite(item.value):  # type: ignore[arg-type]
+            raise _wrong(item.origin, key, f"= {shown(item.plain())} is not a number; write a finite number")
+    return tuple(item.value for item in items)  # type: ignore[misc]
 
 
 def _count(key: str, entry: Entry) -> int:
@@ -338,11 +340,11 @@ def _count(key: str, entry: Entry) -> int:
 
 def _few(key: str, entry: Entry, count: float) -> None:
     if count >= MOST_VALUES:
-        raise _wrong(entry.origin, key, f"has some {count:.0e} values; take fewer")
+        raise _wrong(entry.origin, key, f"has about {count:.0e} values; use fewer")
 
 
-def _wrong(origin: Origin, key: str, what: str) -> ProfileError:
-    return ProfileError([Problem(origin, f"{key} {what}")], origin.source)
+def _wrong(origin: Origin, key: str, problem: str) -> ProfileError:
+    return ProfileError([Problem(origin, f"{key} {problem}")], origin.source)
 
 
 def combinations(
@@ -380,24 +382,22 @@ def _all_combinations(
 ) -> Iterator[dict[str, AxisValue]]:
     keys = [axis.key for axis in axes]
     if combine == "latin_hypercube":
-        layers = {axis.key: _layers(axis, samples or 0, seed) for axis in axes}
-        for number in range(samples or 0):
-            yield {axis.key: axis.quantile(layers[axis.key][number]) for axis in axes}
+        samples = samples or 0
+        shares: dict[str, list[float]] = {}
+        for axis in axes:
+            rng = axis_generator(seed, axis.key)
+            shares[axis.key] = ((rng.permutation(samples) + rng.random(samples)) / max(samples, 1)).tolist()
+        for number in range(samples):
+            yield {axis.key: axis.quantile(shares[axis.key][number]) for axis in axes}
         return
-    each = [axis.grid_values(seed) for axis in axes]
+    values_by_axis = [axis.grid_values(seed) for axis in axes]
     if combine == "one_at_a_time":
         yield {}
-        for key, values in zip(keys, each, strict=True):
+        for key, values in zip(keys, values_by_axis, strict=True):
             yield from ({key: value} for value in values)
         return
-    for values in product(*each):
+    for values in product(*values_by_axis):
         yield dict(zip(keys, values, strict=True))
-
-
-def _layers(axis: Axis, samples: int, seed: int) -> list[float]:
-    rng = axis_generator(seed, axis.key)
-    shares: list[float] = ((rng.permutation(samples) + rng.random(samples)) / max(samples, 1)).tolist()
-    return shares
 
 
 def short(value: float) -> float | int:

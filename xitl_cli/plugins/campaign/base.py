@@ -18,6 +18,9 @@ from xitl_cli.profile.files.entry import Entry, Key, Origin, Problem, ProfileErr
 from xitl_cli.profile.files.yaml_file import plain_scalar
 from xitl_cli.profile.load import LoadedProfile, loaded_profile, prepared, with_absolute_paths
 
+_MOST_TRIED = 12
+"""Number of values of an axis that are tried on the base before the campaign runs."""
+
 
 @dataclass(frozen=True, slots=True)
 class RunOverrides:
@@ -94,15 +97,15 @@ class BaseProfile:
             return None
         if _fault(key):
             return self._has_fault(key)
-        found: Any = self.loaded.profile
+        value: Any = self.loaded.profile
         for part in key.split("."):
-            if isinstance(found, Mapping):
-                found = found.get(part)
-            elif isinstance(found, tuple):
-                found = found[int(part)] if part.isdigit() and int(part) < len(found) else None
+            if isinstance(value, Mapping):
+                value = value.get(part)
+            elif isinstance(value, tuple):
+                value = value[int(part)] if part.isdigit() and int(part) < len(value) else None
             else:
-                found = getattr(found, part, None)
-        return found if isinstance(found, (str, int, float, bool, tuple)) else None
+                value = getattr(value, part, None)
+        return value if isinstance(value, (str, int, float, bool, tuple)) else None
 
     def text(self, parts: tuple[str, ...]) -> str:
         """Return the profile with these parts, as JSON (which is YAML). A remote worker needs nothing else."""
@@ -140,7 +143,11 @@ class BaseProfile:
         """
         problems: list[Problem] = []
         for axis in axes:
-            for value in _samples(axis.values) or (axis.example(),):
+            values = axis.values
+            if len(values) > _MOST_TRIED:  # both ends, and evenly spaced values between
+                last = len(values) - 1
+                values = tuple(values[round(number * last / (_MOST_TRIED - 1))] for number in range(_MOST_TRIED))
+            for value in values or (axis.example(),):
                 try:
                     self.check(RunPoint(0, {axis.key: value}, 1), {axis.key: axis.origin})
                 except ProfileError as error:
@@ -168,15 +175,15 @@ class BaseProfile:
 
     def _part_names(self, key: str, value: AxisValue, origin: Origin) -> list[str]:
         names = value if isinstance(value, tuple) else () if value is None else (value,)
-        found = []
+        parts = []
         for name in names:
             try:
                 path = find_profile(str(name), beside=self.folder)
             except UserError as error:
                 raise ProfileError([Problem(origin, f"{key}: {error}")], self.name) from None
             shipped = profile_name(path)
-            found.append(shipped if is_shipped(shipped) else shown_path(path))
-        return found
+            parts.append(shipped if is_shipped(shipped) else shown_path(path))
+        return parts
 
     def _has_fault(self, key: str) -> bool:
         return key.split(".")[1] in (self.loaded.profile.faults or {})
@@ -188,9 +195,9 @@ class BaseProfile:
 
             known = [name for name in shipped if name.startswith(f"{FAULTS}/")]
             close = difflib.get_close_matches(part, known, n=1)
-            fix = f"did you mean {close[0].replace('/', '.')}?" if close else f"shipped ones: {', '.join(known)}"
-            what = f"{key} is neither a fault of {self.name} nor a shipped one; {fix}"
-            raise ProfileError([Problem(origin, what)], self.name)
+            fix = f"did you mean {close[0].replace('/', '.')}?" if close else f"shipped faults: {', '.join(known)}"
+            problem = f"{key} is neither a fault of {self.name} nor a shipped fault; {fix}"
+            raise ProfileError([Problem(origin, problem)], self.name)
         return part
 
     def _absolute(self, key: str, value: AxisValue, origin: Origin) -> Any:
@@ -202,18 +209,10 @@ class BaseProfile:
         for part in reversed(keys):
             entry = Entry({part: entry}, entry.origin)
         path: list[Key] = [int(part) if part.isdigit() else part for part in keys]
-        found, depth = with_absolute_paths(entry).nearest(tuple(path))
+        absolute, depth = with_absolute_paths(entry).nearest(tuple(path))
         if depth < len(keys):
-            found = with_absolute_paths(entry).nearest(tuple(keys))[0]
-        return found.plain()
-
-
-def _samples(values: tuple[AxisValue, ...]) -> tuple[AxisValue, ...]:
-    """Return some of many values: both ends, and evenly spaced values between."""
-    few = 12
-    if len(values) <= few:
-        return values
-    return tuple(values[round(number * (len(values) - 1) / (few - 1))] for number in range(few))
+            absolute = with_absolute_paths(entry).nearest(tuple(keys))[0]
+        return absolute.plain()
 
 
 def _fault(key: str) -> bool:
@@ -224,13 +223,13 @@ def _fault(key: str) -> bool:
 def _leaves(entry: Entry, above: str = "") -> list[tuple[str, Entry]]:
     """Return the values that a plan sets, by dotted key. Keys may be nested."""
     if not isinstance(entry.value, dict):
-        what = "set is not a group; write `key of the profile: value` under it"
-        raise ProfileError([Problem(entry.origin, what)], entry.origin.source)
-    found: list[tuple[str, Entry]] = []
+        problem = "set is not a group; write `key of the profile: value` under it"
+        raise ProfileError([Problem(entry.origin, problem)], entry.origin.source)
+    leaves: list[tuple[str, Entry]] = []
     for key, below in entry.value.items():
         path = f"{above}.{key}" if above else key
-        found += _leaves(below, path) if isinstance(below.value, dict) and below.value else [(path, below)]
-    return found
+        leaves += _leaves(below, path) if isinstance(below.value, dict) and below.value else [(path, below)]
+    return leaves
 
 
 def _placed(entry: Entry, pairs: Sequence[tuple[str, Entry]]) -> Entry:

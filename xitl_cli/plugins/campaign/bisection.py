@@ -15,7 +15,6 @@ import numpy as np
 
 from xitl_cli.plugins.campaign.statistics import (
     BoundaryEstimate,
-    Interval,
     PassCounts,
     monotone_boundary,
     monotone_rates,
@@ -92,46 +91,41 @@ def bisect(search: Bisection) -> Generator[list[float], Sequence[bool | None], B
     while True:
         batch = [place for place in places for _ in range(search.runs_per_point)]
         answers = yield batch
-        told = [(place, answer) for place, answer in zip(batch, answers, strict=True) if answer is not None]
-        silent += len(batch) - len(told)
-        at += [place for place, _ in told]
-        passed += [answer for _, answer in told]
-        if not told:
+        judged = [(place, answer) for place, answer in zip(batch, answers, strict=True) if answer is not None]
+        silent += len(batch) - len(judged)
+        at += [place for place, _ in judged]
+        passed += [answer for _, answer in judged]
+        if not judged:
             return BoundaryFinding(Outcome.WITHOUT_VERDICT, False, None, PassCounts.counted(at, passed), silent, 1.0)
         counts = PassCounts.counted(at, passed)
         rising = is_rising(counts)
         estimate = monotone_boundary(counts, search.rate, rising, search.confidence)
-        outcome = _outcome(search, estimate.interval, rising)
+        interval = estimate.interval
+        outcome = None
+        if interval.low >= search.high:
+            outcome = Outcome.FAILS if rising else Outcome.PASSES
+        elif interval.high <= search.low:
+            outcome = Outcome.PASSES if rising else Outcome.FAILS
+        elif interval.width <= search.width:
+            outcome = Outcome.FOUND
         spent = len(at) + silent >= search.most_runs
         p_value = monotony_p_value(counts, rising) if first or outcome or spent else 1.0
         if p_value < NOT_MONOTONE_BELOW:
             outcome = Outcome.NOT_MONOTONE
         if outcome or spent:
             return BoundaryFinding(outcome or Outcome.UNDECIDED, rising, estimate, counts, silent, p_value)
-        places = _next_places(search, estimate.interval, counts)
         first = False
+        # Next places: the middle of the interval, both quarters if the middle exists already, and each uncertain end.
+        low, high = max(interval.low, search.low), min(interval.high, search.high)
+        places = [
+            end for end, open_ in ((low, interval.low < search.low), (high, interval.high > search.high)) if open_
+        ]
+        if low < high:
+            shares = (0.25, 0.75) if any(low < place < high for place in counts.at) else (0.5,)
+            places = sorted({*(search.between(low, high, share) for share in shares), *places})
 
 
 def is_rising(counts: PassCounts) -> bool:
     """Return True if a rising curve is more likely than a falling one."""
     rising, falling = (counts.log_likelihood(monotone_rates(counts, way)) for way in (True, False))
     return rising > falling + 1e-9
-
-
-def _outcome(search: Bisection, interval: Interval, rising: bool) -> Outcome | None:
-    if interval.low >= search.high:
-        return Outcome.FAILS if rising else Outcome.PASSES
-    if interval.high <= search.low:
-        return Outcome.PASSES if rising else Outcome.FAILS
-    return Outcome.FOUND if interval.width <= search.width else None
-
-
-def _next_places(search: Bisection, interval: Interval, counts: PassCounts) -> list[float]:
-    """Return the middle of the interval, both quarters if the middle exists already, and each uncertain end."""
-    low, high = max(interval.low, search.low), min(interval.high, search.high)
-    ends = [end for end, open_ in ((low, interval.low < search.low), (high, interval.high > search.high)) if open_]
-    if low >= high:
-        return ends
-    if not any(low < place < high for place in counts.at):
-        return sorted({search.between(low, high, 0.5), *ends})
-    return sorted({*(search.between(low, high, share) for share in (0.25, 0.75)), *ends})

@@ -83,10 +83,10 @@ class TlsFiles:
         """
         from distributed import Security
 
-        given = {"tls_ca_file": self.ca_file, "tls_client_cert": self.certificate, "tls_client_key": self.key}
-        security: Any = Security(**{name: path for name, path in given.items() if path is not None})
+        files = {"tls_ca_file": self.ca_file, "tls_client_cert": self.certificate, "tls_client_key": self.key}
+        security: Any = Security(**{name: path for name, path in files.items() if path is not None})
         encrypted = address.startswith("tls://")
-        if any(given.values()) and not encrypted:
+        if any(files.values()) and not encrypted:
             raise UserError(f"--on {address}: --tls-ca-file, --tls-cert and --tls-key need an address tls://host:port")
         if encrypted and not (security.tls_ca_file and security.tls_client_cert):
             raise UserError(
@@ -130,7 +130,11 @@ class DaskWorkers:
     def threads(self) -> int:
         """Number of parallel runs."""
         if time.monotonic() - self._asked_s >= _CAPACITY_EVERY_S:
-            self._threads = sum(worker["nthreads"] for worker in self._scheduler_info()["workers"].values())
+            try:
+                scheduler = self._client.scheduler_info(n_workers=-1)
+            except TypeError:  # older versions had no limit
+                scheduler = self._client.scheduler_info()
+            self._threads = sum(worker["nthreads"] for worker in scheduler["workers"].values())
             self._asked_s = time.monotonic()
         return self._threads
 
@@ -176,7 +180,7 @@ class DaskWorkers:
         except OSError as error:
             if isinstance(error, TimeoutError) or type(error).__module__.startswith("distributed"):
                 raise self._away() from error
-            raise UserError(f"{error.filename or 'a worker'}: no run can be kept there ({error.strerror})") from None
+            raise UserError(f"{error.filename or 'a worker'}: cannot store runs there ({error.strerror})") from None
         except Exception as error:
             if type(error).__module__.startswith(("distributed", "concurrent", "asyncio")):
                 raise self._away() from error
@@ -184,14 +188,10 @@ class DaskWorkers:
         future.release()
         return row
 
-    def _scheduler_info(self) -> Any:
-        try:
-            return self._client.scheduler_info(n_workers=-1)
-        except TypeError:  # older versions had no limit
-            return self._client.scheduler_info()
-
     def _away(self) -> SchedulerAwayError:
-        return SchedulerAwayError(f"{self._where}: the scheduler is away; what ended is kept, --resume goes on")
+        return SchedulerAwayError(
+            f"{self._where}: the scheduler does not respond; completed runs are kept; continue with --resume"
+        )
 
     def stop(self) -> None:
         """Cancel running and waiting runs."""
@@ -241,10 +241,10 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
             Client(cluster, set_as_default=False) as client,
             _WorkerProcesses(cluster.scheduler_address, count, security, scratch),
         ):
-            if not _workers_come(client, count, OWN_WORKERS_S):
+            if not _workers_connect(client, count, OWN_WORKERS_S):
                 raise UserError(
-                    f"not all of the campaign's {count} worker processes were up within {OWN_WORKERS_S:g} s; "
-                    "free memory and processors here, or start fewer with --workers"
+                    f"not all {count} worker processes of the campaign started within {OWN_WORKERS_S:g} s; "
+                    "free memory and processors on this machine, or start fewer with --workers"
                 )
             workers = DaskWorkers(client, campaign, cluster.scheduler_address)
             try:
@@ -327,18 +327,18 @@ def workers_at(address: str, campaign: str, folder: Path | None, tls: TlsFiles |
         try:
             client = Client(address, timeout=CONNECT_S, set_as_default=False, security=security)
         except (OSError, ValueError, RuntimeError, TypeError) as error:
-            said = str(error).split("\n")[0].split(" after ")[0].strip() or type(error).__name__
-            what = "is no address of a scheduler" if isinstance(error, (ValueError, TypeError)) else "does not answer"
+            reason = str(error).split("\n")[0].split(" after ")[0].strip() or type(error).__name__
+            wrong = isinstance(error, (ValueError, TypeError))
+            problem = "is not an address of a scheduler" if wrong else "does not answer"
             raise SchedulerAwayError(
-                f"--on {address}: {what} ({said}); start one with `dask scheduler`, or leave --on out"
+                f"--on {address}: {problem} ({reason}); start a scheduler with `dask scheduler`, or remove --on"
             ) from None
         try:
-            if not _workers_come(client, 1, WORKERS_S):
+            if not _workers_connect(client, 1, WORKERS_S):
                 raise SchedulerAwayError(
                     f"{address}: the scheduler has no workers; start some with `dask worker {address} --nthreads 1`"
                 )
-            _check_versions(client, address)
-            _check_folder(client, address, folder)
+            _check_workers(client, address, folder)
             workers = DaskWorkers(client, campaign, address)
             try:
                 yield workers
@@ -349,7 +349,7 @@ def workers_at(address: str, campaign: str, folder: Path | None, tls: TlsFiles |
                 client.close(timeout=5)
 
 
-def _workers_come(client: Any, count: int, timeout_s: float) -> bool:
+def _workers_connect(client: Any, count: int, timeout_s: float) -> bool:
     try:
         client.wait_for_workers(count, timeout=timeout_s)
     except OSError:  # timeout, or the scheduler has gone
@@ -369,35 +369,34 @@ def _worker_facts(folder: str | None) -> dict[str, Any]:
     return {**_own_versions(), "xitl": __version__, "folder": folder is None or os.path.isdir(folder)}  # noqa: PTH112
 
 
-def _check_versions(client: Any, address: str) -> None:
-    """Raise UserError if the scheduler or a worker has other versions than this process."""
-    own = _own_versions()
-    found = client.get_versions(check=False)
-    for who, facts in (("the scheduler", found["scheduler"]), *found["workers"].items()):
-        called = who if who == "the scheduler" else f"worker {who}"
-        packages = facts["packages"]
-        theirs = {"Python": ".".join(packages["python"].split(".")[:2])}
-        theirs |= {name: packages[name] for name in ("dask", "distributed")}
-        _refuse_other(address, called, theirs, own)
-
-
 def _refuse_other(address: str, who: str, theirs: dict[str, Any], own: dict[str, str]) -> None:
     different = [f"{name} {theirs[name]} (here {version})" for name, version in own.items() if theirs[name] != version]
     if different:
         raise UserError(f"--on {address}: {who} has {', '.join(different)}; install the same versions on both sides")
 
 
-def _check_folder(client: Any, address: str, folder: Path | None) -> None:
-    """Raise UserError if a worker has another xitl, or none, or does not see the folder."""
+def _check_workers(client: Any, address: str, folder: Path | None) -> None:
+    """Raise UserError if the scheduler or a worker has other versions than this process, or a worker has another xitl,
+    or none, or does not see the folder.
+    """
+    own = _own_versions()
+    versions = client.get_versions(check=False)
+    members = [("the scheduler", versions["scheduler"])]
+    members += [(f"worker {worker}", facts) for worker, facts in versions["workers"].items()]
+    for member, facts in members:
+        packages = facts["packages"]
+        theirs = {"Python": ".".join(packages["python"].split(".")[:2])}
+        theirs |= {name: packages[name] for name in ("dask", "distributed")}
+        _refuse_other(address, member, theirs, own)
     try:
         facts = client.run(_worker_facts, None if folder is None else str(folder.absolute()))
     except (ImportError, AttributeError) as error:
         raise UserError(f"--on {address}: workers have no xitl ({error}); install xitl {__version__} there") from None
-    for worker, one in facts.items():
-        _refuse_other(address, f"worker {worker}", one, {"xitl": __version__})
-        if not one["folder"]:
+    for worker, of_worker in facts.items():
+        _refuse_other(address, f"worker {worker}", of_worker, {"xitl": __version__})
+        if not of_worker["folder"]:
             raise UserError(
-                f"--on {address}: worker {worker} does not see {folder}; choose an --out on a disk that both share, or "
+                f"--on {address}: worker {worker} does not see {folder}; choose an --out on a shared disk, or use "
                 "`recordings: none` in the plan"
             )
 
@@ -432,11 +431,7 @@ def _end_with_parent() -> None:
     os._exit(0)
 
 
-def _main(address: str, scratch: str) -> None:
+if __name__ == "__main__":
     certificate, key = json.loads(os.fdopen(0, "rb", buffering=0, closefd=False).readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    asyncio.run(_work(address, scratch, certificate, key))
-
-
-if __name__ == "__main__":
-    _main(*sys.argv[1:3])
+    asyncio.run(_work(sys.argv[1], sys.argv[2], certificate, key))

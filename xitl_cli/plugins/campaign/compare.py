@@ -81,29 +81,40 @@ def compare_tables(a: ResultTable, b: ResultTable, confidence: float = 0.95) -> 
             axes.append(key)
         elif max(map(len, values)) > 1:
             table = a if key in a.axes else b
-            raise UserError(f"{key} varies in {table.folder} alone; compare campaigns with the same axes, or use --by")
+            raise UserError(f"{key} varies only in {table.folder}; compare campaigns with the same axes, or use --by")
     if not a.rows or not b.rows:
         raise UserError(f"{(b if a.rows else a).folder}: has no run yet; run the campaign first")
-    shared = [axis for axis in axes if _shares(axis, a.rows, b.rows)]
-    names = _names(a, b)
+    # An axis that differs in all runs is the compared one.
+    shared = [
+        axis for axis in axes if {_text(row.get(axis)) for row in a.rows} & {_text(row.get(axis)) for row in b.rows}
+    ]
+    # The names are the shortest different ends of both folders' paths.
+    parts = (a.folder.resolve().parts, b.folder.resolve().parts)
+    names = (str(a.folder), str(b.folder))
+    for depth in range(1, max(map(len, parts)) + 1):
+        name_a, name_b = ("/".join(part[-depth:]) for part in parts)
+        if name_a != name_b:
+            names = (name_a, name_b)
+            break
+    figures = [figure for figure in a.figures if figure in b.figures]
+    verdicts = [verdict for verdict in a.verdicts if verdict in b.verdicts]
     sides = (Side(names[0], tuple(a.rows)), Side(names[1], tuple(b.rows)))
-    return compare_sides(*sides, shared, _both(a.figures, b.figures), _both(a.verdicts, b.verdicts), confidence)
+    return compare_sides(*sides, shared, figures, verdicts, confidence)
 
 
 def compare_by(table: ResultTable, axis: str, confidence: float = 0.95) -> list[CampaignComparison]:
     """Compare the first value of an axis with each other value in one campaign. Raises UserError."""
     if axis not in table.axes:
-        raise UserError(f"--by {axis}: is no axis of {table.folder}; those are {', '.join(table.axes) or 'none'}")
-    first: dict[str, list[Row]] = {}
+        raise UserError(f"--by {axis}: is not an axis of {table.folder}; its axes: {', '.join(table.axes) or 'none'}")
+    by_value: dict[str, list[Row]] = {}
     for row in table.rows:
-        first.setdefault(_text(row.get(axis)), []).append(row)
-    if len(first) < 2:
-        raise UserError(f"--by {axis}: has one value in {table.folder}; a comparison takes two")
+        by_value.setdefault(_text(row.get(axis)), []).append(row)
+    if len(by_value) < 2:
+        raise UserError(f"--by {axis}: has one value in {table.folder}; a comparison needs two")
     short = axis.rpartition(".")[2]
-    sides = [Side(f"{short} = {value.rpartition('/')[2]}", tuple(rows)) for value, rows in first.items()]
+    first, *rest = [Side(f"{short} = {value.rpartition('/')[2]}", tuple(rows)) for value, rows in by_value.items()]
     others = [key for key in table.axes if key != axis]
-    found = [compare_sides(sides[0], side, others, table.figures, table.verdicts, confidence) for side in sides[1:]]
-    return _adjusted(found)
+    return _adjusted([compare_sides(first, side, others, table.figures, table.verdicts, confidence) for side in rest])
 
 
 def compare_sides(
@@ -115,33 +126,38 @@ def compare_sides(
     both = [key for key in ours if key in theirs]
     if not both:
         raise UserError(
-            f"{a.name} and {b.name}: no run of one has the {' and '.join(['seed', *paired_by])} of a run of the other; "
-            "give both campaigns the same seeds"
+            f"{a.name} and {b.name}: no two runs have the same {' and '.join(['seed', *paired_by])}; "
+            "use the same seeds for both campaigns"
         )
     pairs = [(ours[key], theirs[key]) for key in both]
     statuses = counted_statuses(verdicts)
     whole = [pair for pair in pairs if all(row.get("status") in statuses for row in pair)]
     compared = []
     for figure in figures:
-        values = [(one.get(figure), other.get(figure)) for one, other in whole]
+        values = [(row_a.get(figure), row_b.get(figure)) for row_a, row_b in whole]
         known = [all(is_number(value) for value in pair) for pair in values]
         if any(known):
             at_a, at_b = np.array(
                 [pair for pair, is_known in zip(values, known, strict=True) if is_known], np.float64
             ).T
-            of_seeds = [seed_of(one) for (one, _), is_known in zip(whole, known, strict=True) if is_known]
+            of_seeds = [seed_of(row_a) for (row_a, _), is_known in zip(whole, known, strict=True) if is_known]
             compared.append(FigureComparison(figure, paired_difference(at_a, at_b, confidence, of_seeds), None))
-    judged = _judged(pairs, verdicts, confidence)
-    alone = (len(ours) - len(both), len(theirs) - len(both))
-    incomplete = len(pairs) - len(whole)
-    seeds = len({seed_of(one) for one, _ in pairs})
-    told = CampaignComparison(
-        a.name, b.name, tuple(paired_by), len(pairs), seeds, alone, incomplete, confidence, tuple(compared), judged
+    comparison = CampaignComparison(
+        a=a.name,
+        b=b.name,
+        paired_by=tuple(paired_by),
+        pairs=len(pairs),
+        seeds=len({seed_of(row_a) for row_a, _ in pairs}),
+        unpaired=(len(ours) - len(both), len(theirs) - len(both)),
+        incomplete=len(pairs) - len(whole),
+        confidence=confidence,
+        figures=tuple(compared),
+        verdicts=_compare_verdicts(pairs, verdicts, confidence),
     )
-    return _adjusted([told])[0]
+    return _adjusted([comparison])[0]
 
 
-def _judged(
+def _compare_verdicts(
     pairs: Sequence[tuple[Row, Row]], verdicts: Sequence[str], confidence: float
 ) -> tuple[VerdictComparison, ...]:
     """Compare pass rates of each verdict and of all verdicts together.
@@ -150,27 +166,22 @@ def _judged(
     """
     alike: dict[tuple[tuple[Any, Any], ...], list[str]] = {}
     for verdict in (*verdicts, PASSED) if len(verdicts) != 1 else verdicts:
-        ran = _ran_and_known(pairs, verdict)
-        if any(outcome != (None, None) for outcome in ran):
-            alike.setdefault(ran, []).append(verdict)
-    found = []
+        # None for both if a run did not end by itself or a verdict is unknown.
+        of_pairs: list[tuple[bool | None, bool | None]] = []
+        for row_a, row_b in pairs:
+            outcome = (row_a.get(verdict), row_b.get(verdict))
+            counts = row_a.get("status") in RAN and row_b.get("status") in RAN and None not in outcome
+            of_pairs.append((bool(outcome[0]), bool(outcome[1])) if counts else (None, None))
+        if any(outcome != (None, None) for outcome in of_pairs):
+            alike.setdefault(tuple(of_pairs), []).append(verdict)
+    compared = []
     for outcomes, (verdict, *others) in alike.items():
         known = [number for number, outcome in enumerate(outcomes) if outcome != (None, None)]
         passed_a, passed_b = ([outcomes[number][side] for number in known] for side in (0, 1))
         of_seeds = [seed_of(pairs[number][0]) for number in known]
         rates = paired_rates(passed_a, passed_b, confidence, of_seeds)
-        found.append(VerdictComparison(verdict, rates, 1.0, tuple(others)))
-    return tuple(found)
-
-
-def _ran_and_known(pairs: Sequence[tuple[Row, Row]], verdict: str) -> tuple[tuple[bool | None, bool | None], ...]:
-    """Return the outcomes of each pair; None for both if a run did not end by itself or a verdict is unknown."""
-    found: list[tuple[bool | None, bool | None]] = []
-    for one, other in pairs:
-        outcome = (one.get(verdict), other.get(verdict))
-        counts = _ran(one) and _ran(other) and None not in outcome
-        found.append((bool(outcome[0]), bool(outcome[1])) if counts else (None, None))
-    return tuple(found)
+        compared.append(VerdictComparison(verdict, rates, 1.0, tuple(others)))
+    return tuple(compared)
 
 
 def seed_of(row: Row) -> str:
@@ -178,52 +189,39 @@ def seed_of(row: Row) -> str:
     return _text(row.get("seed"))
 
 
-def _adjusted(found: list[CampaignComparison]) -> list[CampaignComparison]:
+def _adjusted(comparisons: Sequence[CampaignComparison]) -> list[CampaignComparison]:
     """Adjust the p-values of all figures and verdicts of all comparisons together."""
-    raw = [one.difference.p_value for told in found for one in told.figures]
-    raw += [one.rates.p_value for told in found for one in told.verdicts]
+    raw = [figure.difference.p_value for comparison in comparisons for figure in comparison.figures]
+    raw += [verdict.rates.p_value for comparison in comparisons for verdict in comparison.verdicts]
     adjusted = iter(holm([value for value in raw if value is not None]))
     figures = [
-        tuple(replace(one, adjusted=None if one.difference.p_value is None else next(adjusted)) for one in told.figures)
-        for told in found
+        tuple(
+            replace(figure, adjusted=None if figure.difference.p_value is None else next(adjusted))
+            for figure in comparison.figures
+        )
+        for comparison in comparisons
     ]
-    verdicts = [tuple(replace(one, adjusted=next(adjusted)) for one in told.verdicts) for told in found]
+    verdicts = [
+        tuple(replace(verdict, adjusted=next(adjusted)) for verdict in comparison.verdicts)
+        for comparison in comparisons
+    ]
     return [
-        replace(told, figures=ours, verdicts=judged)
-        for told, ours, judged in zip(found, figures, verdicts, strict=True)
+        replace(comparison, figures=of_figures, verdicts=of_verdicts)
+        for comparison, of_figures, of_verdicts in zip(comparisons, figures, verdicts, strict=True)
     ]
 
 
 def _by_key(side: Side, keys: Sequence[str]) -> dict[tuple[str, ...], Row]:
-    found: dict[tuple[str, ...], Row] = {}
+    rows: dict[tuple[str, ...], Row] = {}
     for row in side.rows:
         key = tuple(_text(row.get(name)) for name in keys)
-        if key in found:
+        if key in rows:
             raise UserError(
-                f"{side.name}: runs {found[key]['number']} and {row['number']} have the same {' and '.join(keys)}; "
-                "split it by the axis in which they differ, with --by"
+                f"{side.name}: runs {rows[key]['number']} and {row['number']} have the same {' and '.join(keys)}; "
+                "use --by with the axis in which they differ"
             )
-        found[key] = row
-    return found
-
-
-def _names(a: ResultTable, b: ResultTable) -> tuple[str, str]:
-    """Return the shortest different ends of both folders' paths."""
-    parts = (a.folder.resolve().parts, b.folder.resolve().parts)
-    for depth in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(one[-depth:]) for one in parts]
-        if names[0] != names[1]:
-            return names[0], names[1]
-    return str(a.folder), str(b.folder)
-
-
-def _shares(axis: str, a: Iterable[Row], b: Iterable[Row]) -> bool:
-    """Return True if both sides share a value. An axis that differs throughout is the compared one."""
-    return bool({_text(row.get(axis)) for row in a} & {_text(row.get(axis)) for row in b})
-
-
-def _both(a: Sequence[str], b: Sequence[str]) -> list[str]:
-    return [name for name in a if name in b]
+        rows[key] = row
+    return rows
 
 
 def counted_statuses(verdicts: Iterable[str]) -> tuple[str, ...]:
@@ -232,10 +230,6 @@ def counted_statuses(verdicts: Iterable[str]) -> tuple[str, ...]:
     """
     asked = any(text.split(".")[-1].startswith("completed") or ".completed" in text for text in verdicts)
     return (COMPLETED,) if asked else RAN
-
-
-def _ran(row: Row) -> bool:
-    return row.get("status") in RAN
 
 
 def _text(value: Any) -> str:

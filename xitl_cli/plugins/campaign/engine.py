@@ -1,7 +1,8 @@
-"""Execution of a campaign: points in, rows out, all results kept at once. A search uses `Campaign.submit`."""
+"""Execution of a campaign: points in, rows out, all results kept at once. `carry_out` takes a plan to its table."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import itertools
 import os
@@ -15,19 +16,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from xitl_cli.plugins.campaign.axes import RunPoint
-from xitl_cli.plugins.campaign.execution import (
-    FAILED,
-    KILLED,
-    RAN,
-    RETRIED,
-    Row,
-    RunTask,
-    run_point,
-)  # fmt: skip
+from xitl_cli.plugins.campaign.cluster import TlsFiles, local_workers, workers_at
+from xitl_cli.plugins.campaign.execution import FAILED, KILLED, RAN, RETRIED, Row, RunTask, run_point
 from xitl_cli.plugins.campaign.expression import ExpressionError
 from xitl_cli.plugins.campaign.figures import absent_figure, null_group
 from xitl_cli.plugins.campaign.plan import CampaignPlan
-from xitl_cli.plugins.campaign.results import RUNS, CampaignFolder, FullDiskError
+from xitl_cli.plugins.campaign.results import RUNS, CampaignFolder, FullDiskError, ResultTable
 
 _PROBE_S = 0.1
 _STRUCTURE = ("extends", "world", "vessels", "companion", "sensors", "driver", "autopilot", "mission")
@@ -141,22 +135,25 @@ class Campaign:
                 if point.number in under_way:  # requested again: one row is sufficient
                     coming = itertools.chain([point], coming)
                     break
-                one = under_way[point.number] = _UnderWay(point, key, self._task(point))
-                self._workers.submit(one.task)
+                run = under_way[point.number] = _UnderWay(point, key, self._task(point))
+                self._workers.submit(run.task)
             if not under_way:
                 return
             self.progress.running = len(under_way)
             self._watch(self.progress)
             if (ended := self._workers.next(0.5)) is None:
                 continue
-            number, found = ended
-            one = under_way[number]
-            one.attempts += 1
-            if self._again(one, found):
-                self._workers.submit(one.task)
+            number, result = ended
+            run = under_way[number]
+            run.attempts += 1
+            # Another attempt after a crash, a limit or a kill, if the worker was lost, or if the run failed after its
+            # start, for example because an autopilot stopped responding.
+            retry = result is None or result["status"] in RETRIED or (result["status"] == FAILED and result["began"])
+            if retry and run.attempts < self.plan.spec.limits.attempts:
+                self._workers.submit(run.task)
                 continue
             del under_way[number]
-            row = self._row(one, found)
+            row = self._row(run, result)
             self.folder.append(row)
             self.progress.add(row, now=True)
             self._watch(self.progress)
@@ -164,17 +161,17 @@ class Campaign:
 
     def _task(self, point: RunPoint) -> RunTask:
         plan, limits = self.plan, self.plan.spec.limits
-        made = plan.base.overrides(point, self._origins)
-        kept = self._directory(point.number)
+        overrides = plan.base.overrides(point, self._origins)
+        directory = self._directory(point.number)
         return RunTask(
             number=point.number,
-            profile=plan.base.text(made.parts),
+            profile=plan.base.text(overrides.parts),
             name=plan.base.name,
-            arguments=tuple(made.arguments),
+            arguments=tuple(overrides.arguments),
             keep=plan.keep,
             time_s=limits.time_s,
             memory_mb=limits.memory_mb,
-            directory=None if plan.spec.recordings == "none" else str(kept.absolute()),
+            directory=None if plan.spec.recordings == "none" else str(directory.absolute()),
             campaign=self.name,
             whole=not self._checked,
         )
@@ -182,71 +179,49 @@ class Campaign:
     def _directory(self, number: int) -> Path:
         return self.folder.path / RUNS / f"{number:04d}"
 
-    def _again(self, one: _UnderWay, found: Row | None) -> bool:
-        """Return True if a run gets another attempt: after a crash, a limit or a kill, or if its worker was lost."""
-        if one.attempts >= self.plan.spec.limits.attempts:
-            return False
-        if found is None or found["status"] in RETRIED:
-            return True
-        return bool(found["status"] == FAILED and found["began"])  # for example, an autopilot stopped responding
-
-    def _row(self, one: _UnderWay, found: Row | None) -> Row:
-        plan, point = self.plan, one.point
-        if found is None:
-            blank = dict.fromkeys(plan.keep)
-            found = {
-                "status": KILLED,
-                "exit_code": None,
-                "error": "its worker was killed with it",
-                "wall_s": None,
-                **blank,
-            }
-        if found["status"] == FAILED and any(text in (found["error"] or "") for text in _NO_ROOM):
-            kept = f"{len(self.folder.done)} runs are kept; --resume goes on with the others"
-            raise FullDiskError(f"{self.folder.path}: {found['error']}: {kept}")
-        self._check_figures(found.pop("summary", None), found["status"])
-        values = {**plan.base_values, **point.values}
-        verdicts = self._verdicts(found)
+    def _row(self, run: _UnderWay, result: Row | None) -> Row:
+        plan, point = self.plan, run.point
+        if result is None:
+            result = dict.fromkeys(plan.keep)
+            result |= {"status": KILLED, "exit_code": None, "error": "its worker was killed", "wall_s": None}
+        status, error = result["status"], result["error"]
+        if status == FAILED and any(text in (error or "") for text in _NO_ROOM):
+            kept = f"{len(self.folder.done)} runs are kept; continue with --resume"
+            raise FullDiskError(f"{self.folder.path}: {error}: {kept}")
+        # The first summary shows whether the runs have the figures of the plan.
+        summary = result.pop("summary", None)
+        if not self._checked and summary is not None and status in RAN:
+            check_figures(plan, summary)
+            self._checked = True
+        try:
+            verdicts = {verdict.text: verdict.holds(result) for verdict in plan.verdicts}
+        except ExpressionError as problem:
+            raise plan.problem("verdicts", f"verdicts: {problem}") from None
         passed = all(verdicts.values())
-        directory = self._kept_directory(point.number, passed)
+        directory: Path | None = self._directory(point.number)
+        if passed and plan.spec.recordings == "failures":
+            shutil.rmtree(self._directory(point.number), ignore_errors=True)
+            directory = None
+        elif plan.spec.recordings == "none":
+            directory = None
+        values = {**plan.base_values, **point.values}
+        values = {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
         return {
             "number": point.number,
-            "key": one.key,
-            **{key: _plain(values.get(key)) for key in plan.axis_keys},
+            "key": run.key,
+            **{key: values.get(key) for key in plan.axis_keys},
             "seed": point.seed,
-            **{path: found[path] for path in plan.keep},
+            **{path: result[path] for path in plan.keep},
             **verdicts,
-            "status": found["status"],
-            "exit_code": found["exit_code"],
-            "error": found["error"],
+            "status": status,
+            "exit_code": result["exit_code"],
+            "error": error,
             "passed": passed,
-            "attempts": one.attempts,
-            "wall_s": found["wall_s"],
-            "directory": directory,
+            "attempts": run.attempts,
+            "wall_s": result["wall_s"],
+            "directory": None if directory is None else str(directory),
             "command": plan.base.command(point),
         }
-
-    def _verdicts(self, found: Row) -> dict[str, bool | None]:
-        try:
-            return {verdict.text: verdict.holds(found) for verdict in self.plan.verdicts}
-        except ExpressionError as error:
-            raise self.plan.problem("verdicts", f"verdicts: {error}") from None
-
-    def _kept_directory(self, number: int, passed: bool) -> str | None:
-        if self.plan.spec.recordings == "none":
-            return None
-        path = self._directory(number)
-        if passed and self.plan.spec.recordings == "failures":
-            shutil.rmtree(path, ignore_errors=True)
-            return None
-        return str(path)
-
-    def _check_figures(self, summary: Mapping[str, Any] | None, status: str) -> None:
-        """Raises PlanError if the first summary lacks a figure of the plan."""
-        if self._checked or summary is None or status not in RAN:
-            return
-        check_figures(self.plan, summary)
-        self._checked = True
 
 
 @dataclass(slots=True)
@@ -267,9 +242,7 @@ def check_figures(plan: CampaignPlan, summary: Mapping[str, Any]) -> None:
         return
     for path in needed:
         if (group := null_group(summary, path)) is not None:
-            raise plan.problem(
-                "verdicts", f"verdicts: {path}: the runs of {plan.base.name} have no {group}; leave it out"
-            )
+            raise plan.problem("verdicts", f"verdicts: {path}: runs of {plan.base.name} have no {group}; remove it")
 
 
 def try_first_run(plan: CampaignPlan, duration_s: float = _PROBE_S, folder: Path | None = None) -> Row | None:
@@ -284,20 +257,18 @@ def try_first_run(plan: CampaignPlan, duration_s: float = _PROBE_S, folder: Path
         inside = vessel.autopilot.kind == "none" or vessel.autopilot.runs == "in-process"
         if not inside or vessel.clock.mode != "lockstep" or vessel.companion is not None:
             return None
-    made = plan.base.overrides(point)
-    arguments = (*made.arguments, "--duration", f"{duration_s:g}")
-    text = plan.base.text(made.parts)
+    overrides = plan.base.overrides(point)
     row = run_point(
         RunTask(
-            0,
-            text,
-            plan.base.name,
-            arguments,
-            (),
-            min(60.0, plan.spec.limits.time_s),
-            None,
-            None if folder is None else str(folder),
-            uuid.uuid4().hex,
+            number=0,
+            profile=plan.base.text(overrides.parts),
+            name=plan.base.name,
+            arguments=(*overrides.arguments, "--duration", f"{duration_s:g}"),
+            keep=(),
+            time_s=min(60.0, plan.spec.limits.time_s),
+            memory_mb=None,
+            directory=None if folder is None else str(folder),
+            campaign=uuid.uuid4().hex,
             whole=True,
         )
     )
@@ -308,5 +279,61 @@ def try_first_run(plan: CampaignPlan, duration_s: float = _PROBE_S, folder: Path
     return row
 
 
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+class CampaignWatch(Protocol):
+    """Receives the progress of a campaign."""
+
+    def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
+        """Called at the start with the number of parallel runs, the scheduler, and the address of Dask's dashboard if
+        any.
+        """
+
+    def __call__(self, progress: CampaignProgress) -> None:
+        """Called at intervals."""
+
+
+class NoWatch:
+    """Ignores the progress."""
+
+    def began(self, threads: int, on: str | None, dashboard: str | None) -> None:
+        """See CampaignWatch."""
+
+    def __call__(self, progress: CampaignProgress) -> None:
+        """See CampaignWatch."""
+
+
+def carry_out(
+    plan: CampaignPlan,
+    folder: CampaignFolder,
+    on: str | None = None,
+    workers: int | None = None,
+    total: int | None = None,
+    watch: CampaignWatch | None = None,
+    tls: TlsFiles | None = None,
+) -> ResultTable:
+    """Carry out the runs of a plan that its folder lacks, here or on a scheduler. Return the table of all runs.
+
+    tls: files for a scheduler at a `tls://` address; by default those of Dask's configuration.
+    Raises UserError for a problem that the user has to fix. Completed runs are kept, also after a KeyboardInterrupt.
+    """
+    from xitl_cli.plugins.campaign.search import carry_out as carry_out_search  # needs scipy, which a dry run does not
+
+    watch = watch or NoWatch()
+    name = uuid.uuid4().hex[:12]
+    run_folders = None if plan.spec.recordings == "none" else folder.path
+    if not folder.done:
+        try_first_run(plan)
+    try:
+        with workers_at(on, name, run_folders, tls) if on is not None else local_workers(workers, name) as dask_workers:
+            watch.began(dask_workers.threads, on, dask_workers.dashboard)
+            campaign = Campaign(plan, folder, dask_workers, total, watch, name)
+            if plan.search is not None:
+                carry_out_search(plan.search, campaign.submit)
+            else:
+                for _ in campaign.run():
+                    pass
+    finally:
+        folder.close()
+        if folder.done:
+            with contextlib.suppress(FullDiskError):  # the table is returned anyway
+                folder.write_table()
+    return folder.table()

@@ -45,25 +45,28 @@ def run_cost(plan: CampaignPlan, folders: Sequence[Path]) -> RunCost:
     first = _short(plan, FIRST_S)
     if (known := _earlier(plan, folders)) is not None:
         return known
-    simulated_s, at_most = _simulated_s(plan)
-    source = "clock.duration_s at most" if at_most else "the course over its speed"
+    point = next(plan.points())
+    runs = plan.base.check(point, {axis.key: axis.origin for axis in plan.axes}).profile.run_profiles()
+    limit_s = runs[0].clock.duration_s
+    longest_s = max((course_s(run.mission) for run in runs if run.driver.kind == "mission"), default=0.0)
+    at_most = not 0.0 < longest_s < limit_s
+    simulated_s = limit_s if at_most else longest_s
+    source = "clock.duration_s at most" if at_most else "course length over speed"
     length = f"{simulated_s:.3g} s of a run ({source})"
     if first is None:
         if plan.base.loaded.profile.run_profiles()[0].clock.mode == "realtime":
             return RunCost(simulated_s, None, f"{length} in real time", at_most)
-        return RunCost(
-            None, None, "the first run cannot be tried here in a moment; carry out one and look at its wall_s"
-        )
+        return RunCost(None, None, "a short trial of the first run is not possible here; run one and read its wall_s")
     second = _short(plan, SECOND_S)
     if second is None or second.simulated_s <= first.simulated_s:
-        return RunCost(None, None, "the first run ends too soon to be measured; carry out one and look at its wall_s")
+        return RunCost(None, None, "the first run ends too soon to be measured; run one and read its wall_s")
     start_s = second.wall_s - second.loop_wall_s
     speed = second.simulated_s / max(second.loop_wall_s, 1e-3)
     bytes_a_s = (second.folder_bytes - first.folder_bytes) / (second.simulated_s - first.simulated_s)
     return RunCost(
         start_s + simulated_s / speed,
         first.folder_bytes + simulated_s * max(bytes_a_s, 0.0),
-        f"{length} at {speed:.2g} times real time after {start_s:.2g} s of start, measured over "
+        f"{length} at {speed:.2g} times real time after {start_s:.2g} s to start, measured in "
         f"{second.simulated_s:.3g} s of the first run",
         at_most,
     )
@@ -79,8 +82,8 @@ def _earlier(plan: CampaignPlan, folders: Sequence[Path]) -> RunCost | None:
         if table.about.get("digest") != plan.digest():
             continue
         walls = [float(row["wall_s"]) for row in table.rows if _ended(row) and is_number(row.get("wall_s"))]
-        kept = [Path(row["directory"]) for row in table.rows if row.get("directory")]
-        sizes = [folder_bytes(path) for path in kept if path.is_dir()]
+        directories = [Path(row["directory"]) for row in table.rows if row.get("directory")]
+        sizes = [folder_bytes(path) for path in directories if path.is_dir()]
         if walls:
             size = sum(sizes) / len(sizes) if sizes else None
             return RunCost(sum(walls) / len(walls), size, f"the mean of {len(walls)} runs in {folder}")
@@ -116,15 +119,6 @@ def _short(plan: CampaignPlan, duration_s: float) -> _ShortRun | None:
 def folder_bytes(folder: Path) -> int:
     """Return the size of all files below a folder."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-
-
-def _simulated_s(plan: CampaignPlan) -> tuple[float, bool]:
-    """Return the simulated time of the first run, and True if it is the profile's limit, without a shorter course."""
-    point = next(plan.points())
-    runs = plan.base.check(point, {axis.key: axis.origin for axis in plan.axes}).profile.run_profiles()
-    limit_s = runs[0].clock.duration_s
-    longest_s = max((course_s(run.mission) for run in runs if run.driver.kind == "mission"), default=0.0)
-    return (longest_s, False) if 0.0 < longest_s < limit_s else (limit_s, True)
 
 
 def course_s(mission: MissionSpec) -> float:

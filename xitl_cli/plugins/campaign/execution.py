@@ -77,13 +77,17 @@ def run_point(task: RunTask) -> Row:
     folder = Path(tempfile.mkdtemp(prefix=TEMPORARY)) if task.directory is None else Path(task.directory)
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        ended = _carried_out(task, folder)
-        summary = _summary(folder)
-        status, error = _judged(ended, summary, folder)
+        code, limit = _run_process(task, folder)
+        try:
+            summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            summary = None
+        summary = summary if isinstance(summary, dict) else None
+        status, error = _status(code, limit, summary, folder)
         row = {
             "number": task.number,
             "status": status,
-            "exit_code": ended.code,
+            "exit_code": code,
             "error": error,
             "began": summary is not None,
             **({"summary": summary} if task.whole else {}),
@@ -96,24 +100,18 @@ def run_point(task: RunTask) -> Row:
     return row
 
 
-@dataclass(frozen=True, slots=True)
-class _Ended:
-    """End of a run's process."""
+def _run_process(task: RunTask, folder: Path) -> tuple[int, str | None]:
+    """Start the run and wait for its end, or end it at a limit.
 
-    code: int
-    """Exit code, negative for a signal."""
-    limit: str | None
-    """Status of the exceeded limit, None for none."""
-
-
-def _carried_out(task: RunTask, folder: Path) -> _Ended:
-    """Start the run and wait for its end, or end it at a limit."""
+    Return its exit code, negative for a signal, and the status of the exceeded limit, None for none.
+    """
     source = folder / BASE_FILE
     source.write_text(task.profile, encoding="utf-8")
     command = [sys.executable, "-m", "xitl_cli.main", "sim", str(source), *task.arguments]
     command += ["--out", str(folder), "--overwrite"]
     mark = f"{task.campaign}-{uuid.uuid4().hex}"
     environment = {**os.environ, **dict.fromkeys(_THREADS, "1"), MARK: mark}
+    limit = None
     with (folder / ERRORS).open("wb") as errors, _watched_over(mark, str(folder)):
         process = subprocess.Popen(
             command,
@@ -123,25 +121,19 @@ def _carried_out(task: RunTask, folder: Path) -> _Ended:
             stderr=errors,
             start_new_session=True,
         )
+        until_s = time.monotonic() + task.time_s
         try:
-            limit = _waited_for(process, task.time_s, task.memory_mb)
+            with _exit_notice(process) as ends_within:
+                while limit is None and not ends_within(min(_POLL_S, max(until_s - time.monotonic(), 0.0))):
+                    if time.monotonic() >= until_s:
+                        limit = TIMEOUT
+                    elif task.memory_mb is not None and memory_of_tree_mb(process.pid) > task.memory_mb:
+                        limit = MEMORY
         finally:
             end_marked(mark)
             process.wait()
     source.unlink(missing_ok=True)
-    return _Ended(process.returncode, limit)
-
-
-def _waited_for(process: subprocess.Popen[bytes], time_s: float, memory_mb: float | None) -> str | None:
-    """Return the status of the exceeded limit, None if the process ended by itself."""
-    until_s = time.monotonic() + time_s
-    with _exit_notice(process) as notice:
-        while not notice(min(_POLL_S, max(until_s - time.monotonic(), 0.0))):
-            if time.monotonic() >= until_s:
-                return TIMEOUT
-            if memory_mb is not None and memory_of_tree_mb(process.pid) > memory_mb:
-                return MEMORY
-    return None
+    return process.returncode, limit
 
 
 @contextlib.contextmanager
@@ -172,53 +164,40 @@ def memory_of_tree_mb(pid: int) -> float:
     """Return the resident memory of a process and its descendants, in megabytes (10^6 bytes)."""
     pages, left = 0, [pid]
     while left:
-        one = left.pop()
+        process = left.pop()
         with contextlib.suppress(OSError, ValueError, IndexError):
-            size = Path(f"/proc/{one}/statm").read_text().split()
-            pages += int(size[1]) - int(size[2]) if one != pid else int(size[1])
-            for thread in os.listdir(f"/proc/{one}/task"):  # noqa: PTH208 - names alone
-                left += map(int, Path(f"/proc/{one}/task/{thread}/children").read_text().split())
+            size = Path(f"/proc/{process}/statm").read_text().split()
+            pages += int(size[1]) - int(size[2]) if process != pid else int(size[1])
+            for thread in os.listdir(f"/proc/{process}/task"):  # noqa: PTH208 - names alone
+                left += map(int, Path(f"/proc/{process}/task/{thread}/children").read_text().split())
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def _summary(folder: Path) -> dict[str, Any] | None:
-    try:
-        found = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) else None
-
-
-def _judged(ended: _Ended, summary: dict[str, Any] | None, folder: Path) -> tuple[str, str | None]:
+def _status(code: int, limit: str | None, summary: dict[str, Any] | None, folder: Path) -> tuple[str, str | None]:
     """Return the status, and a sentence about a problem or an incomplete task."""
-    if ended.limit is not None:
-        return ended.limit, {TIMEOUT: "over its time limit", MEMORY: "over its memory limit"}[ended.limit]
-    if ended.code < 0:
-        name = signal.Signals(-ended.code).name if -ended.code in set(signal.Signals) else str(-ended.code)
-        outside = -ended.code in (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+    if limit is not None:
+        return limit, {TIMEOUT: "exceeded its time limit", MEMORY: "exceeded its memory limit"}[limit]
+    if code < 0:
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
+        outside = -code in (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
         return KILLED if outside else CRASHED, f"ended by {name}"
     error = None if summary is None else summary.get("error")
-    said = error or _last_line(folder / ERRORS).removeprefix("error: ")
-    if ended.code in (0, 1) and summary is not None and error is None:
-        return _EXIT_STATUS[ended.code], left_undone(summary) if ended.code else None
-    if ended.code == 1 or ended.code not in _EXIT_STATUS or (ended.code == 0 and summary is None):
-        return CRASHED, said or f"exit code {ended.code}"
-    return _EXIT_STATUS[ended.code], said or "interrupted"
+    if code in (0, 1) and summary is not None and error is None:
+        return _EXIT_STATUS[code], left_undone(summary) if code else None
+    if not error:  # the last line of the run's messages
+        with contextlib.suppress(OSError):
+            lines = (folder / ERRORS).read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
+            error = lines[-1].strip()[:_LONGEST_ERROR].removeprefix("error: ") if lines else ""
+    if code == 1 or code not in _EXIT_STATUS or (code == 0 and summary is None):
+        return CRASHED, error or f"exit code {code}"
+    return _EXIT_STATUS[code], error or "interrupted"
 
 
 def left_undone(summary: dict[str, Any]) -> str:
     """Return the progress of an incomplete run, and the warnings of the run and its companion."""
-    came, companion = summary.get("verdict") or {}, summary.get("companion") or {}
-    said = [came.get("why"), *(summary.get("warnings") or ()), *(companion.get("warnings") or ())]
-    return "; ".join(str(each) for each in said if each)[:_LONGEST_ERROR]
-
-
-def _last_line(path: Path) -> str:
-    try:
-        lines = path.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
-    except OSError:
-        return ""
-    return lines[-1].strip()[:_LONGEST_ERROR] if lines else ""
+    verdict, companion = summary.get("verdict") or {}, summary.get("companion") or {}
+    sentences = [verdict.get("why"), *(summary.get("warnings") or ()), *(companion.get("warnings") or ())]
+    return "; ".join(str(sentence) for sentence in sentences if sentence)[:_LONGEST_ERROR]
 
 
 class _Warden:

@@ -109,11 +109,11 @@ def explore(search: Exploration) -> Generator[list[Place], Sequence[bool | None]
     if home.passed / home.runs < search.rate:
         return ended(Outcome.FAILS)
     study = _study(search)
-    for asked in range(0, search.points, search.batch):
-        many = min(search.batch, search.points - asked)
-        if counted.spent + many * search.runs_per_point > search.most_runs:
+    for begun in range(0, search.points, search.batch):
+        size = min(search.batch, search.points - begun)
+        if counted.spent + size * search.runs_per_point > search.most_runs:
             break
-        trials = [_asked(study, len(search.nominal)) for _ in range(many)]
+        trials = [_next_trial(study, len(search.nominal)) for _ in range(size)]
         batch = [place for _, place in trials for _ in range(search.runs_per_point)]
         answers = yield batch
         counted.add(batch, answers)
@@ -126,7 +126,7 @@ def explore(search: Exploration) -> Generator[list[Place], Sequence[bool | None]
         point.place for point in counted.points.values() if point.runs and point.passed / point.runs < search.rate
     ]
     failing = [place for place in failing if place != search.nominal]
-    for place in sorted(failing, key=lambda one: (math.dist(one, search.nominal), one))[:_CANDIDATES]:
+    for place in sorted(failing, key=lambda failed: (math.dist(failed, search.nominal), failed))[:_CANDIDATES]:
         place = _beyond(search.nominal, place)
         along = yield from _bisect_toward(search, place, counted)
         if along.outcome in (Outcome.FOUND, Outcome.UNDECIDED) and not along.rising:
@@ -158,8 +158,8 @@ def _bisect_toward(
         try:
             batch = line.send(answers)
         except StopIteration as end:
-            found: BoundaryFinding = end.value
-            return found
+            finding: BoundaryFinding = end.value
+            return finding
 
 
 def _beyond(nominal: Place, place: Place) -> Place:
@@ -192,7 +192,7 @@ def _study(search: Exploration) -> Any:
     return optuna.create_study(direction="minimize", sampler=sampler)
 
 
-def _asked(study: Any, axes: int) -> tuple[Any, Place]:
+def _next_trial(study: Any, axes: int) -> tuple[Any, Place]:
     import optuna
 
     share = optuna.distributions.FloatDistribution(0.0, 1.0)

@@ -27,31 +27,31 @@ def figure(summary: Mapping[str, Any], path: str) -> Any:
 
     Raises KeyError for a missing path.
     """
-    found: Any = summary
+    value: Any = summary
     for key in path.split("."):
         below: Any = _MISSING
-        if found is None:
+        if value is None:
             return None
-        if isinstance(found, Mapping):
-            below = found.get(key, _MISSING)
-        elif isinstance(found, Sequence) and not isinstance(found, str) and key.isdigit():
-            below = found[int(key)] if int(key) < len(found) else _MISSING
+        if isinstance(value, Mapping):
+            below = value.get(key, _MISSING)
+        elif isinstance(value, Sequence) and not isinstance(value, str) and key.isdigit():
+            below = value[int(key)] if int(key) < len(value) else _MISSING
         if below is _MISSING:
             raise KeyError(path)
-        found = below
-    return found
+        value = below
+    return value
 
 
 def figures(summary: Mapping[str, Any] | None, paths: Iterable[str]) -> dict[str, Any]:
     """Return figures of a summary by path; None for groups and for missing values, for example after a crash."""
-    found = {}
+    kept = {}
     for path in paths:
         try:
             value = None if summary is None else figure(summary, path)
         except KeyError:
             value = None
-        found[path] = value if isinstance(value, (str, int, float, bool, list)) else None
-    return found
+        kept[path] = value if isinstance(value, (str, int, float, bool, list)) else None
+    return kept
 
 
 def null_group(summary: Mapping[str, Any], path: str) -> str | None:
@@ -75,12 +75,13 @@ def absent_figure(summary: Mapping[str, Any], paths: Iterable[str]) -> tuple[str
         except KeyError:
             known = sorted(_paths(summary, ""))
             last = path.rpartition(".")[2]
-            close = [one for one in known if one.rpartition(".")[2] == last][:2]
+            close = [known_path for known_path in known if known_path.rpartition(".")[2] == last][:2]
             close = close or difflib.get_close_matches(path, known, n=1, cutoff=0.5)
             fix = f"did you mean {' or '.join(close)}?" if close else "docs/recording.md lists them"
-            return path, f"is no figure of a summary; {fix}"
+            return path, f"is not a figure of a summary; {fix}"
         if isinstance(value, Mapping):
-            return path, f"is a group of figures; name one: {', '.join(f'{path}.{key}' for key in list(value)[:4])}"
+            members = ", ".join(f"{path}.{key}" for key in list(value)[:4])
+            return path, f"is a group of figures; name one of them: {members}"
     return None
 
 

@@ -87,13 +87,13 @@ def histogram(figure: str, values: Sequence[float], limits: Sequence[float]) -> 
         "bargap": 0.04,
         "shapes": [_line(limit, False, LIMIT) for limit in limits],
     }
-    limit = f"; dashed: the limit {', '.join(f'{one:g}' for one in limits)}" if limits else ""
+    limit = f"; dashed: the limit {', '.join(f'{limit:g}' for limit in limits)}" if limits else ""
     return _figure(f"histogram.{figure}", f"{figure}, all runs{limit}", data, layout)
 
 
-def boundary(key: str, search: Search, found: BoundaryFinding, fit: Floats, where: str) -> Plot:
+def boundary(key: str, search: Search, finding: BoundaryFinding, fit: Floats, where: str) -> Plot:
     """Return the pass rate at each point with its interval, the monotone fit, and the boundary with its band."""
-    axis, counts = search.ranges[0], found.counts
+    axis, counts = search.ranges[0], finding.counts
     pairs = zip(counts.passed, counts.runs, strict=True)
     intervals = [wilson_interval(int(passed), int(runs), search.spec.confidence) for passed, runs in pairs]
     rates = counts.rates
@@ -116,8 +116,8 @@ def boundary(key: str, search: Search, found: BoundaryFinding, fit: Floats, wher
             "error_y": {
                 "type": "data",
                 "symmetric": False,
-                "array": [one.high - rate for one, rate in zip(intervals, rates, strict=True)],
-                "arrayminus": [rate - one.low for one, rate in zip(intervals, rates, strict=True)],
+                "array": [interval.high - rate for interval, rate in zip(intervals, rates, strict=True)],
+                "arrayminus": [rate - interval.low for interval, rate in zip(intervals, rates, strict=True)],
                 "color": MAIN,
                 "thickness": 1.2,
                 "width": 3,
@@ -125,23 +125,24 @@ def boundary(key: str, search: Search, found: BoundaryFinding, fit: Floats, wher
         },
     ]
     shapes: list[dict[str, Any]] = [_line(search.spec.pass_rate, True, MUTED, "dot")]
-    if found.estimate is not None:
-        low, high = _held(found.estimate.interval, axis)
+    if finding.estimate is not None:
+        low, high = _clipped(finding.estimate.interval, axis)
         band = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "x0": low, "x1": high, "layer": "below"}
         shapes += [
             {**band, "fillcolor": FAIL, "opacity": _BAND, "line": {"width": 0}},
-            _line(found.estimate.value, False, FAIL, "solid"),
+            _line(finding.estimate.value, False, FAIL, "solid"),
         ]
     layout = {
         "xaxis": _axis(axis.key, **({"type": "log"} if axis.log else {})),
         "yaxis": {"title": {"text": "pass rate", "standoff": 6}, "range": [-0.04, 1.04], "tickformat": ".0%"},
         "shapes": shapes,
     }
-    sure = f"{100 * search.spec.confidence:g} %"
-    return _figure(key, f"Pass rate along {axis.key}{where}; red: the boundary and its {sure} interval", data, layout)
+    confidence = f"{100 * search.spec.confidence:g} %"
+    title = f"Pass rate along {axis.key}{where}; red: the boundary and its {confidence} interval"
+    return _figure(key, title, data, layout)
 
 
-def _held(interval: Interval, axis: AxisRange) -> tuple[float, float]:
+def _clipped(interval: Interval, axis: AxisRange) -> tuple[float, float]:
     """Return the interval's ends, clipped to the axis."""
     return min(max(interval.low, axis.low), axis.high), min(max(interval.high, axis.low), axis.high)
 
@@ -149,23 +150,24 @@ def _held(interval: Interval, axis: AxisRange) -> tuple[float, float]:
 def boundaries(search: Search, findings: Sequence[SearchFinding], names: Sequence[str]) -> Plot:
     """Return the boundary of each group in one plot."""
     axis = search.ranges[0]
-    told = [
-        (name, one.found.estimate)
-        for name, one in zip(names, findings, strict=True)
-        if isinstance(one.found, BoundaryFinding) and one.found.estimate is not None
+    known = [
+        (name, group.found.estimate)
+        for name, group in zip(names, findings, strict=True)
+        if isinstance(group.found, BoundaryFinding) and group.found.estimate is not None
     ]
-    ends = [_held(one.interval, axis) for _, one in told]
+    values = [estimate.value for _, estimate in known]
+    ends = [_clipped(estimate.interval, axis) for _, estimate in known]
     data = [
         {
-            "x": [name for name, _ in told],
-            "y": [one.value for _, one in told],
+            "x": [name for name, _ in known],
+            "y": values,
             "mode": "markers",
             "marker": {"size": 9, "color": FAIL},
             "error_y": {
                 "type": "data",
                 "symmetric": False,
-                "array": [high - one.value for (_, one), (_, high) in zip(told, ends, strict=True)],
-                "arrayminus": [one.value - low for (_, one), (low, _) in zip(told, ends, strict=True)],
+                "array": [high - value for value, (_, high) in zip(values, ends, strict=True)],
+                "arrayminus": [value - low for value, (low, _) in zip(values, ends, strict=True)],
                 "color": FAIL,
                 "thickness": 1.5,
                 "width": 5,
@@ -184,13 +186,13 @@ def pass_map(
     passed: Sequence[bool],
     surface: LogisticSurface | None,
     rate: float,
-    beside: str,
+    others: str,
 ) -> Plot:
     """Return passed and failed runs over two axes, with coloured cells for several runs at one place."""
     places: dict[tuple[float, float], list[bool]] = {}
-    for one, other, each in zip(x.tolist(), y.tolist(), passed, strict=True):
-        places.setdefault((one, other), []).append(each)
-    rates = [sum(each) / len(each) for each in places.values()]
+    for at_x, at_y, outcome in zip(x.tolist(), y.tolist(), passed, strict=True):
+        places.setdefault((at_x, at_y), []).append(outcome)
+    rates = [sum(outcomes) / len(outcomes) for outcomes in places.values()]
     data: list[dict[str, Any]] = []
     if surface is not None:
         data += _contours(surface, x, y, rate)
@@ -200,10 +202,10 @@ def pass_map(
             "y": [place[1] for place in places],
             "mode": "markers",
             "name": "runs",
-            "text": [f"{sum(each)} of {len(each)} passed" for each in places.values()],
+            "text": [f"{sum(outcomes)} of {len(outcomes)} passed" for outcomes in places.values()],
             "marker": {
                 "size": 12 if len(places) < 60 else 8,
-                "symbol": ["circle" if one >= rate else "x" for one in rates],
+                "symbol": ["circle" if at_place >= rate else "x" for at_place in rates],
                 "color": rates,
                 "cmin": 0,
                 "cmax": 1,
@@ -214,20 +216,20 @@ def pass_map(
         }
     )
     layout = {"xaxis": _axis(across), "yaxis": _axis(up)}
-    line = f"; line: a pass rate of {100 * rate:g} % by a logistic surface, dotted its 95 % band" if surface else ""
-    return _figure("map", f"Pass and fail over {across} and {up}{beside}{line}", data, layout)
+    line = f"; line: pass rate {100 * rate:g} % of a logistic surface; dotted: its 95 % band" if surface else ""
+    return _figure("map", f"Pass and fail over {across} and {up}{others}{line}", data, layout)
 
 
 def _contours(surface: LogisticSurface, x: Floats, y: Floats, rate: float) -> list[dict[str, Any]]:
     share = np.linspace(0.0, 1.0, _SURFACE_POINTS)
     across, up = np.meshgrid(share, share)
-    told = surface.rates(np.column_stack([across.ravel(), up.ravel()]))
+    surfaces = surface.rates(np.column_stack([across.ravel(), up.ravel()]))
     ticks = {
         "x": (x.min() + share * np.ptp(x)).tolist(),
         "y": (y.min() + share * np.ptp(y)).tolist(),
     }
     drawn = []
-    for values, dash, width in zip(told, ("solid", "dot", "dot"), (2.0, 1.2, 1.2), strict=True):
+    for values, dash, width in zip(surfaces, ("solid", "dot", "dot"), (2.0, 1.2, 1.2), strict=True):
         grid = values.reshape(across.shape)
         if float(grid.min()) < rate < float(grid.max()):
             drawn.append(
@@ -244,37 +246,37 @@ def _contours(surface: LogisticSurface, x: Floats, y: Floats, rate: float) -> li
     return drawn
 
 
-def effects(told: Sensitivity) -> Plot:
+def effects(sensitivity: Sensitivity) -> Plot:
     """Return bars of the total effects with their intervals, the strongest on top."""
-    shown = list(reversed(told.effects))
+    shown = list(reversed(sensitivity.effects))
     data = [
         {
             "type": "bar",
             "orientation": "h",
-            "y": [one.axis for one in shown],
-            "x": [one.total for one in shown],
+            "y": [effect.axis for effect in shown],
+            "x": [effect.total for effect in shown],
             "marker": {"color": MAIN},
             "opacity": 0.8,
             "error_x": {
                 "type": "data",
-                "array": [one.total_interval.high - one.total for one in shown],
+                "array": [effect.total_interval.high - effect.total for effect in shown],
                 "color": MUTED,
                 "thickness": 1.3,
                 "width": 4,
             },
         }
     ]
-    what = "total index" if told.method == "sobol" else f"mu* ({unit_of(told.figure) or 'over the whole range'})"
-    layout = {"xaxis": {"title": {"text": what, "standoff": 6}, "rangemode": "tozero"}, "yaxis": {"type": "category"}}
-    return _figure(f"effects.{told.figure}", f"{told.figure}: which axes matter", data, layout)
+    index = "total index" if sensitivity.method == "sobol" else f"mu* ({unit_of(sensitivity.figure) or 'whole range'})"
+    layout = {"xaxis": {"title": {"text": index, "standoff": 6}, "rangemode": "tozero"}, "yaxis": {"type": "category"}}
+    return _figure(f"effects.{sensitivity.figure}", f"{sensitivity.figure}: effects of the axes", data, layout)
 
 
-def differences(told: CampaignComparison) -> list[Plot]:
+def differences(comparison: CampaignComparison) -> list[Plot]:
     """Return one plot of the standardised mean differences of all figures with their intervals."""
     known = [
-        (one.figure, one.difference)
-        for one in told.figures
-        if one.difference.effect and one.difference.interval is not None and math.isfinite(one.difference.effect)
+        (of.figure, of.difference)
+        for of in comparison.figures
+        if of.difference.effect and of.difference.interval is not None and math.isfinite(of.difference.effect)
     ]
     if not known:
         return []

@@ -10,6 +10,7 @@ verdicts: [mission.cross_track_rms_m < 2, driver.completed]
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import json
 import re
@@ -46,8 +47,25 @@ class PlanError(UserError):
         super().__init__(f"{problems[0]}" + (f" (and {more} more: {places})" if more else ""))
 
 
-def _raw(value: object) -> str | None:
-    return None
+def seeds_of(value: object) -> tuple[int, ...]:
+    """Parse `1-20`, `1-5, 9`, a count n (1 to n) or a list. Raises ValueError with text to follow `seeds = value`."""
+    if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_SEEDS:
+        return tuple(range(1, value + 1))
+    if isinstance(value, str):
+        seeds: list[int] = []
+        for part in value.split(","):
+            match = _SEEDS.fullmatch(part.strip())
+            first = int(match[1]) if match else 0
+            last = int(match[2]) if match and match[2] else first
+            if not match or not first <= last or last - first >= MOST_SEEDS:
+                raise ValueError("is not a range of seeds; write 1-20, a count or a list")
+            seeds += range(first, last + 1)
+        value = tuple(seeds)
+    if not isinstance(value, (tuple, list)) or not value or any(type(seed) is not int or seed < 0 for seed in value):
+        raise ValueError("is not a range of seeds; write 1-20, a count or a list")
+    if len(set(value)) < len(value):
+        raise ValueError("contains a seed twice; remove one of them")
+    return tuple(value)
 
 
 def _seeds_problem(value: object) -> str | None:
@@ -59,35 +77,17 @@ def _seeds_problem(value: object) -> str | None:
     return None
 
 
-def seeds_of(value: object) -> tuple[int, ...]:
-    """Parse `1-20`, `1-5, 9`, a count n (1 to n) or a list. Raises ValueError with text to follow `seeds = value`."""
-    if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_SEEDS:
-        return tuple(range(1, value + 1))
-    if isinstance(value, str):
-        found: list[int] = []
-        for part in value.split(","):
-            match = _SEEDS.fullmatch(part.strip())
-            first = int(match[1]) if match else 0
-            last = int(match[2]) if match and match[2] else first
-            if not match or not first <= last or last - first >= MOST_SEEDS:
-                raise ValueError("is no range of seeds; write 1-20, a count or a list")
-            found += range(first, last + 1)
-        value = tuple(found)
-    if not isinstance(value, (tuple, list)) or not value or any(type(one) is not int or one < 0 for one in value):
-        raise ValueError("is no range of seeds; write 1-20, a count or a list")
-    if len(set(value)) < len(value):
-        raise ValueError("has a seed twice; give it once")
-    return tuple(value)
+_UNCHECKED = ValueProblem(lambda value: None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitsSpec(Specification):
     """Limits of a run."""
 
-    time_s: Annotated[Positive, "of the wall clock"] = 3600.0
-    memory_mb: Annotated[Positive | None, "of all its processes together; null: no limit"] = 4096.0
+    time_s: Annotated[Positive, "wall time"] = 3600.0
+    memory_mb: Annotated[Positive | None, "memory of all processes of the run together; null: no limit"] = 4096.0
     attempts: Annotated[
-        int, Bounds(at_least=1, at_most=100), "of a run that crashes, hangs, takes too much memory or is killed"
+        int, Bounds(at_least=1, at_most=100), "attempts for a run that crashes, exceeds a limit or is killed"
     ] = 3
 
 
@@ -96,21 +96,21 @@ class PlanSpec(Specification):
     """The keys of a plan."""
 
     description: str = ""
-    base: Annotated[str, "profile that every run begins with: a shipped name, or a path from the plan"]
-    set: Annotated[dict[str, Any], ValueProblem(_raw), "keys of the profile, the same in all runs"] = None  # type: ignore[assignment]
-    axes: Annotated[dict[str, Any], ValueProblem(_raw), "keys of the profile with their values"] = None  # type: ignore[assignment]
-    seeds: Annotated[Any, ValueProblem(_seeds_problem), "1-20, a count or a list; null: the base's own"] = None
-    combine: Annotated[Combine, "how the axes make runs"] = "grid"
-    samples: Annotated[int | None, Bounds(at_least=1, at_most=10_000_000), "of a Latin hypercube"] = None
-    seed: Annotated[Seed, "of what the plan itself draws"] = 1
-    constraints: Annotated[tuple[str, ...], "over axes: only what fulfils all of them is run"] = ()
-    keep: Annotated[tuple[str, ...] | None, "figures of each summary; null: the usual ones"] = None
+    base: Annotated[str, "profile of every run: a shipped name, or a path relative to the plan"]
+    set: Annotated[dict[str, Any], _UNCHECKED, "keys of the profile with one value for all runs"] = None  # type: ignore[assignment]
+    axes: Annotated[dict[str, Any], _UNCHECKED, "keys of the profile with their values"] = None  # type: ignore[assignment]
+    seeds: Annotated[Any, ValueProblem(_seeds_problem), "1-20, a count or a list; null: the seed of the base"] = None
+    combine: Annotated[Combine, "how the axes are combined to runs"] = "grid"
+    samples: Annotated[int | None, Bounds(at_least=1, at_most=10_000_000), "size of a Latin hypercube"] = None
+    seed: Annotated[Seed, "seed of the plan's random draws"] = 1
+    constraints: Annotated[tuple[str, ...], "conditions on axes; only points that satisfy all of them are run"] = ()
+    keep: Annotated[tuple[str, ...] | None, "figures to keep from each summary; null: the usual ones"] = None
     verdicts: Annotated[
-        tuple[str, ...] | None, "over figures: a run passes that fulfils all; null: driver.completed"
+        tuple[str, ...] | None, "conditions on figures; a run passes if it satisfies all; null: driver.completed"
     ] = None
-    recordings: Annotated[Recordings, "of which runs the folder is kept"] = "failures"
-    search: Annotated[SearchSpec | None, "looks for where runs begin to fail, instead of running all"] = None
-    sensitivity: Annotated[SensitivitySpec | None, "ranks the axes by what they do to figures"] = None
+    recordings: Annotated[Recordings, "runs whose folders are kept"] = "failures"
+    search: Annotated[SearchSpec | None, "searches for the boundary of failure instead of running all points"] = None
+    sensitivity: Annotated[SensitivitySpec | None, "ranks the axes by their effect on figures"] = None
     limits: LimitsSpec = LimitsSpec()
 
 
@@ -153,9 +153,9 @@ class CampaignPlan:
 
             yield from sensitivity_points(spec.sensitivity, self.axes, self.seeds, spec.seed)
             return
-        found = combinations(self.axes, spec.combine, spec.samples, spec.seed, self.constraints, self.base_values)
+        points = combinations(self.axes, spec.combine, spec.samples, spec.seed, self.constraints, self.base_values)
         number = 0
-        for values in found:
+        for values in points:
             for seed in self.seeds:
                 number += 1
                 yield RunPoint(number, values, seed)
@@ -181,15 +181,15 @@ class CampaignPlan:
 
     def analysis(self) -> dict[str, Any]:
         """Return the requested analyses as plain JSON for the campaign's folder."""
-        found: dict[str, Any] = {"base_values": dict(self.base_values)}
+        requested: dict[str, Any] = {"base_values": dict(self.base_values)}
         if self.search is not None:
-            found["search"] = self.search.document()
+            requested["search"] = self.search.document()
         if self.spec.sensitivity is not None:
             from xitl_cli.plugins.campaign.sensitivity import sample_places
 
             rows = sample_places(self.spec.sensitivity, self.axes, self.spec.seed)[1]
-            found["sensitivity"] = {"spec": asdict(self.spec.sensitivity), "places": rows}
-        return found
+            requested["sensitivity"] = {"spec": asdict(self.spec.sensitivity), "places": rows}
+        return requested
 
     @cached_property
     def base_values(self) -> Mapping[str, Any]:
@@ -203,8 +203,8 @@ class CampaignPlan:
 
     def digest(self) -> str:
         """Digest of everything that determines the runs."""
-        kept = {key: value for key, value in self.document().items() if key not in SAME_RUNS}
-        return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
+        relevant = {key: value for key, value in self.document().items() if key not in SAME_RUNS}
+        return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:16]
 
     def problem(self, key: str, sentence: str) -> PlanError:
         """Return an error about a key of the plan, at its position."""
@@ -219,39 +219,34 @@ def find_plan(name: str) -> Path:
     path = Path(name).expanduser()
     if path.is_file():
         return path
-    shipped: dict[str, Path] = {}
     try:
-        shipped = {one.stem: one for one in sorted(campaigns_dir().glob("*.yaml"))}
+        shipped = {plan.stem: plan for plan in sorted(campaigns_dir().glob("*.yaml"))}
     except UserError:
         shipped = {}
     if not name.endswith(SUFFIXES) and name in shipped:
         return shipped[name]
-    what = "is a folder" if path.is_dir() else "does not exist"
+    problem = "is a folder" if path.is_dir() else "does not exist"
     known = f"; shipped plans: {', '.join(shipped)}" if shipped else ""
-    raise UserError(f"{shown_path(path)} {what}; check the path{known}")
+    raise UserError(f"{shown_path(path)} {problem}; check the path{known}")
 
 
 def read_plan(path: Path) -> CampaignPlan:
     """Read the plan in a file, load its base and try every axis on it. Raises PlanError with every problem."""
     try:
-        return _read(path)
+        entry = _with_seeds_at_top(read_yaml(path, shown_path(path)))
+        spec = read_group(entry, PlanSpec, path.name)
+        axes = read_axes(entry.child("axes"))
+        base = BaseProfile.load(spec.base, entry.child("base"), entry.child("set"), path.parent)
+        base.check_axes(axes)
+        seeds = base.own_seeds() if spec.seeds is None else seeds_of(spec.seeds)
+        constraints = _expressions(entry, "constraints", spec.constraints, [axis.key for axis in axes])
+        verdicts = _expressions(entry, "verdicts", spec.verdicts or (figures.COMPLETED,), ())
+        usual = figures.usual_figures(base.vessels)
+        keep = tuple(dict.fromkeys([*(usual if spec.keep is None else spec.keep), *_names(verdicts)]))
+        plan = CampaignPlan(path.stem, path, spec, entry, base, axes, seeds, constraints, verdicts, keep)
+        _check(plan)
     except ProfileError as error:
         raise PlanError(error.problems) from None
-
-
-def _read(path: Path) -> CampaignPlan:
-    entry = _with_seeds_at_top(read_yaml(path, shown_path(path)))
-    spec = read_group(entry, PlanSpec, path.name)
-    axes = read_axes(entry.child("axes"))
-    base = BaseProfile.load(spec.base, entry.child("base"), entry.child("set"), path.parent)
-    base.check_axes(axes)
-    seeds = base.own_seeds() if spec.seeds is None else seeds_of(spec.seeds)
-    constraints = _expressions(entry, "constraints", spec.constraints, [axis.key for axis in axes])
-    verdicts = _expressions(entry, "verdicts", spec.verdicts or (figures.COMPLETED,), ())
-    usual = figures.usual_figures(base.vessels)
-    keep = tuple(dict.fromkeys([*(usual if spec.keep is None else spec.keep), *_names(verdicts)]))
-    plan = CampaignPlan(path.stem, path, spec, entry, base, axes, seeds, constraints, verdicts, keep)
-    _check(plan)
     return plan
 
 
@@ -263,13 +258,13 @@ def _with_seeds_at_top(entry: Entry) -> Entry:
     assert isinstance(entry.value, dict)
     assert isinstance(axes.value, dict)
     if "seeds" in entry.value:
-        raise ProfileError([Problem(seeds.origin, "axes.seeds is given beside `seeds:`; keep one of them")], "")
+        raise ProfileError([Problem(seeds.origin, "the plan has both axes.seeds and `seeds:`; remove one of them")], "")
     rest = {key: below for key, below in axes.value.items() if key != "seeds"}
     return Entry({**entry.value, "axes": Entry(rest, axes.origin), "seeds": seeds}, entry.origin)
 
 
 def _expressions(entry: Entry, key: str, texts: tuple[str, ...], known: Any) -> tuple[Expression, ...]:
-    found, problems = [], []
+    expressions, problems = [], []
     for number, text in enumerate(texts):
         origin = entry.nearest((key, number))[0].origin
         try:
@@ -277,12 +272,12 @@ def _expressions(entry: Entry, key: str, texts: tuple[str, ...], known: Any) -> 
         except ExpressionError as error:
             problems.append(Problem(origin, f"{key}: {shown(text)} {error}"))
             continue
-        found.append(expression)
+        expressions.append(expression)
         if not expression.names:
-            problems.append(Problem(origin, f"{key}: {shown(text)} names nothing that differs from run to run"))
+            problems.append(Problem(origin, f"{key}: {shown(text)} is the same in every run; name an axis or a figure"))
     if problems:
         raise ProfileError(problems, "")
-    return tuple(found)
+    return tuple(expressions)
 
 
 def _names(expressions: tuple[Expression, ...]) -> list[str]:
@@ -298,29 +293,32 @@ def _check(plan: CampaignPlan) -> None:
             axis.grid_values(spec.seed)
     if spec.combine == "latin_hypercube":
         if spec.samples is None:
-            raise plan.problem("combine", "combine: latin_hypercube needs `samples:`; say how many")
+            raise plan.problem("combine", "combine: latin_hypercube needs `samples:`; add the number of runs")
         if not plan.axes:
-            raise plan.problem("combine", "combine: latin_hypercube needs axes; give some under `axes:`")
+            raise plan.problem("combine", "combine: latin_hypercube needs axes; add some under `axes:`")
     elif spec.samples is not None:
-        raise plan.problem("samples", "samples are of combine: latin_hypercube; write that, or leave samples out")
+        raise plan.problem("samples", "samples needs combine: latin_hypercube; add it, or remove samples")
     for number, constraint in enumerate(plan.constraints):
         for name in constraint.names:
             if name not in keys:
-                known = f"; axes: {', '.join(keys)}" if keys else ", as there is none"
-                raise plan.problem(f"constraints/{number}", f"constraints: {name} is no axis of this plan{known}")
+                known = f"; axes: {', '.join(keys)}" if keys else ", which has no axes"
+                raise plan.problem(f"constraints/{number}", f"constraints: {name} is not an axis of this plan{known}")
     for number, name in enumerate(spec.keep or ()):
         if not re.fullmatch(r"[\w-]+(\.[\w-]+)*", name):
             raise plan.problem(
-                f"keep/{number}", f"keep: {shown(name)} is no figure; write for example {figures.USUAL[1]}"
+                f"keep/{number}", f"keep: {shown(name)} is not a figure; write for example {figures.USUAL[1]}"
             )
     known_heads = base_heads()
     for key, names in (("verdicts", _names(plan.verdicts)), ("keep", spec.keep or ())):
         for name in names:
-            if name.split(".")[0] not in known_heads:
-                raise plan.problem(key, f"{key}: {name} is no figure of a summary; {_closest(name, known_heads)}")
+            head, dot, rest = name.partition(".")
+            if head not in known_heads:
+                close = difflib.get_close_matches(head, known_heads, n=1)
+                fix = f"did you mean {close[0]}{dot}{rest}?" if close else "docs/recording.md lists them"
+                raise plan.problem(key, f"{key}: {name} is not a figure of a summary; {fix}")
     _check_way(plan)
     if EXTENDS in keys and any(key.startswith(f"{EXTENDS}.") for key in keys):
-        raise plan.problem("axes", "axes: extends and extends.NAME; give each a name")
+        raise plan.problem("axes", "axes: extends and extends.NAME cannot be mixed; give each axis a name")
 
 
 def _check_way(plan: CampaignPlan) -> None:
@@ -330,54 +328,29 @@ def _check_way(plan: CampaignPlan) -> None:
     if not ways:
         return
     if len(ways) > 1:
-        raise plan.problem("sensitivity", "search and sensitivity are two campaigns; give each a plan of its own")
+        raise plan.problem("sensitivity", "search and sensitivity need separate plans; remove one of them")
     if spec.combine != "grid":
         raise plan.problem(
-            "combine", f"combine: {spec.combine} beside {ways[0]}, which chooses points itself; drop one"
+            "combine", f"combine: {spec.combine} has no effect, because {ways[0]} chooses the points; remove one"
         )
     if spec.constraints:
-        raise plan.problem("constraints", f"constraints mean nothing to {ways[0]}; narrow the axes instead")
+        raise plan.problem("constraints", f"constraints do not apply to {ways[0]}; narrow the axes instead")
     if spec.sensitivity is not None:
         if len(plan.axes) < 2:
-            raise plan.problem("axes", "axes: sensitivity ranks axes; give two or more")
+            raise plan.problem("axes", "axes: sensitivity ranks axes; add a second one")
         for name in spec.sensitivity.figures:
             if name not in plan.keep:
                 raise plan.problem("sensitivity/figures", f"sensitivity.figures: {name} is not kept; add it to `keep:`")
     elif plan.search is not None:
-        plan.base.check_axes(_ends(plan.axes))
-
-
-def _ends(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
-    """Return the searched axes with both ends as values. A search starts there."""
-    return tuple(replace(axis, values=axis.ends, ends=None) for axis in axes if axis.ends is not None)
+        # A search starts at both ends of each searched axis.
+        searched = [axis for axis in plan.axes if axis.ends is not None]
+        plan.base.check_axes([replace(axis, values=axis.ends or (), ends=None) for axis in searched])
 
 
 def base_heads() -> tuple[str, ...]:
     """Return the sections of summaries, including those of fleets and encounters."""
-    from xitl_cli.run.summary import merged
+    from xitl_cli.run.summary import OF_THE_GRAPH, merged
 
-    top = (
-        "format",
-        "xitl",
-        "profile",
-        "technique",
-        "seed",
-        "clock",
-        "started_utc",
-        "ended",
-        "error",
-        "verdict",
-        "wdri",
-    )
-    more = ("duration_s", "wall_s", "real_time_factor", "driver", "vessels", "encounters")
-    return (*top, *more, *merged([]))
-
-
-def _closest(name: str, known: tuple[str, ...]) -> str:
-    import difflib
-
-    close = difflib.get_close_matches(name.split(".")[0], known, n=1)
-    rest = name.partition(".")[2]
-    if not close:
-        return "docs/recording.md lists them"
-    return f"did you mean {'.'.join(filter(None, (close[0], rest)))}?"
+    top = ("format", "xitl", "profile", "technique", "seed", "clock", "started_utc", "ended", "error", "verdict")
+    more = ("wdri", "duration_s", "wall_s", "real_time_factor", "driver", "vessels", "encounters")
+    return (*top, *more, *(key for key in merged([]) if key not in OF_THE_GRAPH))

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def _add(app: typer.Typer, name: str) -> None:
-    from xitl_cli.plugins.campaign import command, compare_command
+    from xitl_cli.plugins.campaign import command
 
     app.command(command.DEFAULT_COMMAND)(command.run)
-    app.command("compare")(compare_command.compare)
+    app.command("compare")(command.compare)
 
 
 def _group_class() -> type[TyperGroup]:
@@ -25,7 +25,7 @@ def _group_class() -> type[TyperGroup]:
 
 
 COMMAND = Command(
-    "Run a plan of many runs: `xitl campaign PLAN.yaml` (options: `xitl campaign run -h`); compare two.",
+    "Run a plan of many runs: `xitl campaign PLAN.yaml` (options: `xitl campaign run -h`), or compare two campaigns.",
     _add,
     group=True,
     group_class=_group_class,

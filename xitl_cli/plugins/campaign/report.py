@@ -22,9 +22,9 @@ from xitl_cli.plugins.campaign.compare import CampaignComparison, counted_status
 from xitl_cli.plugins.campaign.execution import RAN
 from xitl_cli.plugins.campaign.exploration import ExplorationFinding
 from xitl_cli.plugins.campaign.results import ResultTable, is_number
-from xitl_cli.plugins.campaign.search import SearchFinding, told_again, verdict
+from xitl_cli.plugins.campaign.search import SearchFinding, evaluate, verdict
 from xitl_cli.plugins.campaign.search_spec import Search, SensitivitySpec
-from xitl_cli.plugins.campaign.sensitivity import Elasticity, Sensitivity, elasticities, sensitivities
+from xitl_cli.plugins.campaign.sensitivity import Sensitivity, elasticities, sensitivities
 from xitl_cli.plugins.campaign.statistics import (
     Interval,
     LogisticSurface,
@@ -40,8 +40,10 @@ _LIMIT = re.compile(r"\s*([\w-]+(?:\.[\w-]+)+)\s*(<=|>=|<|>)\s*(-?[\d.]+(?:[eE][
 _MOST_GROUPS = 12
 _MOST_PICTURED = 4
 _WORST = 10
-_LOOK_AT_A_PAIR = "Look at the runs of one seed side by side with `xitl logs compare`."
-_BOTH_SIDES = "See why by a run on each side of it: results.jsonl has the command of every one."
+_INSPECT_A_PAIR = "Compare the two runs of one seed with `xitl logs compare`."
+_LIMIT_REACHED = "The interval is wider than search.width, because the search reached its limit of runs"
+_SEE_ERRORS = "See the errors of the runs in results.jsonl."
+_BOTH_SIDES = "Inspect a run on each side of the boundary: results.jsonl has the command of every run."
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +58,8 @@ class Limit:
 
 def limits(verdicts: Iterable[str]) -> list[Limit]:
     """Return the limits of verdicts that compare one figure with one number."""
-    found = (_LIMIT.fullmatch(text) for text in verdicts)
-    return [Limit(one[1], float(one[3]), one[2].startswith("<")) for one in found if one is not None]
+    matches = (_LIMIT.fullmatch(text) for text in verdicts)
+    return [Limit(match[1], float(match[3]), match[2].startswith("<")) for match in matches if match is not None]
 
 
 def campaign_sections(table: ResultTable) -> list[Section]:
@@ -65,7 +67,7 @@ def campaign_sections(table: ResultTable) -> list[Section]:
     sections = [runs_section(table)]
     if (document := table.about.get("search")) is not None:
         search = Search.read(document)
-        sections.append(boundary_section(search, told_again(search, table.rows)))
+        sections.append(boundary_section(search, evaluate(search, table.rows)))
     if (document := table.about.get("sensitivity")) is not None:
         sections.append(sensitivity_section(table, SensitivitySpec(**document["spec"]), document["places"]))
     elif table.about["plan"].get("combine") == "one_at_a_time":
@@ -108,21 +110,21 @@ def runs_section(table: ResultTable) -> Section:
         facts.append(Fact("passed", "passed", rate_text(judged, "passed")))
     grids = []
     if len(table.verdicts) > 1:
-        told = [(text, [row for row in rows if row.get(text) is not None]) for text in table.verdicts]
-        counted = tuple(
-            (text, len(known), sum(bool(row[text]) for row in known), rate_text(known, text)) for text, known in told
-        )
-        grids.append(Grid("verdicts", "Verdicts", ("verdict", "runs", "passed", "rate"), counted))
+        counted = []
+        for text in table.verdicts:
+            known = [row for row in rows if row.get(text) is not None]
+            counted.append((text, len(known), sum(bool(row[text]) for row in known), rate_text(known, text)))
+        grids.append(Grid("verdicts", "Verdicts", ("verdict", "runs", "passed", "rate"), tuple(counted)))
     findings = []
     broken = {name: count for name, count in statuses.items() if name not in RAN}
     if broken:
-        said = ", ".join(f"{count} {name}" for name, count in broken.items())
+        by_status = ", ".join(f"{count} {name}" for name, count in broken.items())
         findings.append(
             Finding.warning(
                 "runs.broken",
-                f"{sum(broken.values())} of {plural(len(rows), 'run')} came to no end of their own ({said})",
+                f"{sum(broken.values())} of {plural(len(rows), 'run')} did not run to their end ({by_status})",
                 (),
-                "Repeat one with its command from the table of the worst runs; its error stands there.",
+                "See their errors in the table of the worst runs, and repeat one with its command.",
             )
         )
     return Section("runs", "Runs", tuple(facts), tuple(findings), tuple(grids))
@@ -132,11 +134,15 @@ def figures_section(table: ResultTable) -> Section:
     """Return median, 95th percentile and worst of each figure. If the combinations of axes are few, list them
     separately.
     """
-    groups = _groups(table)
-    told, statuses = limits(table.verdicts), counted_statuses(table.verdicts)
+    groups: dict[str, list[Row]] = {}
+    for row in table.rows:
+        groups.setdefault(_group_text({axis: row.get(axis) for axis in table.axes}), []).append(row)
+    if len(groups) > _MOST_GROUPS:
+        groups = {"": list(table.rows)}
+    verdict_limits, statuses = limits(table.verdicts), counted_statuses(table.verdicts)
     by_figure: dict[str, list[tuple[Value, ...]]] = {}
     for figure in table.figures:
-        upper = next((limit.upper for limit in told if limit.figure == figure), True)
+        upper = next((limit.upper for limit in verdict_limits if limit.figure == figure), True)
         for name, members in groups.items():
             known = [row for row in members if row.get("status") in statuses and is_number(row.get(figure))]
             if not known:
@@ -144,9 +150,9 @@ def figures_section(table: ResultTable) -> Section:
             of = spread(np.array([float(row[figure]) for row in known]))
             worst = (max if upper else min)(known, key=lambda row, figure=figure: row[figure])  # type: ignore[misc]
             cells = (of.median, of.p95 if upper else of.p5, worst[figure])
-            row = (name if len(groups) > 1 else figure, of.runs, *map(short, cells), worst["seed"])
-            by_figure.setdefault(figure, []).append(row)
-    columns = ("runs", "median", "95 %", "worst", "of seed")
+            line = (name if len(groups) > 1 else figure, of.runs, *map(short, cells), worst["seed"])
+            by_figure.setdefault(figure, []).append(line)
+    columns = ("runs", "median", "95 %", "worst", "worst seed")
     if len(groups) > 1:
         heads = ("", *columns)
         named = ((figure, pictures.titled(figure), tuple(rows)) for figure, rows in by_figure.items())
@@ -154,17 +160,16 @@ def figures_section(table: ResultTable) -> Section:
     else:
         whole = tuple(row for rows in by_figure.values() for row in rows)
         grids = (Grid("figures", "All runs", ("figure", *columns), whole),) if whole else ()
-    title = "Figures (95 % and worst toward their bad side)"
+    title = "Figures (95 % and worst are on the bad side of each figure)"
     counted = [row for row in table.rows if row.get("status") in statuses]
-    return Section("figures", title, (), (), grids, tuple(_figure_plots(table, counted, told)))
+    return Section("figures", title, (), (), grids, tuple(_figure_plots(table, counted, verdict_limits)))
 
 
-def _figure_plots(table: ResultTable, counted: Sequence[Row], told: Sequence[Limit]) -> Iterable[Plot]:
-    limited = [limit.figure for limit in told]
+def _figure_plots(table: ResultTable, counted: Sequence[Row], verdict_limits: Sequence[Limit]) -> Iterable[Plot]:
     varying = [figure for figure in table.figures if _spread_out([row.get(figure) for row in counted])]
-    chosen = list(dict.fromkeys([*(one for one in limited if one in varying), *varying]))[:_MOST_PICTURED]
-    for figure in chosen:
-        at = [limit.value for limit in told if limit.figure == figure]
+    limited = [limit.figure for limit in verdict_limits if limit.figure in varying]
+    for figure in list(dict.fromkeys([*limited, *varying]))[:_MOST_PICTURED]:
+        at = [limit.value for limit in verdict_limits if limit.figure == figure]
         for axis in table.axes:
             by_value: dict[str, list[float]] = {}
             for row in counted:
@@ -178,69 +183,67 @@ def _figure_plots(table: ResultTable, counted: Sequence[Row], told: Sequence[Lim
 
 def boundary_section(search: Search, findings: Sequence[SearchFinding]) -> Section:
     """Return the boundary of failure with its confidence, or the reason for an unknown boundary."""
-    said, grids, plots = [], [], []
-    for number, one in enumerate(findings):
-        where = f" at {_group_text(one.group)}" if one.group else ""
-        key = f"boundary.{number}"
-        if one.found is None:
-            said.append(
-                Finding.notice(key, f"The search{where} is not at its end", (), "Go on with --resume and --report.")
-            )
-        elif isinstance(one.found, BoundaryFinding):
+    sentences, grids, plots = [], [], []
+    for number, of_group in enumerate(findings):
+        where = f" at {_group_text(of_group.group)}" if of_group.group else ""
+        key, result = f"boundary.{number}", of_group.found
+        if result is None:
+            unfinished = f"The search{where} is not complete"
+            sentences.append(Finding.notice(key, unfinished, (), "Continue with --resume and --report."))
+        elif isinstance(result, BoundaryFinding):
             axis = search.ranges[0]
-            said.append(boundary_sentence(search, one.found, axis.key, where, key))
-            grids.append(_points_grid(key, f"Pass rate along {axis.key}{where}", search, one.found))
-            fit = monotone_rates(one.found.counts, one.found.rising)
-            plots.append(pictures.boundary(key, search, one.found, fit, where))
+            sentences.append(boundary_sentence(search, result, axis.key, where, key))
+            grids.append(_points_grid(key, f"Pass rate along {axis.key}{where}", search, result))
+            plots.append(pictures.boundary(key, search, result, monotone_rates(result.counts, result.rising), where))
         else:
-            said.append(exploration_sentence(search, one.found, where, key))
-            grids.append(_exploration_grid(key, search, one.found, where))
+            sentences.append(exploration_sentence(search, result, where, key))
+            grids.append(_exploration_grid(key, search, result, where))
     if len(search.ranges) == 1 and len(findings) > 1:
-        plots.insert(0, pictures.boundaries(search, findings, [_group_text(one.group) for one in findings]))
-    return Section("boundary", "Where it begins to fail", (), tuple(said), tuple(grids), tuple(plots))
+        plots.insert(0, pictures.boundaries(search, findings, [_group_text(group.group) for group in findings]))
+    return Section("boundary", "Boundary of failure", (), tuple(sentences), tuple(grids), tuple(plots))
 
 
 def boundary_sentence(search: Search, found: BoundaryFinding, axis: str, where: str, key: str) -> Finding:
     """Return one sentence, with a severity above OK if there is no boundary."""
     unit = f" {unit_of(axis)}".rstrip()
     low, high = search.ranges[0].low, search.ranges[0].high
-    sure = f"{100 * search.spec.confidence:g} %"
+    confidence = f"{100 * search.spec.confidence:g} %"
     rate = f"{100 * search.spec.pass_rate:g} %"
-    ways = ("pass" if not found.rising else "fail", "fail" if not found.rising else "pass")
+    below, above = ("fail", "pass") if found.rising else ("pass", "fail")
     runs = plural(int(found.counts.runs.sum()), "run")
-    silent = f"; {plural(found.silent, 'run')} had no verdict and count neither way" if found.silent else ""
+    silent = f"; {plural(found.silent, 'run')} had no verdict and do not count" if found.silent else ""
     rates = ", ".join(f"{p} of {n} at {short(x)}" for x, n, p in _rows(found))
     if found.outcome == Outcome.WITHOUT_VERDICT or found.estimate is None:
         return Finding.critical(
-            key, f"Runs along {axis}{where} have no verdict: nothing can be said", (), "See what became of the runs."
+            key, f"No run along {axis}{where} has a verdict: the boundary is unknown", (), _SEE_ERRORS
         )
     if found.outcome == Outcome.NOT_MONOTONE:
         return Finding.warning(
             key,
             f"The pass rate is not monotone along {axis}{where} (p = {found.monotony_p_value:.2g}): {rates}{silent}",
             (),
-            "There is more than one boundary: lay a grid over the axis (count or step), or search parts of it.",
+            "The axis has several boundaries: run a grid over it (count or step), or search parts of it.",
         )
     if found.outcome in (Outcome.PASSES, Outcome.FAILS):
         word = "pass" if found.outcome == Outcome.PASSES else "fail"
         than = "more" if found.outcome == Outcome.PASSES else "less"
         return Finding.warning(
             key,
-            f"Runs {word} all along {axis} from {low:g} to {high:g}{unit}{where}: {than} than {rate} pass at every "
-            f"point, with {sure} confidence ({rates}){silent}",
+            f"Runs {word} along all of {axis} from {low:g} to {high:g}{unit}{where}: {than} than {rate} pass at every "
+            f"point, with {confidence} confidence ({rates}){silent}",
             (),
             "Widen the range of the axis, or set another limit.",
         )
-    within = _sure_text(search, found.estimate.interval, unit)
+    within = _confidence_text(search, found.estimate.interval, unit)
     crosses = "Half of the runs fail" if search.spec.pass_rate == 0.5 else f"The pass rate crosses {rate}"
     place = f"{axis} = {short(found.estimate.value)}{unit}{where}"
-    sentence = f"{crosses} at {place} ({within}, {runs}): they {ways[0]} below and {ways[1]} above"
+    sentence = f"{crosses} at {place} ({within}, {runs}): they {below} below and {above} above"
     if found.outcome == Outcome.UNDECIDED:
         return Finding.notice(
             key,
-            f"{sentence}{silent}. The interval is wider than asked for, as the runs of the search were spent",
+            f"{sentence}{silent}. {_LIMIT_REACHED}",
             (),
-            "Allow more with search.most_runs and a higher search.runs_per_point, or ask for less width.",
+            "Increase search.most_runs and search.runs_per_point, or increase search.width.",
         )
     return Finding.notice(key, sentence + silent, (), _BOTH_SIDES)
 
@@ -251,44 +254,40 @@ def exploration_sentence(search: Search, found: ExplorationFinding, where: str, 
     at_home = _place_text(search, home.place)
     runs = plural(sum(point.runs for point in found.points), "run")
     if found.outcome == Outcome.WITHOUT_VERDICT:
-        return Finding.critical(
-            key, f"Runs at nominal{where} ({at_home}) have no verdict", (), "See what became of the runs."
-        )
+        return Finding.critical(key, f"No run at the nominal point{where} ({at_home}) has a verdict", (), _SEE_ERRORS)
     if found.outcome == Outcome.FAILS:
         return Finding.warning(
             key,
-            f"The nominal point itself fails{where}: {home.passed} of {home.runs} pass at {at_home}",
+            f"The nominal point fails{where}: {home.passed} of {home.runs} pass at {at_home}",
             (),
-            "Name a point that passes in search.nominal, or set another limit.",
+            "Set search.nominal to a point that passes, or set another limit.",
         )
     if found.nearest is None or found.along is None or found.along.estimate is None:
-        tried = f"{len(found.points)} points and {runs}"
-        repeated = "none that failed did so again when it was repeated"
-        why = "none failed" if found.outcome == Outcome.PASSES else repeated
+        reason = "none failed" if found.outcome == Outcome.PASSES else "no failed point failed again when repeated"
         return Finding.warning(
             key,
-            f"No failing point was found{where} among {tried}: {why}",
+            f"The search found no failing point{where} in {len(found.points)} points and {runs}: {reason}",
             (),
-            "Widen the ranges, or allow more points.",
+            "Widen the ranges, or increase search.points.",
         )
     place = _place_text(search, found.nearest)
     estimate = found.along.estimate
     sentence = (
-        f"Nearest to nominal ({at_home}) it begins to fail{where} at {place}: {short(estimate.value)} of the ranges "
-        f"away ({_sure_text(search, estimate.interval, '')}, {runs})"
+        f"The boundary of failure nearest to the nominal point ({at_home}) is{where} at {place}, at a distance of "
+        f"{short(estimate.value)} of the ranges ({_confidence_text(search, estimate.interval, '')}, {runs})"
     )
     if found.outcome == Outcome.UNDECIDED:
-        return Finding.notice(key, f"{sentence}. The runs were spent before it was sure", (), "Allow more most_runs.")
+        return Finding.notice(key, f"{sentence}. {_LIMIT_REACHED}", (), "Increase search.most_runs.")
     return Finding.notice(key, sentence, (), _BOTH_SIDES)
 
 
-def _sure_text(search: Search, interval: Interval, unit: str) -> str:
+def _confidence_text(search: Search, interval: Interval, unit: str) -> str:
     return f"{100 * search.spec.confidence:g} % interval {_interval_text(interval, unit)}"
 
 
 def _place_text(search: Search, shares: Sequence[float]) -> str:
-    named = ((one.key, one.value(share), unit_of(one.key)) for one, share in zip(search.ranges, shares, strict=True))
-    return ", ".join(f"{key} = {short(value)} {unit}".rstrip() for key, value, unit in named)
+    axes = zip(search.ranges, shares, strict=True)
+    return ", ".join(f"{axis.key} = {short(axis.value(share))} {unit_of(axis.key)}".rstrip() for axis, share in axes)
 
 
 def _points_grid(key: str, title: str, search: Search, found: BoundaryFinding) -> Grid:
@@ -308,14 +307,14 @@ def _exploration_grid(key: str, search: Search, found: ExplorationFinding, where
     nearest = sorted(failing, key=lambda point: math.dist(point.place, home))[:_WORST]
     rows = tuple(
         (
-            *(short(one.value(share)) for one, share in zip(search.ranges, point.place, strict=True)),
+            *(short(axis.value(share)) for axis, share in zip(search.ranges, point.place, strict=True)),
             round(math.dist(point.place, home), 3),
             point.runs,
             point.passed,
         )
         for point in nearest
     )
-    columns = (*(one.key for one in search.ranges), "distance", "runs", "passed")
+    columns = (*(axis.key for axis in search.ranges), "distance", "runs", "passed")
     return Grid(key, f"Failing points nearest to nominal{where}", columns, rows)
 
 
@@ -323,43 +322,50 @@ def sensitivity_section(table: ResultTable, spec: SensitivitySpec, places: Seque
     """Return the axes by importance, for each figure."""
     figures = spec.figures or tuple(figure for figure in table.figures if _spread_out(table.column(figure)))
     seed = int(table.about["plan"].get("seed", 1))
-    told = sensitivities(spec, table.axes, figures, table.rows, places, len(table.about["seeds"]), seed)
-    grids = tuple(_effects_grid(one) for one in told if one.effects)
-    lacks = tuple(f"{one.figure}: no sensitivity, as {one.why}." for one in told if one.why)
-    findings = tuple(_strongest(one, spec) for one in told if one.effects)
-    plots = tuple(pictures.effects(one) for one in told if one.effects)
-    return Section("sensitivity", "Which axes matter", (), findings, grids, plots, lacks)
-
-
-def _strongest(told: Sensitivity, spec: SensitivitySpec) -> Finding:
-    first = told.effects[0]
-    share = f"total index {short(first.total)}" if told.method == "sobol" else f"mu* = {short(first.total)}"
-    left_out = f"; {plural(told.dropped, 'group')} of runs without the figure left out" if told.dropped else ""
-    sure = f"{100 * spec.confidence:g} % interval {_interval_text(first.total_interval, '')}"
-    close = [one.axis for one in told.effects[1:] if one.total_interval.high >= first.total_interval.low]
-    beside = f"; not to be told from it: {', '.join(close)}" if close else ""
-    return Finding.notice(
-        f"sensitivity.{told.figure}",
-        f"{told.figure}: {first.axis} matters most ({share}, {sure}){beside}{left_out}",
-        (),
-        "Take more samples to tell axes apart whose intervals overlap." if close else "Search along it: `search:`.",
+    of_figures = sensitivities(spec, table.axes, figures, table.rows, places, len(table.about["seeds"]), seed)
+    known = [sensitivity for sensitivity in of_figures if sensitivity.effects]
+    return Section(
+        "sensitivity",
+        "Sensitivity to the axes",
+        findings=tuple(_strongest(sensitivity, spec) for sensitivity in known),
+        grids=tuple(_effects_grid(sensitivity) for sensitivity in known),
+        plots=tuple(pictures.effects(sensitivity) for sensitivity in known),
+        lacks=tuple(f"{result.figure}: no sensitivity, because {result.why}." for result in of_figures if result.why),
     )
 
 
-def _effects_grid(told: Sensitivity) -> Grid:
-    names = ("first order", "total") if told.method == "sobol" else ("mu", "mu*")
-    columns = ("axis", names[1], "interval", names[0], "interval" if told.method == "sobol" else "sigma")
+def _strongest(sensitivity: Sensitivity, spec: SensitivitySpec) -> Finding:
+    figure, dropped, (first, *others) = sensitivity.figure, sensitivity.dropped, sensitivity.effects
+    share = f"total index {short(first.total)}" if sensitivity.method == "sobol" else f"mu* = {short(first.total)}"
+    interval = f"{100 * spec.confidence:g} % interval {_interval_text(first.total_interval, '')}"
+    close = [effect.axis for effect in others if effect.total_interval.high >= first.total_interval.low]
+    overlap = f"; not distinguishable from it: {', '.join(close)}" if close else ""
+    left_out = f"; {plural(dropped, 'group')} of runs without the figure left out" if dropped else ""
+    return Finding.notice(
+        f"sensitivity.{figure}",
+        f"{figure}: {first.axis} has the largest effect ({share}, {interval}){overlap}{left_out}",
+        (),
+        "Use more samples to distinguish axes with overlapping intervals." if close else "Search along it: `search:`.",
+    )
+
+
+def _effects_grid(sensitivity: Sensitivity) -> Grid:
+    sobol = sensitivity.method == "sobol"
+    names = ("total", "interval", "first order", "interval") if sobol else ("mu*", "interval", "mu", "sigma")
     rows = tuple(
         (
-            one.axis,
-            short(one.total),
-            _interval_text(one.total_interval, ""),
-            short(one.main),
-            short(one.interaction or 0.0) if one.main_interval is None else _interval_text(one.main_interval, ""),
+            effect.axis,
+            short(effect.total),
+            _interval_text(effect.total_interval, ""),
+            short(effect.main),
+            short(effect.interaction or 0.0)
+            if effect.main_interval is None
+            else _interval_text(effect.main_interval, ""),
         )
-        for one in told.effects
+        for effect in sensitivity.effects
     )
-    return Grid(f"sensitivity.{told.figure}", f"{told.figure} ({told.used} groups of runs)", columns, rows)
+    title = f"{sensitivity.figure} ({sensitivity.used} groups of runs)"
+    return Grid(f"sensitivity.{sensitivity.figure}", title, ("axis", *names), rows)
 
 
 def elasticity_section(table: ResultTable) -> Section:
@@ -368,19 +374,17 @@ def elasticity_section(table: ResultTable) -> Section:
     nominal = {axis: float(base[axis]) for axis in table.axes if is_number(base.get(axis))}
     grids = []
     for figure in table.figures:
-        told = elasticities(nominal, _series(table, figure, nominal), 0.95)
-        if told:
-            rows = tuple(_elasticity_row(one) for one in told)
+        rows: list[tuple[Value, ...]] = []
+        for result in elasticities(nominal, _series(table, figure, nominal), 0.95):
+            elasticity = "" if result.elasticity is None else short(result.elasticity)
+            interval = _interval_text(result.interval, "") if result.interval else ""
+            rows.append((result.axis, elasticity, short(result.slope), interval, result.seeds))
+        if rows:
             columns = ("axis", "elasticity", "slope", "95 % interval", "seeds")
-            grids.append(Grid(f"elasticity.{figure}", figure, columns, rows))
+            grids.append(Grid(f"elasticity.{figure}", figure, columns, tuple(rows)))
     left_out = [axis for axis in table.axes if axis not in nominal]
-    lacks = (f"{', '.join(left_out)}: no elasticity, as the base has no number there.",) if left_out else ()
-    return Section("elasticity", "Elasticities about the base", (), (), tuple(grids), (), lacks)
-
-
-def _elasticity_row(one: Elasticity) -> tuple[Value, ...]:
-    shown = "" if one.elasticity is None else short(one.elasticity)
-    return one.axis, shown, short(one.slope), _interval_text(one.interval, "") if one.interval else "", one.seeds
+    lacks = (f"{', '.join(left_out)}: no elasticity, because the base has no number there.",) if left_out else ()
+    return Section("elasticity", "Elasticities at the base", (), (), tuple(grids), (), lacks)
 
 
 def _series(
@@ -415,19 +419,22 @@ def map_section(table: ResultTable) -> Section:
         shares = np.column_stack([(x - x.min()) / np.ptp(x), (y - y.min()) / np.ptp(y)])
         surface = LogisticSurface.fitted(shares, passed)
     others = [axis for axis in table.axes if axis not in (across, up)]
-    beside = f", over all of {', '.join(others)}" if others else ""
+    others_text = f", for all values of {', '.join(others)}" if others else ""
     rate = float(table.about["search"]["spec"]["pass_rate"]) if table.about.get("search") else 0.5
-    plot = pictures.pass_map(across, up, x, y, passed, surface, rate, beside)
+    plot = pictures.pass_map(across, up, x, y, passed, surface, rate, others_text)
     return Section("map", "Pass and fail", plots=(plot,))
 
 
 def worst_section(table: ResultTable) -> Section:
     """Return the runs to inspect first, each with the command that repeats it."""
-    told = limits(table.verdicts)
+    limit = next(iter(limits(table.verdicts)), None)
     worst = table.worst(_WORST)
-    passing = [row for row in table.rows if row not in worst and told and is_number(row.get(told[0].figure))]
-    worst += sorted(passing, key=lambda row: _margin(row, told[0]))[: _WORST - len(worst)]
-    figure = told[0].figure if told else next((one for one in table.figures if _spread_out(table.column(one))), "")
+    if limit is not None:
+        figure, sign = limit.figure, 1.0 if limit.upper else -1.0
+        passing = [row for row in table.rows if row not in worst and is_number(row.get(figure))]
+        worst += sorted(passing, key=lambda row: sign * (limit.value - float(row[figure])))[: _WORST - len(worst)]
+    else:
+        figure = next((name for name in table.figures if _spread_out(table.column(name))), "")
     rows = tuple(
         (
             row["number"],
@@ -444,51 +451,53 @@ def worst_section(table: ResultTable) -> Section:
     return Section("worst", "Worst runs", grids=(Grid("worst", "Worst runs first", columns, rows),))
 
 
-def _margin(row: Row, limit: Limit) -> float:
-    """Return the margin, which is lowest for the run nearest to failure."""
-    away = limit.value - float(row[limit.figure])
-    return away if limit.upper else -away
-
-
-def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
+def comparison_section(comparison: CampaignComparison, number: int = 1) -> Section:
     """Return the comparison of two sides, B against A. Numbers are B - A."""
-    sure = f"{100 * told.confidence:g} %"
+    confidence = f"{100 * comparison.confidence:g} %"
     facts = [
-        Fact("a", "A", told.a),
-        Fact("b", "B", told.b),
-        Fact("pairs", "pairs", told.pairs),
-        Fact("seeds", "seeds; pairs of one seed depend on each other", told.seeds),
-        Fact("paired_by", "paired by", ", ".join((*told.paired_by, "seed"))),
-        Fact("unpaired_a", "of A without a partner, not counted", told.unpaired[0]),
-        Fact("unpaired_b", "of B without a partner, not counted", told.unpaired[1]),
-        Fact("incomplete", "pairs whose figures are left out: a run did not complete", told.incomplete),
+        Fact("a", "A", comparison.a),
+        Fact("b", "B", comparison.b),
+        Fact("pairs", "pairs", comparison.pairs),
+        Fact("seeds", "seeds (pairs of one seed depend on each other)", comparison.seeds),
+        Fact("paired_by", "paired by", ", ".join((*comparison.paired_by, "seed"))),
+        Fact("unpaired_a", "runs of A without a partner (not counted)", comparison.unpaired[0]),
+        Fact("unpaired_b", "runs of B without a partner (not counted)", comparison.unpaired[1]),
+        Fact("incomplete", "pairs without figures, because a run did not complete", comparison.incomplete),
     ]
     figures: list[tuple[Value, ...]] = []
     findings = []
-    for one in told.figures:
-        of = one.difference
+    for compared in comparison.figures:
+        of = compared.difference
         interval = "" if of.interval is None else _interval_text(of.interval, "")
         effect = None if of.effect is None else round(of.effect, 2)
         means, counts = (short(of.mean_a), short(of.mean_b), short(of.mean)), (of.pairs, of.clusters)
         figures.append(
-            (one.figure, *means, interval, _p_text(one.adjusted), effect, _p_text(of.wilcoxon_p_value), *counts)
+            (
+                compared.figure,
+                *means,
+                interval,
+                _p_text(compared.adjusted),
+                effect,
+                _p_text(of.wilcoxon_p_value),
+                *counts,
+            )
         )
-        if one.adjusted is not None and one.adjusted < 1 - told.confidence and of.interval is not None:
-            way = "lower" if of.mean < 0 else "higher"
-            unit = f" {unit_of(one.figure)}".rstrip()
+        if compared.adjusted is not None and compared.adjusted < 1 - comparison.confidence and of.interval is not None:
+            direction = "lower" if of.mean < 0 else "higher"
+            unit = f" {unit_of(compared.figure)}".rstrip()
             size = Interval(*sorted((abs(of.interval.low), abs(of.interval.high))))
             findings.append(
                 Finding.notice(
-                    f"compare.{one.figure}",
-                    f"{one.figure} is {way} in B by {short(abs(of.mean))}{unit} in the mean ({sure} interval "
-                    f"{_interval_text(size, unit)}), p {_p_text(one.adjusted)} over "
+                    f"compare.{compared.figure}",
+                    f"{compared.figure} is {direction} in B by {short(abs(of.mean))}{unit} on average "
+                    f"({confidence} interval {_interval_text(size, unit)}), p {_p_text(compared.adjusted)} over "
                     f"{_over_text(of.pairs, of.clusters)}",
                     (),
-                    _LOOK_AT_A_PAIR,
+                    _INSPECT_A_PAIR,
                 )
             )
     verdicts: list[tuple[Value, ...]] = []
-    for judged in told.verdicts:
+    for judged in comparison.verdicts:
         rates = judged.rates
         verdicts.append(
             (
@@ -498,66 +507,67 @@ def comparison_section(told: CampaignComparison, number: int = 1) -> Section:
                 rates.only_a,
                 rates.only_b,
                 _interval_text(rates.interval, ""),
-                _p_cell(judged.adjusted),
+                _p_text(judged.adjusted).removeprefix("= "),
             )
         )
-        if judged.adjusted < 1 - told.confidence:
-            way = "more" if rates.difference > 0 else "less"
+        if judged.adjusted < 1 - comparison.confidence:
+            frequency = "more" if rates.difference > 0 else "less"
             findings.append(
                 Finding.notice(
                     f"compare.{judged.verdict}",
-                    f"B passes {judged.verdict!r} {way} often: {rates.passed_b} of {rates.pairs} against "
+                    f"B passes {judged.verdict!r} {frequency} often: {rates.passed_b} of {rates.pairs} against "
                     f"{rates.passed_a}, p {_p_text(judged.adjusted)} over {_over_text(rates.pairs, rates.clusters)}",
                     (),
-                    _LOOK_AT_A_PAIR,
+                    _INSPECT_A_PAIR,
                 )
             )
     if not findings:
         findings.append(
             Finding.ok(
                 "compare.none",
-                f"No difference between A and B can be told from chance at {sure} confidence over "
-                f"{_over_text(told.pairs, told.seeds)}",
+                f"No difference between A and B is significant at {confidence} confidence over "
+                f"{_over_text(comparison.pairs, comparison.seeds)}",
             )
         )
-    if told.seeds == 1 < told.pairs:
+    if comparison.seeds == 1 < comparison.pairs:
         findings.append(
             Finding.notice(
                 "compare.one_seed",
-                f"All {told.pairs} pairs have one seed, so nothing tells a difference from this seed's chance",
+                f"All {comparison.pairs} pairs have the same seed, so a difference may be due to this seed alone",
                 (),
                 "Run both with more seeds: `seeds: 1-10` in the plan.",
             )
         )
-    if any(told.unpaired):
+    if any(comparison.unpaired):
+        of_a, of_b = comparison.unpaired
         findings.append(
             Finding.notice(
                 "compare.unpaired",
-                f"{told.unpaired[0]} runs of A and {told.unpaired[1]} of B have no partner and are not counted",
+                f"{of_a} runs of A and {of_b} runs of B have no partner and do not count",
                 (),
-                "Run both with the same seeds and axes, or finish the one that stopped with --resume.",
+                "Run both with the same seeds and axes, or complete the interrupted campaign with --resume.",
             )
         )
     return Section(
         f"compare{number}",
-        f"{told.b} against {told.a}",
+        f"{comparison.b} against {comparison.a}",
         tuple(facts),
         tuple(findings),
         (
             Grid(
                 "figures",
-                "Figures: paired t test over seeds, p for all comparisons together (Holm)",
-                ("figure", "A", "B", "B - A", f"{sure} interval", "p", "d_z", "Wilcoxon p", "pairs", "seeds"),
+                "Figures: paired t test over seeds; p adjusted for all comparisons (Holm)",
+                ("figure", "A", "B", "B - A", f"{confidence} interval", "p", "d_z", "Wilcoxon p", "pairs", "seeds"),
                 tuple(figures),
             ),
             Grid(
                 "verdicts",
-                "Pass rates: exact test over seeds, p for all comparisons together (Holm)",
-                ("verdict", "A passed", "B passed", "only A", "only B", f"{sure} interval of B - A", "p"),
+                "Pass rates: exact test over seeds; p adjusted for all comparisons (Holm)",
+                ("verdict", "A passed", "B passed", "only A", "only B", f"{confidence} interval of B - A", "p"),
                 tuple(verdicts),
             ),
         ),
-        tuple(pictures.differences(told)),
+        tuple(pictures.differences(comparison)),
     )
 
 
@@ -569,7 +579,7 @@ def _over_text(pairs: int, seeds: int) -> str:
 def rate_text(rows: Sequence[Row], verdict: str) -> str:
     """Return `18 of 20, 90 % (70 to 97 %)`; the interval counts the runs of one seed as a cluster."""
     if not rows:
-        return "of no run"
+        return "no runs"
     passed, interval = pass_rate(rows, verdict)
     runs = len(rows)
     return f"{passed} of {runs}, {100 * passed / runs:.3g} % ({100 * interval.low:.0f} to {100 * interval.high:.0f} %)"
@@ -581,18 +591,10 @@ def pass_rate(rows: Sequence[Row], verdict: str) -> tuple[int, Interval]:
 
     The runs of one seed are a cluster. If all have the same seed, the interval is valid for this seed alone.
     """
-    held, seeds = [row.get(verdict) is True for row in rows], [seed_of(row) for row in rows]
+    passed, seeds = [row.get(verdict) is True for row in rows], [seed_of(row) for row in rows]
     if len(set(seeds)) == 1:
-        return sum(held), wilson_interval(sum(held), len(held))
-    return sum(held), clustered_rate_interval(held, seeds)
-
-
-def _groups(table: ResultTable) -> dict[str, list[Row]]:
-    """Group runs by the values of the axes; return one group if there would be too many."""
-    found: dict[str, list[Row]] = {}
-    for row in table.rows:
-        found.setdefault(_group_text({axis: row.get(axis) for axis in table.axes}), []).append(row)
-    return found if len(found) <= _MOST_GROUPS else {"": list(table.rows)}
+        return sum(passed), wilson_interval(sum(passed), len(passed))
+    return sum(passed), clustered_rate_interval(passed, seeds)
 
 
 def _group_text(group: Mapping[str, Any]) -> str:
@@ -623,10 +625,6 @@ def _interval_text(interval: Interval, unit: str) -> str:
     if math.isinf(interval.high):
         return f"above {short(interval.low)}{unit}"
     return f"{short(interval.low)} to {short(interval.high)}{unit}"
-
-
-def _p_cell(value: float | None) -> str:
-    return _p_text(value).removeprefix("= ")
 
 
 def _p_text(value: float | None) -> str:

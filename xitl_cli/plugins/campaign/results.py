@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 CAMPAIGN, PLAN, LINES, TABLE, RUNS = "campaign.json", "plan.yaml", "results.jsonl", "results.parquet", "runs"
 RUNS_FOLDER = "runs"
-"""Where campaigns put their folders unless told otherwise."""
+"""Default parent folder of campaigns."""
 FORMAT = 1
 HEAD = ("number", "key")
 OUTCOME = ("status", "exit_code", "error", "passed")
@@ -98,22 +98,21 @@ class ResultTable:
         limit.
         """
         failed = [row for row in self.rows if not row["passed"]]
-        middles = {path: self._middle(path) for path in self.figures}
+        middles: dict[str, float] = {}
+        for path in self.figures:
+            if values := sorted(value for value in self.column(path) if is_number(value)):
+                middles[path] = values[len(values) // 2]
 
         def badness(row: Row) -> tuple[bool, int, float]:
             broken = [text for text in self.verdicts if row.get(text) is not True]
             off = [
                 abs(row[path] - middle) / max(abs(middle), 1e-9)
                 for path, middle in middles.items()
-                if middle is not None and any(path in text for text in broken) and is_number(row.get(path))
+                if any(path in text for text in broken) and is_number(row.get(path))
             ]
             return row["status"] not in RAN, len(broken), max(off, default=0.0)
 
         return sorted(failed, key=badness, reverse=True)[:count]
-
-    def _middle(self, path: str) -> float | None:
-        values = sorted(value for value in self.column(path) if is_number(value))
-        return values[len(values) // 2] if values else None
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a data frame (needs pandas)."""
@@ -158,10 +157,10 @@ def _array(pyarrow: Any, values: list[Any]) -> Any:
 def read_about(folder: Path) -> dict[str, Any]:
     """Read campaign.json of a folder. Raises UserError if there is none."""
     try:
-        found: dict[str, Any] = json.loads((folder / CAMPAIGN).read_text(encoding="utf-8"))
-        return found
+        about: dict[str, Any] = json.loads((folder / CAMPAIGN).read_text(encoding="utf-8"))
+        return about
     except OSError:
-        raise UserError(f"{folder}: holds no campaign (there is no {CAMPAIGN}); check the folder") from None
+        raise UserError(f"{folder}: contains no campaign ({CAMPAIGN} is missing); check the folder") from None
     except ValueError:
         raise UserError(f"{folder / CAMPAIGN}: is damaged; restore it, or choose another --out") from None
 
@@ -197,7 +196,7 @@ class CampaignFolder:
         """Create a folder. Raises UserError if `path` already contains a campaign or is unusable."""
         if (path / CAMPAIGN).exists():
             count = sum(1 for _ in _lines(path / LINES))
-            raise UserError(f"{path}: holds a campaign already ({count} runs); add --resume or choose another --out")
+            raise UserError(f"{path}: already contains a campaign ({count} runs); add --resume or choose another --out")
         about = {
             "format": FORMAT,
             "xitl": __version__,
@@ -228,27 +227,22 @@ class CampaignFolder:
         """Open an existing folder. Raises UserError if it belongs to another plan, or the plan has changed since."""
         about = read_about(path)
         if about["digest"] != plan.digest():
-            raise UserError(f"{path}: {_difference(about['plan'], plan)}; put it back, or choose another --out")
+            raise UserError(f"{path}: {_difference(about['plan'], plan)}; restore it, or choose another --out")
         if about["xitl"] != __version__:
             raise UserError(
-                f"{path}: was begun by xitl {about['xitl']}, this is {__version__}; resume it with that, or choose "
-                "another --out"
+                f"{path}: was started by xitl {about['xitl']}, but this is {__version__}; resume it with that version, "
+                "or choose another --out"
             )
-        folder = cls(path, plan, {row["key"]: row for row in _lines(path / LINES)})
-        folder._drop_torn_line()
-        return folder
-
-    def _drop_torn_line(self) -> None:
-        path = self.path / LINES
-        if not path.exists():
-            return
-        with path.open("rb+") as file:
-            size = file.seek(0, os.SEEK_END)
-            back = min(size, 1 << 20)
-            file.seek(size - back)
-            tail = file.read(back)
-            if tail and not tail.endswith(b"\n"):
-                file.truncate(size - back + tail.rfind(b"\n") + 1)
+        lines = path / LINES
+        if lines.exists():  # drop a partial line at the end
+            with lines.open("rb+") as file:
+                size = file.seek(0, os.SEEK_END)
+                back = min(size, 1 << 20)
+                file.seek(size - back)
+                tail = file.read(back)
+                if tail and not tail.endswith(b"\n"):
+                    file.truncate(size - back + tail.rfind(b"\n") + 1)
+        return cls(path, plan, {row["key"]: row for row in _lines(lines)})
 
     def append(self, row: Row) -> None:
         """Write a row at once. Raises FullDiskError if the disk is full, and leaves no partial line."""
@@ -299,38 +293,35 @@ class CampaignFolder:
             self._file = None
 
     def _no_room(self, error: OSError) -> UserError:
-        kept = f"{len(self.done)} runs are kept; --resume goes on with the others"
+        kept = f"{len(self.done)} runs are kept; continue with --resume"
         if error.errno in _FULL:
             return FullDiskError(f"{self.path}: no room for results ({error.strerror}); free space: {kept}")
         return UserError(f"{self.path}: results cannot be written ({error.strerror}): {kept}")
 
 
 def open_folder(plan: CampaignPlan, out: Path | None, resume: bool) -> CampaignFolder:
-    """Return the folder of a campaign: a new folder, or the one to resume. Raises UserError."""
+    """Return the folder of a campaign, new or to be resumed. Raises UserError.
+
+    A new folder is `out`, or `runs/<plan>-<UTC time>` with a number appended if the name is taken.
+    """
     if not resume:
-        return CampaignFolder.create(out or _default_path(plan), plan)
-    before = campaign_folders(plan, out)
-    if not before and out is None:
-        where = f"{RUNS_FOLDER}/{plan.name}-…"
-        raise UserError(f"{where}: there is no campaign of this plan; name it with --out")
-    return CampaignFolder.resume(out or before[-1], plan)
+        base = Path(RUNS_FOLDER) / f"{plan.name}-{datetime.now(UTC).strftime('%Y%m%dT%H%M%SZ')}"
+        path, number = out or base, 1
+        while out is None and path.exists():
+            number += 1
+            path = base.with_name(f"{base.name}-{number}")
+        return CampaignFolder.create(path, plan)
+    earlier = campaign_folders(plan, out)
+    if not earlier and out is None:
+        raise UserError(f"{RUNS_FOLDER}/{plan.name}-…: contains no campaign of this plan; name its folder with --out")
+    return CampaignFolder.resume(out or earlier[-1], plan)
 
 
 def campaign_folders(plan: CampaignPlan, out: Path | None) -> list[Path]:
     """Return folders of earlier campaigns with the plan's name, the latest last: only `out`, or those in `runs/`."""
-    found = [out / CAMPAIGN] if out is not None else Path(RUNS_FOLDER).glob(f"{plan.name}-*/{CAMPAIGN}")
-    existing = [path for path in found if path.is_file()]
+    candidates = [out / CAMPAIGN] if out is not None else Path(RUNS_FOLDER).glob(f"{plan.name}-*/{CAMPAIGN}")
+    existing = [path for path in candidates if path.is_file()]
     return [path.parent for path in sorted(existing, key=lambda path: path.stat().st_mtime)]
-
-
-def _default_path(plan: CampaignPlan) -> Path:
-    """Return `runs/<plan>-<UTC time>`, with a number appended if the name is taken."""
-    base = Path(RUNS_FOLDER) / f"{plan.name}-{datetime.now(UTC).strftime('%Y%m%dT%H%M%SZ')}"
-    path, number = base, 1
-    while path.exists():
-        number += 1
-        path = base.with_name(f"{base.name}-{number}")
-    return path
 
 
 def _difference(before: Mapping[str, Any], plan: CampaignPlan) -> str:
@@ -340,6 +331,6 @@ def _difference(before: Mapping[str, Any], plan: CampaignPlan) -> str:
         key for key in dict.fromkeys([*before, *now]) if before.get(key) != now.get(key) and key not in SAME_RUNS
     ]
     if changed == ["base_digest"]:
-        return f"the base {plan.base.name} has changed since"
+        return f"the base {plan.base.name} has changed since the start of the campaign"
     names = [key for key in changed if key != "base_digest"]
-    return f"was begun with another plan than {plan.path} (it differs in {', '.join(names)})"
+    return f"was started with another plan than {plan.path} (it differs in {', '.join(names)})"

@@ -39,25 +39,25 @@ def carry_out(search: Search, submit: Submit) -> list[SearchFinding]:
 
     The verdicts alone determine the requested points, with their numbers and seeds. Failed executions do not count.
     """
-    going = [_Group(search, group) for group in search.groups]
+    groups = [_Group(search, group) for group in search.groups]
     number = 0
-    while live := [group for group in going if group.batch]:
+    while live := [group for group in groups if group.batch]:
         points: list[RunPoint] = []
         for group in live:
-            points += group.asked(number + len(points) + 1)
+            points += group.requested(number + len(points) + 1)
         number += len(points)
         passed = {row["number"]: verdict(row) for row in submit(points)}
         answers = iter([passed.get(point.number) for point in points])
         for group in live:
             group.answer(answers)
-    return [SearchFinding(group.values, group.found) for group in going]
+    return [SearchFinding(group.values, group.found) for group in groups]
 
 
 def first_points(search: Search) -> Iterator[RunPoint]:
     """Yield the points of the first round, before any result is known."""
     number = 1
     for group in search.groups:
-        for point in _Group(search, group).asked(number):
+        for point in _Group(search, group).requested(number):
             yield point
             number += 1
 
@@ -67,7 +67,7 @@ def verdict(row: Row) -> bool | None:
     return bool(row.get("passed")) if row.get("status") in RAN else None
 
 
-def told_again(search: Search, rows: Iterable[Row]) -> list[SearchFinding]:
+def evaluate(search: Search, rows: Iterable[Row]) -> list[SearchFinding]:
     """Evaluate the search from a table. Groups with missing runs have no finding."""
     by_number = {row["number"]: row for row in rows}
 
@@ -84,7 +84,7 @@ def told_again(search: Search, rows: Iterable[Row]) -> list[SearchFinding]:
 
 
 class _Group:
-    """One running search."""
+    """The running search of one group."""
 
     def __init__(self, search: Search, values: Mapping[str, AxisValue]) -> None:
         self.values = values
@@ -96,21 +96,20 @@ class _Group:
         )
         self.batch: list[Any] = next(self._search)
 
-    def asked(self, first: int) -> list[RunPoint]:
+    def requested(self, first: int) -> list[RunPoint]:
         """Return the runs of the batch, numbered from `first`."""
         points = []
         for number, place in enumerate(self.batch, first):
-            points.append(RunPoint(number, {**self.values, **self._at(place)}, self._next_seed))
+            if len(self._ranges) == 1:
+                at = {self._ranges[0].key: float(f"{place:.12g}")}
+            else:
+                at = {axis.key: axis.value(share) for axis, share in zip(self._ranges, place, strict=True)}
+            points.append(RunPoint(number, {**self.values, **at}, self._next_seed))
             self._next_seed += 1
         return points
 
-    def _at(self, place: Any) -> dict[str, AxisValue]:
-        if len(self._ranges) == 1:
-            return {self._ranges[0].key: float(f"{place:.12g}")}
-        return {one.key: one.value(share) for one, share in zip(self._ranges, place, strict=True)}
-
     def answer(self, passed: Iterator[bool | None]) -> None:
-        """Take one answer for each requested run."""
+        """Pass one answer per requested run to the search."""
         answers = [next(passed) for _ in self.batch]
         try:
             self.batch = self._search.send(answers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
 from math import log
@@ -21,20 +21,23 @@ class SearchSpec(Specification):
     One such axis is bisected, once for each combination of the others; several are explored together.
     """
 
-    pass_rate: Annotated[Within, "the boundary is where the share of runs that pass crosses it"] = 0.5
-    confidence: Annotated[Within, "of intervals"] = 0.95
+    pass_rate: Annotated[Within, "share of passing runs that defines the boundary"] = 0.5
+    confidence: Annotated[Within, "confidence of intervals"] = 0.95
     width: Annotated[
-        Positive | None, "of the boundary's interval, in the axis' unit, or of several in shares of a range; null: 5 %"
+        Positive | None,
+        "width of the boundary's interval: in the unit of a single axis, else as a share of the ranges; null: 5 %",
     ] = None
     runs_per_point: Annotated[
-        int | None, Bounds(at_least=1, at_most=10_000), "each with a seed of its own; null: 10 along one axis, else 3"
+        int | None, Bounds(at_least=1, at_most=10_000), "runs with different seeds; null: 10 along one axis, else 3"
     ] = None
     points: Annotated[
-        int | None, Bounds(at_least=2, at_most=10_000), "one axis: to begin with, ends included; several: in all"
+        int | None, Bounds(at_least=2, at_most=10_000), "one axis: first points, with both ends; several: all points"
     ] = None
-    most_runs: Annotated[int | None, Bounds(at_least=1), "of one boundary, where the search gives up"] = None
-    batch: Annotated[int, Bounds(at_least=1), "points tried at a time, several axes; more workers change nothing"] = 8
-    nominal: Annotated[dict[str, float], "where the vessel is at home, by axis; otherwise what the base has"] = field(
+    most_runs: Annotated[int | None, Bounds(at_least=1), "limit of runs for one boundary"] = None
+    batch: Annotated[
+        int, Bounds(at_least=1), "points per round along several axes; the number of workers does not change it"
+    ] = 8
+    nominal: Annotated[dict[str, float], "nominal values by axis; default: the values of the base"] = field(
         default_factory=dict
     )
 
@@ -47,10 +50,12 @@ class SensitivitySpec(Specification):
         Literal["morris", "sobol"], "morris: few runs, a ranking; sobol: many, shares of the variance"
     ] = "morris"
     samples: Annotated[
-        int, Bounds(at_least=2), "with D axes: times D + 1 runs a seed (morris), times D + 2 (sobol, a power of two)"
+        int,
+        Bounds(at_least=2),
+        "samples; runs per seed for D axes: samples · (D + 1) for morris, samples · (D + 2) for sobol (a power of two)",
     ] = 16
-    figures: Annotated[tuple[str, ...], Items(), "paths; empty: all that are kept and are numbers"] = ()
-    confidence: Annotated[Within, "of intervals"] = 0.95
+    figures: Annotated[tuple[str, ...], Items(), "figures by path; empty: all kept figures that are numbers"] = ()
+    confidence: Annotated[Within, "confidence of intervals"] = 0.95
 
     def places(self, axes: int) -> int:
         """Return the number of places of the sample for a number of axes."""
@@ -59,7 +64,7 @@ class SensitivitySpec(Specification):
     def check(self) -> None:
         if self.method == "sobol" and self.samples & (self.samples - 1):
             near = 1 << self.samples.bit_length()
-            raise SpecificationError(("samples",), f"= {self.samples} is no power of two; use {near // 2} or {near}")
+            raise SpecificationError(("samples",), f"= {self.samples} is not a power of two; use {near // 2} or {near}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +111,7 @@ class Search:
     @classmethod
     def read(cls, document: Mapping[str, Any]) -> Search:
         """Create the search from a document."""
-        ranges = tuple(AxisRange(**one) for one in document["ranges"])
+        ranges = tuple(AxisRange(**axis) for axis in document["ranges"])
         spec = SearchSpec(**document["spec"])
         rest = (tuple(document["groups"]), tuple(document["nominal"]), document["first_seed"], document["seed"])
         return cls(spec, ranges, *rest)
@@ -114,8 +119,8 @@ class Search:
     @property
     def most_runs(self) -> int:
         """Return the largest number of runs of all groups together."""
-        each = self.spec.most_runs or (MOST_RUNS_ONE_AXIS if len(self.ranges) == 1 else MOST_RUNS_SEVERAL)
-        return each * len(self.groups)
+        of_group = self.spec.most_runs or (MOST_RUNS_ONE_AXIS if len(self.ranges) == 1 else MOST_RUNS_SEVERAL)
+        return of_group * len(self.groups)
 
 
 MOST_RUNS_ONE_AXIS, MOST_RUNS_SEVERAL = 400, 1000
@@ -131,35 +136,27 @@ def make_search(
     searched = [axis for axis in axes if axis.ends is not None]
     others = [axis for axis in axes if axis.ends is None]
     if not searched:
-        raise SpecificationError((), "has no axis to search along; give one as {from: …, to: …} without count or step")
+        raise SpecificationError((), "has no axis to search along; add one as {from: …, to: …} without count or step")
     ranges = tuple(AxisRange(axis.key, *axis.ends, axis.log) for axis in searched if axis.ends is not None)
     for key in spec.nominal:
-        if key not in {one.key for one in ranges}:
-            known = ", ".join(one.key for one in ranges)
-            raise SpecificationError(("nominal", key), f"is no axis that is searched; those are {known}")
-    return Search(
-        spec,
-        ranges,
-        tuple(_groups(others, seed)),
-        tuple(_nominal(spec, one, base_values.get(one.key)) for one in ranges) if len(ranges) > 1 else (),
-        min(seeds),
-        seed,
-    )
+        if key not in {axis.key for axis in ranges}:
+            known = ", ".join(axis.key for axis in ranges)
+            raise SpecificationError(("nominal", key), f"is not a searched axis; searched axes: {known}")
+    combined = product(*(axis.grid_values(seed) for axis in others))
+    groups = tuple({axis.key: value for axis, value in zip(others, values, strict=True)} for values in combined)
+    nominal = tuple(_nominal(spec, axis, base_values.get(axis.key)) for axis in ranges) if len(ranges) > 1 else ()
+    return Search(spec, ranges, groups, nominal, min(seeds), seed)
 
 
-def _groups(axes: Sequence[Axis], seed: int) -> Iterator[dict[str, AxisValue]]:
-    for values in product(*(axis.grid_values(seed) for axis in axes)):
-        yield {axis.key: value for axis, value in zip(axes, values, strict=True)}
-
-
-def _nominal(spec: SearchSpec, one: AxisRange, of_base: Any) -> float:
-    value = spec.nominal.get(one.key, of_base)
+def _nominal(spec: SearchSpec, axis: AxisRange, of_base: Any) -> float:
+    value = spec.nominal.get(axis.key, of_base)
     if not isinstance(value, (int, float)) or isinstance(value, bool):
-        raise SpecificationError(("nominal",), f"needs {one.key}, of which the base has no number; add it")
-    if not one.low <= value <= one.high:
-        whose = "" if one.key in spec.nominal else " of the base"
+        raise SpecificationError(("nominal",), f"needs {axis.key}, because the base has no number there; add it")
+    if not axis.low <= value <= axis.high:
+        source = "" if axis.key in spec.nominal else " from the base"
         raise SpecificationError(
             ("nominal",),
-            f"has {one.key} = {value:g}{whose}, outside the axis from {one.low:g} to {one.high:g}; give a value within",
+            f"has {axis.key} = {value:g}{source}, outside the axis from {axis.low:g} to {axis.high:g}; "
+            "use a value within it",
         )
-    return one.share(float(value))
+    return axis.share(float(value))

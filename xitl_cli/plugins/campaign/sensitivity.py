@@ -81,42 +81,36 @@ def axis_effects(
     group = len(axes) + (2 if method == "sobol" else 1)
     whole = np.isfinite(values.reshape(-1, group)).all(axis=1)
     used, dropped = int(whole.sum()), int((~whole).sum())
-    kept = np.repeat(whole, group)
-    values, sample = values[kept], sample[kept]
+    in_whole_group = np.repeat(whole, group)
+    values, sample = values[in_whole_group], sample[in_whole_group]
 
     def without(why: str) -> Sensitivity:
         return Sensitivity(figure, method, (), used, dropped, why)
 
     if used < 2:
-        return without(f"only {used} of {used + dropped} groups of runs are whole")
+        return without(f"only {used} of {used + dropped} groups of runs are complete")
     if float(np.ptp(values)) == 0.0:
         return without(f"it is {values[0]:g} in every run")
-    found = _analysed(method, len(axes), sample, values, confidence, seed)
+    settings: dict[str, Any] = {"conf_level": confidence, "num_resamples": 1000, "seed": seed}
+    problem = _problem(len(axes))
     effects = []
-    for number, axis in enumerate(axes):
-        if method == "sobol":
-            total, main = float(found["ST"][number]), float(found["S1"][number])
-            total_half, main_half = float(found["ST_conf"][number]), float(found["S1_conf"][number])
-            effects.append(AxisEffect(axis, total, _about(total, total_half), main, _about(main, main_half)))
-        else:
-            total, mean = float(found["mu_star"][number]), float(found["mu"][number])
-            half, sigma = float(found["mu_star_conf"][number]), float(found["sigma"][number])
-            effects.append(AxisEffect(axis, total, _about(total, half), mean, None, sigma))
-    return Sensitivity(figure, method, tuple(sorted(effects, key=lambda one: -one.total)), used, dropped)
-
-
-def _analysed(method: Method, axes: int, sample: Floats, values: Floats, confidence: float, seed: int) -> Any:
     if method == "sobol":
         from SALib.analyze import sobol  # type: ignore[import-untyped]
 
-        return sobol.analyze(
-            _problem(axes), values, calc_second_order=False, conf_level=confidence, num_resamples=1000, seed=seed
-        )
-    from SALib.analyze import morris
+        indices = sobol.analyze(problem, values, calc_second_order=False, **settings)
+        for axis, *row in zip(axes, *(indices[name] for name in ("ST", "ST_conf", "S1", "S1_conf")), strict=True):
+            total, total_half, main, main_half = map(float, row)
+            effects.append(AxisEffect(axis, total, _about(total, total_half), main, _about(main, main_half)))
+    else:
+        from SALib.analyze import morris
 
-    return morris.analyze(
-        _problem(axes), sample, values, conf_level=confidence, num_levels=MORRIS_LEVELS, num_resamples=1000, seed=seed
-    )
+        indices = morris.analyze(problem, sample, values, num_levels=MORRIS_LEVELS, **settings)
+        for axis, *row in zip(
+            axes, *(indices[name] for name in ("mu_star", "mu_star_conf", "mu", "sigma")), strict=True
+        ):
+            total, half, mean, sigma = map(float, row)
+            effects.append(AxisEffect(axis, total, _about(total, half), mean, None, sigma))
+    return Sensitivity(figure, method, tuple(sorted(effects, key=lambda effect: -effect.total)), used, dropped)
 
 
 def _problem(axes: int) -> dict[str, Any]:
@@ -150,8 +144,8 @@ def sensitivity_points(
     effects.
     """
     for number, values in enumerate(sample_places(spec, axes, seed)[0]):
-        for each, one in enumerate(seeds):
-            yield RunPoint(number * len(seeds) + each + 1, values, one)
+        for index, run_seed in enumerate(seeds):
+            yield RunPoint(number * len(seeds) + index + 1, values, run_seed)
 
 
 def sensitivities(
@@ -170,7 +164,7 @@ def sensitivities(
     """
     sample = unit_sample(spec.method, len(axes), spec.samples, seed)
     by_number = {row["number"]: row for row in rows}
-    told = []
+    results = []
     for figure in figures:
         values = np.full((max(places) + 1, seeds), np.nan)
         for number, row in by_number.items():
@@ -179,8 +173,8 @@ def sensitivities(
             if ran and isinstance(value, (int, float)) and 1 <= number <= values.size:
                 values.flat[number - 1] = float(value)
         of_sample = values.mean(axis=1)[np.asarray(places)]
-        told.append(axis_effects(figure, spec.method, axes, sample, of_sample, spec.confidence, seed))
-    return told
+        results.append(axis_effects(figure, spec.method, axes, sample, of_sample, spec.confidence, seed))
+    return results
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +200,7 @@ def elasticities(
     each seed, so that common effects of seeds cancel. The result is its slope at nominal over the mean of the figure
     there.
     """
-    found = []
+    results = []
     for axis, by_seed in series.items():
         slopes, levels = [], []
         for pairs in by_seed.values():
@@ -220,8 +214,8 @@ def elasticities(
             continue
         level = float(np.mean(levels))
         factor = nominal[axis] / level if level and nominal[axis] else None
-        told = np.array(slopes) * (1.0 if factor is None else factor)
+        of_seeds = np.array(slopes) * (1.0 if factor is None else factor)
         slope = float(np.mean(slopes))
         elasticity = None if factor is None else factor * slope
-        found.append(Elasticity(axis, elasticity, slope, mean_interval(told, confidence), len(slopes)))
-    return sorted(found, key=lambda one: -abs(one.elasticity if one.elasticity is not None else 0.0))
+        results.append(Elasticity(axis, elasticity, slope, mean_interval(of_seeds, confidence), len(slopes)))
+    return sorted(results, key=lambda result: -abs(result.elasticity or 0.0))

@@ -89,15 +89,15 @@ def monotony_p_value(counts: PassCounts, rising: bool) -> float:
     if len(counts.at) < 3:
         return 1.0
     fit = monotone_rates(counts, rising)
-    found = _departure(counts, rising, fit)
-    if found < 1e-9:
+    observed = _departure(counts, rising, fit)
+    if observed < 1e-9:
         return 1.0
     rng = np.random.default_rng(0)
     passed = rng.binomial(counts.runs, fit, size=(_DRAWS, len(fit)))
     steps = np.diff(passed / counts.runs, axis=1)
     turns = (steps < 0.0 if rising else steps > 0.0).any(axis=1)
-    drawn = (PassCounts(counts.at, counts.runs, one) for one in passed[turns])  # the others have no departure
-    as_far = sum(_departure(one, rising, monotone_rates(one, rising)) >= found for one in drawn)
+    drawn = (PassCounts(counts.at, counts.runs, row) for row in passed[turns])  # the others have no departure
+    as_far = sum(_departure(draw, rising, monotone_rates(draw, rising)) >= observed for draw in drawn)
     return (as_far + 1) / (_DRAWS + 1)
 
 
@@ -297,14 +297,14 @@ def paired_rates(
 def _sign_change_p_value(differences: Counts) -> float:
     """Return the share of all changes of sign of integers (G,) with a sum at least as far from zero as theirs."""
     sizes = np.abs(differences[differences != 0])
-    found = abs(int(differences.sum()))
+    distance = abs(int(differences.sum()))
     middle = int(sizes.sum())
     chances = np.zeros(2 * middle + 1)  # of each sum from -middle to middle
     chances[middle] = 1.0
     for size in sizes:
         chances = 0.5 * (np.roll(chances, size) + np.roll(chances, -size))  # the ends are zero, so nothing wraps around
     sums = np.abs(np.arange(-middle, middle + 1))
-    return min(1.0, float(chances[sums >= found].sum()))
+    return min(1.0, float(chances[sums >= distance].sum()))
 
 
 def clustered_rate_interval(passed: Sequence[bool], clusters: Sequence[Hashable], confidence: float = 0.95) -> Interval:

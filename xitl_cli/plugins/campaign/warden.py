@@ -25,18 +25,15 @@ def end_marked(mark: str) -> int:
     """End every process with this mark in its environment. Return their number."""
     wanted, ended = f"{MARK}={mark}".encode(), 0
     for _ in range(3):  # processes may start meanwhile
-        found = [pid for pid in _other_processes() if _environment_has(pid, wanted)]
-        for pid in found:
+        others = [int(name) for name in os.listdir("/proc") if name.isdigit() and int(name) != os.getpid()]  # noqa: PTH208
+        marked = [pid for pid in others if _environment_has(pid, wanted)]
+        for pid in marked:
             with contextlib.suppress(OSError):
                 os.kill(pid, signal.SIGKILL)
                 ended += 1
-        if not found:
+        if not marked:
             break
     return ended
-
-
-def _other_processes() -> list[int]:
-    return [int(name) for name in os.listdir("/proc") if name.isdigit() and int(name) != os.getpid()]  # noqa: PTH208
 
 
 def _environment_has(pid: int, wanted: bytes) -> bool:
@@ -54,8 +51,8 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     runs: dict[str, str] = {}
     for line in sys.stdin:
-        what, mark, folder = line.rstrip("\n").split(" ", 2)
-        if what == "+":
+        event, mark, folder = line.rstrip("\n").split(" ", 2)
+        if event == "+":
             runs[mark] = folder
         else:
             runs.pop(mark, None)

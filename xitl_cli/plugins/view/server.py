@@ -94,7 +94,7 @@ def listen(
                 continue
             if error.errno == errno.EADDRINUSE:
                 raise UserError(
-                    f"{port_key} = {port}: somebody else listens there; leave it out to have a free one"
+                    f"{port_key} = {port}: another program listens there; omit it to use a free port"
                 ) from error
             reason = error.strerror or str(error)
             raise UserError(
@@ -102,7 +102,7 @@ def listen(
                 "use an address of this machine, such as 127.0.0.1"
             ) from error
         return listener, ViewAddress(host, tried, token, first if tried != first else None)
-    raise UserError(f"no port from {first} to {first + TRIED - 1} is free for the view; give one by {port_key}")
+    raise UserError(f"no port from {first} to {first + TRIED - 1} is free for the view; choose one with {port_key}")
 
 
 def _bound(host: str, port: int) -> socket.socket:
@@ -234,7 +234,8 @@ def _have_threads_wake_safely() -> None:
 
 
 _SERVE_LOCK = threading.Lock()
-_MADE_S = 0.01  # between looks whether it is made
+_MADE_S = 0.01
+"""Interval of the check whether the server is complete."""
 
 
 def stranger(
@@ -249,9 +250,9 @@ def stranger(
         name = urlsplit(f"//{host}").hostname or ""
         page = None if origin is None else urlsplit(origin).netloc
     except ValueError:  # such as of `[`
-        return "its Host or Origin is no address"
+        return "its Host or Origin is not an address"
     if is_loopback(listening) and not (name == listening or is_loopback(name)):
-        return f"this address is for this machine alone, and {name!r} is not its name"
+        return f"this address is only for this machine, and {name!r} is not its name"
     if origin is not None and page != host and not trusted(origin):
         return "a page of another site may not connect here"
     return ""
@@ -291,7 +292,7 @@ class Doorkeeper:
         if self._token:
             first = request.path.partition("?")[0].lstrip("/").partition("/")[0]
             if not hmac.compare_digest(first.encode(errors="replace"), self._token.encode()):
-                return "the address of this view has a token in it, which is missing here or wrong"
+                return "the token in the address of this view is missing or wrong"
         return ""
 
 
@@ -309,8 +310,8 @@ addEventListener("DOMContentLoaded", () => {{
   note.setAttribute("role", "alert");
   note.style.cssText = "position:fixed;left:0;right:0;bottom:0;z-index:99999;padding:14px 18px;background:#b3261e;"
     + "color:#fff;font:15px/1.4 system-ui,sans-serif";
-  note.textContent = "This browser has no WebGL 2, without which the 3D view cannot be drawn. Switch on hardware "
-    + "acceleration in its settings, or use another browser. The run goes on without it.";
+  note.textContent = "This browser has no WebGL 2, which the 3D view needs. Enable hardware acceleration in its "
+    + "settings, or use another browser. The run continues without the view.";
   document.documentElement.appendChild(note);
 }});
 // viser opens its sheet of controls on a narrow screen, over more than half of the picture. It begins closed here.
@@ -351,11 +352,11 @@ def _complete(answer: Any, title: str) -> None:
 
     packed = answer.headers.get("Content-Encoding") == "gzip"
     body = gzip.decompress(answer.body) if packed else answer.body
-    head, found, rest = body.partition(b"<head>")
-    if not found:
+    before, head, rest = body.partition(b"<head>")
+    if not head:
         return
     text = _HEAD.format(title=html.escape(title)).encode()
-    body = head + found + text + rest.replace(b"<title>Viser</title>", b"", 1)
+    body = before + head + text + rest.replace(b"<title>Viser</title>", b"", 1)
     answer.body = gzip.compress(body, 1) if packed else body
     headers = {
         "Content-Length": str(len(answer.body)),

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from urllib.parse import urlsplit
 
+from agent.bridges.kinds import NEEDED_LINK, NO_LINK, BridgeError, bridge_kind
 from agent.companion.settings import checked_parameter
 from agent.fcu.mission import COMMANDS, MOST_ITEMS
 from agent.fcu.parameters import checked
@@ -31,7 +32,6 @@ from xitl_cli.signing import read_key_file
 _URL = re.compile(r"(udp|tcp)://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]@?#]+):([0-9]{1,5})")
 _INTERFACE = re.compile(r"[0-9A-Za-z_.-]+|\[[0-9A-Fa-f:.]+\]")
 _CLASS = re.compile(r"([A-Za-z_]\w*(\.[A-Za-z_]\w*)*|.+\.py):[A-Za-z_]\w*")
-OWN_LINK = ("vectornav", "microstrain7")
 LOCAL_HOSTS = ("127.0.0.1", "localhost")
 MOST_GROUND_STATIONS = 2
 USUAL_PORTS = {"mavlink": "5760", "world": "9002", "sensor_link": "that of its SERIAL3, 5763 or as it was started"}
@@ -242,6 +242,9 @@ def _firmware(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyP
             )
         return
     key = f"autopilot.firmware = {shown(autopilot.firmware)}"
+    if autopilot.kind == "other":
+        yield path, f"{key}: xitl starts ArduPilot and PX4 only; start this autopilot elsewhere and use external"
+        return
     if autopilot.kind == "px4":
         yield from _started_px4(profile, autopilot, key)
     if autopilot.runs == "board":
@@ -271,9 +274,15 @@ def _ways_in(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> 
     world: KeyPath = ("autopilot", "bridge", "world")
     sensors: KeyPath = ("autopilot", "bridge", "sensors")
     link: KeyPath = ("autopilot", "bridge", "sensor_link")
+    try:
+        kind = bridge_kind(bridge.sensors) if bridge.sensors else None
+    except BridgeError as error:
+        yield sensors, f"autopilot.bridge.sensors: {error}"
+        return
+    sets_time = kind is not None and kind.sets_time
     if bridge.world is not None and not lockstep:
         yield world, "autopilot.bridge.world sets the autopilot's time; use clock.mode: lockstep, or leave it out"
-    if bridge.world is None and lockstep and bridge.sensors != "px4":
+    if bridge.world is None and lockstep and autopilot.kind != "px4" and not sets_time:
         yield (
             ("clock", "mode"),
             "clock.mode = lockstep needs autopilot.bridge.world, which sets the autopilot's time; add one such as "
@@ -284,19 +293,22 @@ def _ways_in(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> 
             sensors,
             "autopilot.bridge.sensors is missing: nothing gets in without a world; use for instance vectornav",
         )
-    if (bridge.sensors == "px4") != (autopilot.kind == "px4"):
+    if bridge.world is not None and sets_time and autopilot.kind != "px4":
+        yield world, f"autopilot.bridge.world: {bridge.sensors} sets the autopilot's time itself; leave it out"
+    if autopilot.kind == "px4" if kind is None else autopilot.kind not in kind.autopilots:
+        fits = "use px4" if kind is None else f"it goes with {' and '.join(kind.autopilots)}"
         yield (
             sensors,
             f"autopilot.bridge.sensors = {shown(bridge.sensors)} does not go with autopilot.kind = {autopilot.kind}; "
-            "px4 goes with px4, the others with ardupilot",
+            f"{fits}",
         )
-    if bridge.sensors in OWN_LINK and bridge.sensor_link is None:
+    if kind is not None and kind.sensor_link == NEEDED_LINK and bridge.sensor_link is None:
         yield (
             link,
             f"autopilot.bridge.sensor_link is missing: {bridge.sensors} has a line of its own; add the port of the "
             "autopilot, such as serial:///dev/ttyUSB0?baud=921600 or tcp://127.0.0.1:5763",
         )
-    if bridge.sensor_link is not None and bridge.sensors not in (*OWN_LINK, "px4"):
+    if bridge.sensor_link is not None and (kind is None or kind.sensor_link == NO_LINK):
         yield link, f"autopilot.bridge.sensor_link leads nowhere with sensors = {shown(bridge.sensors)}; leave it out"
 
 
@@ -365,7 +377,7 @@ def _urls(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
         free = started and url.startswith(("udp://", "tcp://")) and url.endswith(":0")
         problem = None if free else problem_of_url(url)
         if not started and url.endswith(":0"):
-            usual = USUAL_PORTS[key] if autopilot.kind == "ardupilot" else PX4_PORTS[key]
+            usual = PX4_PORTS[key] if autopilot.kind == "px4" else USUAL_PORTS[key]
             problem = f"has no port, and the autopilot is started elsewhere; its usual one is {usual}"
         if problem is None and started and urlsplit(url).scheme not in _schemes(autopilot, key):
             problem = f"is none that an autopilot started here has; use {_schemes(autopilot, key)[0]}://127.0.0.1:0"

@@ -270,5 +270,5 @@ def _behind_link(vessel: Profile) -> bool:
     autopilot, companion = vessel.autopilot, vessel.companion
     if autopilot is None or autopilot.kind == "none":
         return False
-    elsewhere = autopilot.kind in ("ardupilot", "px4") or autopilot.runs != "in-process"
+    elsewhere = autopilot.kind not in ("none", "embedded") or autopilot.runs != "in-process"
     return elsewhere or (companion is not None and companion.runs != "in-process")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from typing import Any
 
+from sim_core.vessel.actuators import ActuatorSpec
 from xitl_cli.registry import DRIVERS, NODES, PluginError, load, names, package_of
 
 
@@ -31,6 +32,21 @@ def plugin_keys(name: str) -> type[Any]:
     else:
         return kind.keys
     raise PluginError(f"{name}: the plug-in of {package_of(NODES, name)} {problem}; correct it")
+
+
+def registered_keys(registry: str, name: str, kind: str) -> type[Any]:
+    """The keys of `kind`, which a package registers in the group `registry` for `vehicle.actuators.NAME`.
+
+    Raises PluginError when the package is missing or cannot be used.
+    """
+    keys = load(registry, kind)
+    if isinstance(keys, type) and issubclass(keys, ActuatorSpec) and is_dataclass(keys):
+        return keys
+    shown = keys.__name__ if isinstance(keys, type) else type(keys).__name__
+    raise PluginError(
+        f"{kind}: the plug-in of {package_of(registry, kind)} registers {shown} in {registry}, which is not a "
+        "dataclass that derives from sim_core.vessel.actuators.ActuatorSpec; correct it"
+    )
 
 
 def _driver_keys(name: str) -> type[Any]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 from agent.wire import dialect
 from agent.wire.link import Link
+from xitl_cli.graph.measured import AgentTraffic
 from xitl_cli.record.topics import RECEIVER, SENDER, LinkReport, NodeState
 from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.core.statistics import Histogram
@@ -85,19 +86,16 @@ class LinkAccounts:
         counted["repeated"] = repeated = counters.repeated - self._base_repeated
         sent, received, lost = None, self.heard - self._base_heard, counted["gaps"]
         if self._final is not None and self._base is not None:
-            sent = self._sent_by_agent()
+            # Frames from the status that answered the start to the status that answered the stop, both included
+            counted_frames: int = self._final.frames_sent - self._base.frames_sent
+            numbers: int = self._final.get_seq() - self._base.get_seq()
+            sent = counted_frames + (numbers - counted_frames + 128) % 256 - 128 + 1
             lost = max(sent - (received - repeated), 0)
         elif self.over:
             lost = None
         return to_agent, LinkReport(
             f"{prefix}actuators", sent, received, lost, **counted, **_latencies(timing.actuators)
         )
-
-    def _sent_by_agent(self) -> int:
-        """Return the number of frames from the status that answered the start to that for the stop, both included."""
-        counted: int = self._final.frames_sent - self._base.frames_sent
-        numbers: int = self._final.get_seq() - self._base.get_seq()
-        return counted + (numbers - counted + 128) % 256 - 128 + 1
 
 
 _End = Callable[[str], "int | None"]
@@ -150,6 +148,27 @@ def node_report(link: str, info: Any, status: Any) -> NodeReport:
         temperature_c=_temperature_c(status),
         cpu_percent=_cpu_percent(status),
         **{count.name: getattr(status, count.name) for count in fields(NodeReport) if count.metadata},
+    )
+
+
+def agent_traffic(
+    node: NodeReport, links: Sequence[LinkReport], frames: Mapping[str, Mapping[int, int]]
+) -> AgentTraffic:
+    """Return the traffic of an agent for the graph of the run.
+
+    links: reports of its links. If no sensor frame arrived, no frame to the agent counts. frames: numbers of frames by
+    direction (`tx` to the agent, `rx` from it) and message id.
+    """
+    sensors = "sensors" if node.link == "agent" else f"{node.link} sensors"
+    cut = any(link.name == sensors and link.received == 0 for link in links)
+    return AgentTraffic(
+        nodes=node.nodes,
+        kind=node.kind,
+        machine=node.machine,
+        to_agent={} if cut else frames["tx"],
+        from_agent=frames["rx"],
+        estimates=node.estimates,
+        efforts=node.efforts,
     )
 
 

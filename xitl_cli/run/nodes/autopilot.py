@@ -109,13 +109,16 @@ class AutopilotNode(ControlNode):
 
     def _connection(self, name: str) -> AgentConnection:
         profile, key = self._profile, self._profile.autopilot.link_key_file
+        vehicle = profile.vehicle
+        added = vehicle.commands - vehicle.own_commands if profile.autopilot.kind == "embedded" else 0
         inbox = AgentInbox(
             name,
             self._frame,
-            profile.vehicle.commands,
+            vehicle.commands,
             self._lockstep,
             partial(self._on_estimate, name),
             partial(self._on_message, name),
+            added,
         )
         signing = None if key is None else Signing(read_key_file(key, "autopilot.link_key_file"))
         why_silent = self._supervision.why_silent if name == "agent" else None
@@ -203,14 +206,20 @@ class AutopilotNode(ControlNode):
 
     def exchange(self, step: RunStep) -> None:
         if self._lockstep:
+
+            def check_waiting() -> None:
+                if self._interrupted():
+                    raise StoppedWaitingError
+                self._supervision.check()
+
             agent = self.agents[0]
-            agent.wait_for_answer(step.now_ns, self._exchanges, self._supervision.silent_s(), self._check_waiting)
+            agent.wait_for_answer(step.now_ns, self._exchanges, self._supervision.silent_s(), check_waiting)
             self.command = agent.inbox.command
         else:
-            self._take_in(step.now_ns)
+            self._receive_all(step.now_ns)
         self.progress = self._progress()
 
-    def _take_in(self, now_ns: int) -> None:
+    def _receive_all(self, now_ns: int) -> None:
         """Real time: handle all messages that have arrived since the last exchange."""
         assert self._context is not None
         self._time_is_due = self._exchanges % self._sync_every == 0
@@ -233,11 +242,6 @@ class AutopilotNode(ControlNode):
         )
         for agent in self.agents:
             agent.inbox.fresh = False
-
-    def _check_waiting(self) -> None:
-        if self._interrupted():
-            raise StoppedWaitingError
-        self._supervision.check()
 
     def _progress(self) -> Progress:
         view, texts = self.view, self.active.inbox.view.texts
@@ -283,8 +287,10 @@ class AutopilotNode(ControlNode):
 
     def report(self) -> dict[str, Any]:
         score = self._check.score
+        connections = connections_report(self.agents)
         return {
-            **connections_report(self.agents),
+            **connections,
+            "agents": [self._supervision.traffic_behind(agent) for agent in connections["agents"]],
             "estimation": {
                 "position_rms_m": score.position_rms_m,
                 "position_nees": score.position_nees,

@@ -1,21 +1,25 @@
-"""Nodes of plug-ins: made from the profile's `plugins`, and guarded, so that a failure names the plug-in."""
+"""Nodes and drivers of plug-ins, guarded so that a failure names the plug-in."""
 
 from __future__ import annotations
 
 import json
 import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from agent.entry_points import OWN_PACKAGE
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.link import Link
 from xitl_cli.errors import UserError
+from xitl_cli.plugin import DriverContext, DriverKind
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import Topic
-from xitl_cli.registry import NODES, package_of
-from xitl_cli.run.core.node import RunContext, RunNode, RunStep
-from xitl_cli.run.core.plugin_error import PluginNodeError
+from xitl_cli.registry import DRIVERS, NODES, load, package_of
+from xitl_cli.run.core.node import PluginNodeError, RunContext, RunNode, RunStep
+from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.nodes.drivers import VehicleDriver
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -64,7 +68,7 @@ class PluginGuard:
         path = Path(last.filename)
         file = f"{path.parent.name}/{path.name}" if path.name == "__init__.py" else path.name
         why = f"{reason}, {file}:{last.lineno}"
-        return f"{self._who} failed {when} ({why}); correct the plug-in or take it out of the profile"
+        return f"{self._who} failed {when} ({why}); correct the plug-in or remove it from the profile"
 
 
 class PluginNode(RunNode):
@@ -124,8 +128,81 @@ class PluginNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         """plugins: the report of each plug-in's node by name."""
-        report = None if self._guard.failed else self._guard.after_the_run("in its report", self._reported)
-        return {"plugins": {self._name: report}, "warnings": list(self._guard.warnings)}
 
-    def _reported(self) -> Any:
-        return json.loads(json.dumps(self._node.report(), allow_nan=False))
+        def report() -> Any:
+            return json.loads(json.dumps(self._node.report(), allow_nan=False))
+
+        section = None if self._guard.failed else self._guard.after_the_run("in its report", report)
+        return {"plugins": {self._name: section}, "warnings": list(self._guard.warnings)}
+
+
+def driver_of(context: DriverContext) -> VehicleDriver:
+    """Return the driver that the profile selects.
+
+    Raises PluginError when no package has it, and UserError when the run cannot have it.
+    """
+    name = context.profile.driver.kind
+    kind: DriverKind = load(DRIVERS, name)
+    if context.keys is None and kind.keys is not None:
+        context = replace(context, keys=kind.keys())
+    package = package_of(DRIVERS, name)
+    if package.split()[0] == OWN_PACKAGE:
+        driver: VehicleDriver = kind.make(context)
+        return driver
+    return PluginDriver(name, f"driver.kind {name} ({package})", kind, context)
+
+
+class PluginDriver(VehicleDriver):
+    """The driver of another package. After an exception it is not called again, except to close it."""
+
+    def __init__(self, name: str, who: str, kind: DriverKind, context: DriverContext) -> None:
+        guard = self._guard = PluginGuard(name, who)
+        driver = guard.call("when it was made", kind.make, context)
+        if not isinstance(driver, VehicleDriver):
+            raise PluginNodeError(
+                f"{who}: its make returned {type(driver).__name__}, which is not a VehicleDriver; correct the plug-in"
+            )
+        self._driver = driver
+
+    def prepare(self) -> None:
+        self._guard.call("before the run", self._driver.prepare)
+
+    def begin(self, context: RunContext) -> None:
+        self._guard.recorder = context.recorder
+        self._guard.call("at the start", self._driver.begin, context)
+
+    def update(self, sim_ns: int) -> None:
+        self._guard.now_ns = sim_ns
+        self._guard.call("", self._driver.update, sim_ns)
+
+    def handle(self, message: Any) -> None:
+        self._guard.call("", self._driver.handle, message)
+
+    @property
+    def ready(self) -> bool:
+        return self._guard.call("", lambda: bool(self._driver.ready))
+
+    @property
+    def departed(self) -> bool:
+        return self._guard.call("", lambda: bool(self._driver.departed))
+
+    def finish(self) -> None:
+        self._guard.call("", self._driver.finish)
+
+    def progress(self) -> Progress:
+        return self._guard.call("", self._driver.progress)
+
+    def end(self) -> None:
+        if not self._guard.failed:
+            self._guard.call("at the end", self._driver.end)
+
+    def close(self) -> None:
+        self._guard.after_the_run("when it was closed", self._driver.close)
+
+    def save(self, folder: Path) -> None:
+        if not self._guard.failed:
+            self._guard.after_the_run("when it saved its files", self._driver.save, folder)
+
+    def report(self) -> dict[str, Any]:
+        report = None if self._guard.failed else self._guard.after_the_run("in its report", self._driver.report)
+        return {**(report or {}), "warnings": list(self._guard.warnings)}

@@ -44,8 +44,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[int | None]:
         yield Here(figures, 2)
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("xitl_cli.plugins.campaign.carry_out.local_workers", workers)
-    monkeypatch.setattr("xitl_cli.plugins.campaign.carry_out.try_first_run", lambda plan: None)
+    monkeypatch.setattr("xitl_cli.plugins.campaign.engine.local_workers", workers)
+    monkeypatch.setattr("xitl_cli.plugins.campaign.engine.try_first_run", lambda plan: None)
     Path("plan.yaml").write_text(PLAN, encoding="utf-8")
     return asked
 
@@ -62,7 +62,7 @@ def test_a_plan_becomes_a_table(here: list[int | None]) -> None:
 
 def test_a_campaign_goes_on_in_its_folder_and_in_no_other(here: list[int | None]) -> None:
     first = xitl.campaign("plan.yaml", out="out")
-    with pytest.raises(UserError, match="holds a campaign already"):
+    with pytest.raises(UserError, match="already contains a campaign"):
         xitl.campaign("plan.yaml", out="out")
     assert xitl.campaign("plan.yaml", out="out", resume=True).rows == first.rows
     assert here == [None, None]

@@ -124,8 +124,8 @@ def test_two_folders_and_runs_without_a_partner(tmp_path: Path) -> None:
     assert (told.pairs, told.unpaired) == (32, (8, 8))
     assert all(one.difference.mean == 0.0 for one in told.figures)
     said = [finding.sentence for finding in comparison_section(told).findings]
-    assert said[0].startswith("No difference between A and B can be told from chance")
-    assert said[1].startswith("8 runs of A and 8 of B have no partner")
+    assert said[0].startswith("No difference between A and B is significant")
+    assert said[1].startswith("8 runs of A and 8 runs of B have no partner")
 
 
 def test_an_axis_that_differs_throughout_is_what_is_compared(tmp_path: Path) -> None:
@@ -152,9 +152,9 @@ def test_figures_of_runs_that_did_not_complete_are_left_out_and_counted(tmp_path
 
 def test_what_cannot_be_compared_is_said(tmp_path: Path) -> None:
     a = table(tmp_path, "a")
-    with pytest.raises(UserError, match=r"--by mission\.speed: is no axis of .*; those are"):
+    with pytest.raises(UserError, match=r"--by mission\.speed: is not an axis of .*; its axes:"):
         compare_by(a, "mission.speed")
-    with pytest.raises(UserError, match="give both campaigns the same seeds"):
+    with pytest.raises(UserError, match="use the same seeds for both campaigns"):
         compare_tables(a, table(tmp_path, "b", plan=PLAN.replace("1-10", "21-30")))
-    with pytest.raises(UserError, match=f"{WIND} varies in .* alone"):
+    with pytest.raises(UserError, match=f"{WIND} varies only in .*"):
         compare_tables(a, table(tmp_path, "c", calm, PLAN.replace(f"  {WIND}: [0, 5]\n", "")))

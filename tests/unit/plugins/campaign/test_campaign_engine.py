@@ -172,7 +172,7 @@ def test_a_folder_is_no_other_plans(plan: CampaignPlan, tmp_path: Path) -> None:
         CampaignFolder.resume(tmp_path / "a", read_plan(other))
     other.write_text(TEXT + "description: the same runs\nlimits: {time_s: 5}\n", encoding="utf-8")
     CampaignFolder.resume(tmp_path / "a", read_plan(other))
-    with pytest.raises(UserError, match="holds no campaign"):
+    with pytest.raises(UserError, match="contains no campaign"):
         CampaignFolder.resume(tmp_path / "b", plan)
 
 
@@ -196,7 +196,7 @@ class FullFile:
 def test_a_full_disk_stops_it_and_loses_nothing(plan: CampaignPlan, tmp_path: Path) -> None:
     with CampaignFolder.create(tmp_path / "a", plan) as folder:
         folder._file = FullFile((tmp_path / "a" / LINES).open("ab", buffering=0), 2000)  # type: ignore[assignment]
-        with pytest.raises(FullDiskError, match=r"No space left on device.*runs are kept; --resume"):
+        with pytest.raises(FullDiskError, match=r"No space left on device.*runs are kept; continue with --resume"):
             list(Campaign(plan, folder, ImaginedWorkers(well)).run())
     kept = len(ResultTable.read(tmp_path / "a"))
     assert 0 < kept < 12

@@ -105,7 +105,7 @@ def test_cost_in_words(golden: Golden) -> None:
     assert "wall time: about 4 min 30 s over the workers of tls://head" in cost_text(
         cost, 9, "all", "tls://head:8786", None
     )
-    assert "disk: about 9 kB, as no run is kept" in cost_text(cost, 9, "none", None, 1)
+    assert "disk: about 9 kB, because no run is kept" in cost_text(cost, 9, "none", None, 1)
     unknown = cost_text(RunCost(None, None, "carry out one"), 9, "all", None, 1)
     assert unknown == "wall time: unknown; disk: unknown. Basis: carry out one"
     assert "wall time: at most about 30 s" in cost_text(RunCost(30.0, None, "", at_most=True), 1, "all", None, 8)
@@ -143,8 +143,8 @@ def test_a_dry_run_tells_time_disk_and_their_basis(tmp_path: Path) -> None:
     path = planned(tmp_path, PLAN)
     told = dry_run(path, "--workers", "2")
     text = " ".join(told.stdout.split())
-    assert "6 runs in all." in text
-    assert "with 2 at once; disk: about " in text
+    assert "6 runs in total." in text
+    assert "with 2 parallel runs; disk: about " in text
     assert "measured over 10 s of the first run" in text
     rows = dry_run(path, "--json").stdout.splitlines()
     assert [json.loads(line)["number"] for line in rows] == [1, 2, 3, 4, 5, 6]

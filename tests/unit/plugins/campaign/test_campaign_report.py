@@ -145,4 +145,4 @@ def test_a_sensitivity_plan_ranks_its_axes(tmp_path: Path) -> None:
         (CURRENT, pytest.approx(0.5, rel=1e-3)),
     ]
     assert told.grids[0].title == f"{TRACK} (8 groups of runs)"
-    assert told.findings[0].sentence.startswith(f"{TRACK}: {WIND} matters most (mu* = 2")
+    assert told.findings[0].sentence.startswith(f"{TRACK}: {WIND} has the largest effect (mu* = 2")

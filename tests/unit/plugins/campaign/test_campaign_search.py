@@ -68,7 +68,7 @@ def test_neither_workers_nor_a_break_change_the_table(tmp_path: Path) -> None:
     (tmp_path / "many" / LINES).write_text("".join(lines[: len(lines) // 2]))
     unfinished = ResultTable.read(tmp_path / "many")
     (said,) = [section for section in campaign_sections(unfinished) if section.key == "boundary"]
-    assert "not at its end" in said.findings[0].sentence
+    assert "is not complete" in said.findings[0].sentence
     resumed, again = imagined(plan, tmp_path / "many", track, capacity=5, resume=True)
     assert repr(again) == repr(told)
     for other in (many, resumed):
@@ -116,14 +116,16 @@ def test_several_axes_are_explored(tmp_path: Path) -> None:
     assert np.hypot(*found.nearest) == pytest.approx(0.636, rel=0.1)
     (said,) = [section for section in campaign_sections(table) if section.key == "boundary"]
     home = f"{WIND} = 0 m/s, {CURRENT} = 0 m/s"
-    assert said.findings[0].sentence.startswith(f"Nearest to nominal ({home}) it begins to fail at {WIND} = ")
+    assert said.findings[0].sentence.startswith(
+        f"The boundary of failure nearest to the nominal point ({home}) is at {WIND} = "
+    )
 
 
 @pytest.mark.parametrize(
     ("nominal", "said"),
     [
         (f"{WIND}: -3, {CURRENT}: 0", f"search.nominal has {WIND} = -3, outside the axis from 4 to 20"),
-        (f"{CURRENT}: 0", f"search.nominal has {WIND} = 0 of the base, outside the axis from 4 to 20"),
+        (f"{CURRENT}: 0", f"search.nominal has {WIND} = 0 from the base, outside the axis from 4 to 20"),
     ],
 )
 def test_a_nominal_point_beyond_its_axes_is_refused(tmp_path: Path, nominal: str, said: str) -> None:
@@ -136,14 +138,14 @@ def test_a_nominal_point_beyond_its_axes_is_refused(tmp_path: Path, nominal: str
 @pytest.mark.parametrize(
     ("was", "instead", "said"),
     [
-        ("{from: 0, to: 20}", "[0, 20]", "search has no axis to search along; give one as {from: …, to: …}"),
+        ("{from: 0, to: 20}", "[0, 20]", "search has no axis to search along; add one as {from: …, to: …}"),
         ("runs_per_point: 8", "runs_per_point: 0", "search.runs_per_point = 0 is too small"),
         ("runs_per_point: 8", "run_per_point: 8", "did you mean 'runs_per_point'"),
-        ("runs_per_point: 8", "nominal: {wind: 3}", "search.nominal.wind is no axis that is searched"),
-        ("seeds: 100-101", "combine: one_at_a_time", "combine: one_at_a_time beside search"),
-        ("seeds: 100-101", f"constraints: [{WIND} < 3]", "constraints mean nothing to search"),
-        ("seeds: 100-101", "sensitivity: {}", "search and sensitivity are two campaigns"),
-        ("to: 20}", "to: -20}", "has to be the larger one"),
+        ("runs_per_point: 8", "nominal: {wind: 3}", "search.nominal.wind is not a searched axis"),
+        ("seeds: 100-101", "combine: one_at_a_time", "combine: one_at_a_time has no effect, because search chooses the points"),
+        ("seeds: 100-101", f"constraints: [{WIND} < 3]", "constraints do not apply to search"),
+        ("seeds: 100-101", "sensitivity: {}", "search and sensitivity need separate plans"),
+        ("to: 20}", "to: -20}", "must be the larger one"),
         ("{from: 0, to: 20}", "{from: -4, to: 20}", "is too small; use a value of at least 0"),
     ],
 )  # fmt: skip

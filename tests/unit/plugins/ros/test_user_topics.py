@@ -12,7 +12,7 @@ from agent.wire.codec import Packer
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.ros.conversion import RosConversion
 from xitl_cli.plugins.ros.definitions import deserialize
-from xitl_cli.plugins.ros.user_topics import check_topics
+from xitl_cli.plugins.ros.outputs import check_topics
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
@@ -100,18 +100,26 @@ def test_an_element_that_is_not_there_is_no_message(profile: RunProfile) -> None
     ("name", "asked", "words"),
     [
         ("imu/dat", RosTopicSpec(rate_hz=1.0), "did you mean 'imu/data'"),
-        ("wind", RosTopicSpec(field="x"), "say `of`"),
-        ("wind", RosTopicSpec(of="/environment"), "leave out `of`"),
-        ("wind", RosTopicSpec(name="current"), "is there already"),
-        ("wind", RosTopicSpec(name="3d"), "is no name of ROS"),
-        ("mine", RosTopicSpec(of="/tf"), "is no message of ours"),
+        ("wind", RosTopicSpec(field="x"), "with `of`"),
+        ("wind", RosTopicSpec(of="/environment"), "omit `of`"),
+        ("wind", RosTopicSpec(name="current"), "already exists"),
+        ("wind", RosTopicSpec(name="3d"), "is not a name of ROS"),
+        ("mine", RosTopicSpec(of="/tf"), "is not a recorded topic"),
         ("mine", RosTopicSpec(of="/environment", field="speed"), "use current_ned_mps, wind_ned_mps"),
-        ("mine", RosTopicSpec(of="/environment", field="wind_ned_mps[", type="std_msgs/msg/Float64"), "is none of"),
-        ("mine", RosTopicSpec(of="/environment", field="wind_ned_mps", type="nav_msgs/msg/Path"), "can be"),
+        (
+            "mine",
+            RosTopicSpec(of="/environment", field="wind_ned_mps[", type="std_msgs/msg/Float64"),
+            "is not a field of",
+        ),
+        (
+            "mine",
+            RosTopicSpec(of="/environment", field="wind_ned_mps", type="nav_msgs/msg/Path"),
+            "is not a type for a field",
+        ),
         ("mine", RosTopicSpec(of="/link/agent/rx", message="VFR_HUT", field="x"), "did you mean VFR_HUD"),
-        ("mine", RosTopicSpec(of="/link/agent/rx", message="VFR_HUD"), "names no field"),
-        ("mine", RosTopicSpec(of="/environment", message="VFR_HUD"), "is of the frames of a link"),
-        ("range/{rangefinder}", RosTopicSpec(name="depth"), "one of several"),
+        ("mine", RosTopicSpec(of="/link/agent/rx", message="VFR_HUD"), "needs a field"),
+        ("mine", RosTopicSpec(of="/environment", message="VFR_HUD"), "is for the frames of a link"),
+        ("range/{rangefinder}", RosTopicSpec(name="depth"), "cannot be renamed"),
     ],
 )
 def test_what_cannot_be_is_refused_by_its_key(name: str, asked: RosTopicSpec, words: str) -> None:

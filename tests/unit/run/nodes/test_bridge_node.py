@@ -117,7 +117,7 @@ def test_one_that_starts_anew_in_the_mission_ends_the_run_and_before_it_arms_it_
     case.hear(heartbeat(armed=False))
     case.update(3 * SECOND)  # disarmed by a person
     case.status(restarts=2)
-    with pytest.raises(UserError, match=r"^the autopilot started anew in the mission, before 4.0 s"):
+    with pytest.raises(UserError, match=r"^the autopilot restarted during the mission, before 4.0 s"):
         case.update(4 * SECOND)
 
 
@@ -134,7 +134,7 @@ def test_what_the_bridge_complained_of_last_goes_with_the_reason_until_it_is_ove
     case = Case()
     case.say(4, "Bridge: the script on the autopilot says nothing; set SCR_ENABLE 1 and bring it there")
     case.say(6, "an autopilot's own sentence, which is so long that it comes in more than one part")
-    ending = "cables and its log; the bridge said: the script on the autopilot says nothing; set SCR_ENABLE 1 and "
+    ending = "cables and its log; the bridge reports: the script on the autopilot says nothing; set SCR_ENABLE 1 and "
     case.hear(heartbeat(armed=False))
     assert ending in str(case.bridge.why_silent(1.0, 2.0))
     case.say(5, "Bridge: the script on the autopilot speaks again")
@@ -145,7 +145,7 @@ def test_an_agent_that_is_no_bridge_is_found_out() -> None:
     case = Case()
     case.hear(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
     case.update(NO_BRIDGE_NS)
-    with pytest.raises(UserError, match="the agent there is no bridge"):
+    with pytest.raises(UserError, match="and is no bridge"):
         case.update(NO_BRIDGE_NS + 1)
     case.status()
     case.update(NO_BRIDGE_NS + 2)
@@ -205,8 +205,8 @@ def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path
         "missed 2 of 50",
     ):
         assert words in text
-    assert "its own log stays where it runs" in text
-    assert ("", "it left no log of its own") in list(autopilot_rows({**section, "program": "/opt/ardurover"}))
+    assert "its log stays on its machine" in text
+    assert ("", "it wrote no log") in list(autopilot_rows({**section, "program": "/opt/ardurover"}))
     assert list(autopilot_rows(None)) == []
 
 

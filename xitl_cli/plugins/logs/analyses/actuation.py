@@ -1,0 +1,215 @@
+"""Faults detected from contradicting signals: GNSS position and velocity, battery voltage and current, commands and
+motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Finding, Section
+from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.signals.receivers import GnssReceiver, gnss_receivers, injected_receivers
+from xitl_cli.logs.signals.series import numbers
+from xitl_cli.logs.signals.spans import runs
+from xitl_cli.plugins.logs.analyses.actuator_faults import actuator_findings
+from xitl_cli.plugins.logs.analyses.power import batteries
+
+DRIFT_MPS = 0.12
+"""Least drift that exceeds a receiver's own error (0.5 m that changes over a minute) in one window."""
+WINDOW_S = 15.0
+DROP_SHARE = 0.015
+"""Least fall of the voltage that exceeds noise, as share of its median."""
+LEAST_FIXES = 20
+MOST_GAP_S = 1.0
+"""Largest gap between two fixes of one stretch: the mean velocity determines the path of a boat that turns in this
+time."""
+BATTERY_WINDOW_S = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """A span of the log's time in which a signal left its model."""
+
+    from_ns: int
+    until_ns: int
+    size: float
+    """In the unit of the judged signal."""
+    bearing_deg: float = 0.0
+
+
+def analyse(log: Log) -> Section | None:
+    """Section on actuation. None if nothing was found, or if neither commands with motion, a receiver nor a battery is
+    logged."""
+    clock = LogClock(log)
+    findings = [*_gnss_findings(log, clock), *_battery_findings(log, clock), *actuator_findings(log, clock)]
+    return Section("actuation", "Actuators and power", findings=tuple(findings)) if findings else None
+
+
+def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
+    for receiver in gnss_receivers(log) or injected_receivers(log):
+        for drift in gnss_drifts(receiver):
+            yield Finding.warning(
+                "actuation.gnss_drift",
+                f"From {clock.text(drift.from_ns)} to {clock.text(drift.until_ns)} the position of {receiver.name} "
+                f"drifts by {drift.size:.2f} m/s towards {drift.bearing_deg:.0f} degrees against its own velocity",
+                (
+                    Evidence(
+                        receiver.message,
+                        receiver.fields.get("lat"),
+                        drift.from_ns,
+                        drift.until_ns,
+                        f"{drift.size:.2f} m/s",
+                    ),
+                ),
+                "Do not trust the position in this time: look for reflected signals, interference or spoofing.",
+            )
+
+
+def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
+    """Times in which the position moves at another velocity than the receiver reports, by the slope of the difference.
+
+    Each stretch without a gap is judged alone, because the velocity does not determine the path across a gap. A drift
+    that the velocity shares cannot be detected. Size: m/s.
+    """
+    vel_ne_mps = receiver.vel_ned_mps[:, :2]
+    known = np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(vel_ne_mps).all(axis=1)
+    rows = np.flatnonzero((receiver.fix >= 3) & known)
+    steps_s = np.diff(receiver.sample_ns[rows]) * 1e-9
+    if len(rows) < LEAST_FIXES or (steps_s <= 0).any():
+        return []
+    stretches = np.split(rows, np.flatnonzero(steps_s > MOST_GAP_S) + 1)
+    return [drift for stretch in stretches if len(stretch) >= LEAST_FIXES for drift in _drifts(receiver, stretch)]
+
+
+def _drifts(receiver: GnssReceiver, rows: NDArray[np.intp]) -> Iterator[Departure]:
+    """Drifts within rows without a gap."""
+    stamp_ns, vel_ne_mps = receiver.sample_ns[rows], receiver.vel_ned_mps[rows, :2]
+    time_s = (stamp_ns - stamp_ns[0]) * 1e-9
+    lat_deg, lon_deg = receiver.lat_deg[rows], receiver.lon_deg[rows]
+    frame = LocalFrame(float(lat_deg[0]), float(lon_deg[0]), 0.0)
+    place_m = frame.ned(lat_deg, lon_deg, np.zeros(len(lat_deg)))[:, :2]
+    steps_m = 0.5 * (vel_ne_mps[1:] + vel_ne_mps[:-1]) * np.diff(time_s)[:, None]
+    apart_m = place_m - np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
+    ends = np.searchsorted(time_s, time_s + WINDOW_S)
+    whole = ends < len(time_s)
+    firsts, ends = np.flatnonzero(whole), ends[whole]
+    slope = np.array([_slope(time_s[a:b], apart_m[a:b]) for a, b in zip(firsts, ends, strict=True)]).reshape(-1, 2)
+    for begin, after in _joined(runs(np.linalg.norm(slope, axis=1) > DRIFT_MPS), 25):
+        first, last = int(firsts[begin]), int(ends[after - 1])
+        if (departure := _fitted_drift(receiver.stamp_ns[rows], time_s, apart_m, first, last)) is not None:
+            yield departure
+
+
+def _slope(time_s: Floats, values: Floats) -> Floats:
+    centred = time_s - time_s.mean()
+    slope: Floats = centred @ (values - values.mean(axis=0)) / (centred @ centred)
+    return slope
+
+
+def _joined(spans: object, most_rows: int) -> list[tuple[int, int]]:
+    """Join runs that are fewer than `most_rows` rows apart."""
+    found: list[tuple[int, int]] = []
+    for begin, after in spans:  # type: ignore[attr-defined]
+        if found and begin - found[-1][1] < most_rows:
+            found[-1] = found[-1][0], after
+        else:
+            found.append((begin, after))
+    return found
+
+
+def _fitted_drift(stamp_ns: Stamps, time_s: Floats, apart_m: Floats, first: int, last: int) -> Departure | None:
+    """Best fit of a broken line (level, slope) from a window before to the end; None if the slope is too small."""
+    before = int(np.searchsorted(time_s, time_s[first] - WINDOW_S))
+    jumps = np.linalg.norm(np.diff(apart_m[first:last], axis=0), axis=1)
+    if len(jumps) and jumps.max() > 3.0:  # a position that jumps back ends the drift
+        last = first + int(np.argmax(jumps)) + 1
+    if last - first < 10:
+        return None
+    best, best_at = np.inf, first
+    for at in range(before, last - 10):
+        design = np.stack([np.ones(last - before), np.maximum(time_s[before:last] - time_s[at], 0.0)], axis=1)
+        _, left, *_ = np.linalg.lstsq(design, apart_m[before:last], rcond=None)
+        if len(left) and left.sum() < best:
+            best, best_at = float(left.sum()), at
+    end = last - 1
+    slope = _slope(time_s[best_at:last], apart_m[best_at:last])
+    size = float(np.hypot(*slope))
+    if size < DRIFT_MPS or time_s[end] - time_s[best_at] < 0.5 * WINDOW_S:
+        return None
+    bearing_deg = float(np.degrees(np.arctan2(slope[1], slope[0])) % 360.0)
+    return Departure(int(stamp_ns[best_at]), int(stamp_ns[end]), size, bearing_deg)
+
+
+def _battery_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
+    for name, stamp_ns, voltage_v, current_a in _batteries(log):
+        for sag in battery_sags(stamp_ns, voltage_v, current_a):
+            yield Finding.warning(
+                "actuation.battery_sag",
+                f"At {clock.text(sag.from_ns)} the voltage of the battery falls by {sag.size:.2f} V more than its "
+                "current explains",
+                (Evidence(name, "voltage_v", sag.from_ns, sag.until_ns, f"{sag.size:.2f} V"),),
+                "Look at the cells, the contacts and the wires of the battery; the motors turn more slowly from then.",
+            )
+
+
+def _batteries(log: Log) -> Iterator[tuple[str, Stamps, Floats, Floats]]:
+    """The simulated battery of a recording, else measured batteries."""
+    table = log.tables.get("/battery")
+    if table is not None and {"voltage_v", "current_a"} <= set(table.columns):
+        voltage_v, current_a = numbers(table, "voltage_v"), numbers(table, "current_a")
+        if voltage_v is not None and current_a is not None:
+            yield "/battery", table.stamp_ns, voltage_v, current_a
+        return
+    for battery in batteries(log):
+        if battery.current_a is not None:
+            yield battery.message, battery.stamp_ns, battery.voltage_v, battery.current_a
+
+
+def battery_sags(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> list[Departure]:
+    """Instants at which the voltage falls permanently, by more than charge and resistance explain. Size: V.
+
+    Around each instant, a level, a slope and a resistance are fitted, with a step or with a step of the resistance.
+    """
+    good = np.isfinite(voltage_v) & np.isfinite(current_a) & (voltage_v > 0.0)
+    stamp_ns, voltage_v, current_a = stamp_ns[good], voltage_v[good], current_a[good]
+    if len(stamp_ns) < 40:
+        return []
+    time_s = (stamp_ns - stamp_ns[0]) * 1e-9
+    least_v = DROP_SHARE * float(np.median(voltage_v))
+    period_s = float(np.median(np.diff(time_s)))
+    half = max(round(BATTERY_WINDOW_S / max(period_s, 1e-3)), 5)
+    drop_v = np.zeros(len(time_s))
+    for at in range(half, len(time_s) - half, max(round(0.5 / max(period_s, 1e-3)), 1)):
+        drop_v[at] = _drop_v(time_s, voltage_v, current_a, at, half, least_v)
+    found: list[Departure] = []
+    while drop_v.max() > least_v:
+        coarse = int(np.argmax(drop_v))
+        fine = range(max(coarse - half // 8, half), min(coarse + half // 8 + 1, len(time_s) - half))
+        exact = [_drop_v(time_s, voltage_v, current_a, at, half, least_v) for at in fine]
+        at = fine[int(np.argmax(exact))]
+        found.append(Departure(int(stamp_ns[at]), int(stamp_ns[-1]), float(max(exact))))
+        drop_v[max(at - 2 * half, 0) : at + 2 * half] = 0.0
+    return sorted(found, key=lambda each: each.from_ns)
+
+
+def _drop_v(time_s: Floats, voltage_v: Floats, current_a: Floats, at: int, half: int, least_v: float) -> float:
+    """Fall of the voltage at row `at`; 0 unless a step explains at least three quarters of the residual without it."""
+    rows = slice(at - half, at + half)
+    after = (np.arange(at - half, at + half) >= at).astype(np.float64)
+    current, voltage = current_a[rows], voltage_v[rows]
+    plain = np.stack([np.ones(2 * half), time_s[rows] - time_s[at], current], axis=1)
+    step = np.concatenate([plain, np.stack([after, after * current], axis=1)], axis=1)
+    left = voltage - plain @ np.linalg.lstsq(plain, voltage, rcond=None)[0]
+    fitted, *_ = np.linalg.lstsq(step, voltage, rcond=None)
+    rest = voltage - step @ fitted
+    if rest @ rest > 0.25 * (left @ left):
+        return 0.0
+    size_v = -float(fitted[3] + fitted[4] * current[half:].mean())
+    noise_v = float(np.sqrt(rest @ rest / len(rest)))
+    return size_v if size_v > max(least_v, 3.0 * noise_v) else 0.0

@@ -1,0 +1,707 @@
+"""Faults of propellers and rudders, from the vessel's response to commands.
+
+The changes of yaw rate and surge speed over a second are fitted by least squares to the commands, to the motion and to
+wind and current. For each span, the same model is fitted with the commands of a faulty actuator inside of the span: it
+lost thrust, turns against its command, or is stuck. The fault is the one that improves the fit most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Finding
+from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.signals import yaw, yaw_rate
+from xitl_cli.logs.signals.receivers import GnssReceiver, gnss_receivers, injected_receivers
+from xitl_cli.logs.signals.sensors import injected_units
+from xitl_cli.logs.signals.series import Series, make_series
+from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.signals.states import parameter_values, vehicle_kind
+from xitl_cli.plugins.logs.analyses.outputs import OutputChannel, driven_outputs
+
+RATE_HZ = 5.0
+_STRIDE = 2  # samples between rows of the fit
+_REACH = 5  # samples over which a change is computed
+_LAGS_S = (0.0, 0.2, 0.4, 0.8, 1.6)
+_FEWEST_ROWS = 100
+_LENGTHS_S = (10.0, 12.5, 15.0, 17.5, 20.0, 22.5, 25.0, 30.0, 35.0, 40.0, 50.0, 60.0)
+_MOST_SPANS = 2000
+_EVEN, _LINEAR, _ODD = range(3)
+"""Columns of a design."""
+_ASTERN_LESS, _ASTERN_SPREAD = 0.2, 0.2
+"""Part of the thrust of a command that does not change its sign with it, as share of the part that does. 0.2 is a
+propeller that gives two thirds of its thrust astern."""
+_SIZES: Mapping[str, Sequence[float]] = {
+    "thrust_loss": tuple(np.linspace(0.2, 1.0, 5)),
+    "reversed": (1.0,),
+    "stuck": tuple(np.linspace(-1.0, 1.0, 21)),
+}
+"""Sizes of each kind in the search."""
+_FEW_SIZES: Mapping[str, Sequence[float]] = {
+    "thrust_loss": (0.5, 1.0),
+    "reversed": (1.0,),
+    "stuck": (-0.9, -0.6, -0.3, 0.2, 0.5, 0.7, 0.9),
+}
+"""Those for the choice of a lag."""
+Spans = NDArray[np.intp]
+LEAST_GAIN, LEAST_STEERING_GAIN = 200.0, 100.0
+"""Least improvement of the fit in units of its variance, for a propeller and for a rudder or gear."""
+_SEARCHED_GAIN = 40.0
+_SHORTEST_NS = 10_000_000_000
+_BRIEF_S, _BRIEF_GAIN = 5.0, 2.0
+"""A shorter fault, of at least this length, needs this multiple of the improvement."""
+_SURE, _SURE_SHARE, _SHOWN = 12.0, 0.02, 1.0
+"""Effect that excludes an onset (in units of the variance of a row, and as share of the improvement by the fault), and
+least effect of a row that counts."""
+_LATE_ROWS, _SURE_ROWS = 12, 7
+"""Rows (0.4 s) without effect after which a fault has an onset that does not show, and that make an onset uncertain."""
+LEAST_LOSS = 0.25
+"""Least share of lost thrust that is reported: wind and waves cause less."""
+_MOST_FAULTS = 5
+_AS_GOOD = 0.9
+"""Share of the improvement of the best explanation that makes another one possible."""
+_PAUSE_NS = 10_000_000_000
+_HANDICAPS = {"reversed": (0.0, 0.0), "thrust_loss": (20.0, 0.01), "stuck": (40.0, 0.05)}
+"""Improvement of the fit by which a kind must exceed one with less freedom: in units of its variance, and as share of
+the whole improvement."""
+
+
+_UNANSWERED_S, _UNANSWERED_MOMENT, _UNANSWERED_RADPS = 6.0, 0.3, 0.08
+_LASTING = 0.7
+"""Share of its turn rate that a vessel keeps if it does not follow a command against it."""
+
+
+@dataclass(frozen=True, slots=True)
+class VesselMotion:
+    """Samples at `RATE_HZ`, without missing values. Body axes are forward and starboard; speeds are over ground."""
+
+    stamp_ns: Stamps
+    yaw_rate_radps: Floats
+    """(M,)"""
+    surge_mps: Floats
+    """(M,)"""
+    sway_mps: Floats
+    """(M,)"""
+    yaw_rad: Floats
+    """(M,)"""
+    commands: Floats
+    """(M, A) from -1 to 1."""
+    steers: Flags
+    """(A,) whether each output steers."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorFault:
+    """A fault of one actuator."""
+
+    kind: str
+    """thrust_loss, reversed or stuck."""
+    output: int
+    """Index among the commands."""
+    from_ns: int
+    until_ns: int | None
+    size: float
+    """Lost share, or the command at which the actuator is stuck."""
+    turns: float
+    """Sign of the yaw moment of a stuck actuator, positive to starboard."""
+    gain: float
+    """Improvement of the fit, in units of its variance."""
+    began_ns: tuple[int, int] | None = None
+    """Earliest and latest onset if the commands do not determine it, as those of a stuck propeller at its speed."""
+    other: ActuatorFault | None = None
+    """Another kind of fault of this output that explains nearly as much: the commands do not distinguish them."""
+
+
+def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
+    if vehicle_kind(log) != "rover":
+        return
+    driven = [each for each in driven_outputs(log, parameter_values(log)) if np.ptp(np.nan_to_num(each.command)) > 0.1]
+    motion = vessel_motion(log, driven)
+    if motion is None:
+        return
+    faults = actuator_faults(motion)
+    for turn in unanswered_turns(motion):
+        if not any(
+            fault.from_ns < turn.until_ns and turn.from_ns < (fault.until_ns or turn.until_ns) for fault in faults
+        ):
+            yield _of_unanswered(turn, driven, clock)
+    for fault in faults:
+        output = driven[fault.output]
+        end_ns = fault.until_ns or int(motion.stamp_ns[-1])
+        until = "the end of the log" if fault.until_ns is None else clock.text(fault.until_ns)
+        yield Finding.warning(
+            f"actuation.{fault.kind}",
+            f"From {clock.text(fault.from_ns)} to {until} the vessel answers as if {output.name} "
+            f"{_as_if(fault, output)}{_or_as_if(fault, output)}{_began(fault, clock)}",
+            (Evidence(*_message_and_field(output.series), fault.from_ns, end_ns, f"{fault.size:.2f}"),),
+            "Look at this propeller or rudder, its gear, its motor and its wires; it did not do as commanded.",
+        )
+
+
+def _or_as_if(fault: ActuatorFault, output: OutputChannel) -> str:
+    if fault.other is None:
+        return ""
+    return f", or {_as_if(fault.other, output)}: its commands varied too little to tell"
+
+
+def _of_unanswered(turn: UnansweredTurn, driven: Sequence[OutputChannel], clock: LogClock) -> Finding:
+    turned, commanded = ("starboard", "port") if turn.yaw_rate_radps > 0.0 else ("port", "starboard")
+    rate = f"{abs(np.degrees(turn.yaw_rate_radps)):.0f} deg/s"
+    return Finding.warning(
+        "actuation.unanswered",
+        f"From {clock.text(turn.from_ns)} to {clock.text(turn.until_ns)} the vessel did not answer its commands: it "
+        f"turned to {turned} at {rate} while they were to {commanded}",
+        tuple(Evidence(*_message_and_field(each.series), turn.from_ns, turn.until_ns, rate) for each in driven[:1]),
+        "Look at the propellers, rudders and their wires: is one reversed, without thrust or stuck?",
+    )
+
+
+def _began(fault: ActuatorFault, clock: LogClock) -> str:
+    if fault.began_ns is None:
+        return ""
+    earliest, latest = (clock.text(at_ns) for at_ns in fault.began_ns)
+    return f"; it began between {earliest} and {latest}, as its commands hardly differed from it in this time"
+
+
+def _as_if(fault: ActuatorFault, output: OutputChannel) -> str:
+    if fault.kind == "thrust_loss":
+        return f"lost {100.0 * fault.size:.0f} % of its thrust"
+    if fault.kind == "reversed":
+        return "turned against its command"
+    side = "starboard" if fault.turns > 0.0 else "port"
+    if output.drives:
+        return f"stayed at {100.0 * fault.size:.0f} % of its range, whatever it was commanded to"
+    return f"stayed at {100.0 * abs(fault.size):.0f} % of its range to {side}, whatever it was commanded to"
+
+
+def _message_and_field(series: Series) -> tuple[str, str]:
+    message, _, field = series.source.partition(".")
+    return message, field
+
+
+def vessel_motion(log: Log, driven: Sequence[OutputChannel]) -> VesselMotion | None:
+    """Longest time in which the vehicle was armed; None if heading, speed or commands are not logged."""
+    turning, heading = _turning(log), yaw(log)
+    receiver = next(iter(gnss_receivers(log) or injected_receivers(log)), None)
+    velocity = None if receiver is None else _velocity(receiver)
+    if turning is None or heading is None or velocity is None or not any(each.drives for each in driven):
+        return None
+    commands = [make_series(each.series.stamp_ns, each.command, "", each.name) for each in driven]
+    known = [each for each in (turning, heading, velocity, *commands) if each is not None]
+    if len(known) != 3 + len(driven):
+        return None
+    begin = max(int(each.stamp_ns[0]) for each in known)
+    end = min(int(each.stamp_ns[-1]) for each in known)
+    step_ns = round(1e9 / RATE_HZ)
+    many = (end - begin) // step_ns
+    if not _FEWEST_ROWS * _STRIDE < many < 200_000:
+        return None
+    at_ns = begin + step_ns * np.arange(many, dtype=np.int64)
+    armed = make_series(driven[0].series.stamp_ns, driven[0].armed.astype(np.float64), "", "armed")
+    on = np.ones(many, dtype=np.bool_) if armed is None else armed.interpolated(at_ns) > 0.99
+    if not on.any():
+        return None
+    psi = np.radians(heading.interpolated(at_ns))
+    north, east = velocity.interpolated(at_ns).T
+    at_ns, psi, north, east = at_ns[on], psi[on], north[on], east[on]
+    return VesselMotion(
+        at_ns,
+        np.radians(_averaged(turning, at_ns)),
+        north * np.cos(psi) + east * np.sin(psi),
+        east * np.cos(psi) - north * np.sin(psi),
+        psi,
+        np.stack([_averaged(each, at_ns) for each in commands if each is not None], axis=1),
+        np.array([not each.drives for each in driven]),
+    )
+
+
+def _turning(log: Log) -> Series | None:
+    """Turn rate in deg/s. For an xitl recording, this is the gyroscope, which has no filter delay."""
+    for unit in injected_units(log):
+        if unit.gyro_radps is not None:
+            return make_series(unit.stamp_ns, np.degrees(unit.gyro_radps[:, 2]), "deg/s", unit.name)
+    return yaw_rate(log)
+
+
+def _velocity(receiver: GnssReceiver) -> Series | None:
+    fixed = receiver.fix >= 3
+    return make_series(receiver.stamp_ns[fixed], receiver.vel_ned_mps[fixed, :2], "m/s", receiver.message)
+
+
+def _averaged(series: Series, at_ns: Stamps) -> Floats:
+    """(M,) means around each instant, over the interval to its neighbours."""
+    span_ns = np.diff(series.stamp_ns, prepend=series.stamp_ns[0]).astype(np.float64) * 1e-9
+    way = make_series(series.stamp_ns, np.cumsum(series.values * span_ns), "", series.source)
+    assert way is not None
+    half_ns = round(0.5e9 / RATE_HZ)
+    first, last = int(series.stamp_ns[0]), int(series.stamp_ns[-1])
+    low, high = np.clip(at_ns - half_ns, first, last), np.clip(at_ns + half_ns, first, last)
+    mean: Floats = (way.interpolated(high) - way.interpolated(low)) / np.maximum((high - low) * 1e-9, 1e-9)
+    return mean
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Rows of the fit."""
+
+    motion: VesselMotion
+    commands: Floats
+    given_sides: Floats | None = None
+    """(P,) sides of the propellers; None if the motion determines them."""
+
+    @cached_property
+    def rows(self) -> Stamps:
+        """(N,) first sample of each row, without rows that span a pause."""
+        first = np.arange(0, len(self.motion.stamp_ns) - _REACH, _STRIDE, dtype=np.int64)
+        stamps = self.motion.stamp_ns
+        whole = stamps[first + _REACH] - stamps[first] < 1.5e9 * _REACH / RATE_HZ
+        return first[whole]
+
+    @cached_property
+    def sides(self) -> Floats:
+        """(P,) of the propellers: sign of the yaw moment of each when it drives ahead.
+
+        The moments of a symmetric vessel cancel. Their mean is therefore an error, such as that of a fault.
+        """
+        if self.given_sides is not None:
+            return self.given_sides
+        motion = self.motion
+        drives = self.commands[:, ~motion.steers]
+        turning = motion.yaw_rate_radps
+        design = self._means([np.ones(len(turning)), turning, *(drives * np.abs(drives)).T])
+        moments = np.linalg.lstsq(design, self.changes[0], rcond=None)[0][2:]
+        sides: Floats = np.sign(moments - moments.mean())
+        return sides
+
+    @cached_property
+    def turns(self) -> Floats:
+        """(A,) sign of the yaw moment of a positive command of each output."""
+        motion, turns = self.motion, np.zeros(self.commands.shape[1])
+        turns[~motion.steers] = self.sides
+        design = self._means([np.ones(len(self.commands)), motion.yaw_rate_radps, *self.commands[:, motion.steers].T])
+        turns[motion.steers] = np.sign(np.linalg.lstsq(design, self.changes[0], rcond=None)[0][2:])
+        return turns
+
+    @cached_property
+    def changes(self) -> tuple[Floats, Floats]:
+        turning, surge = self.motion.yaw_rate_radps, self.motion.surge_mps
+        return (turning[self.rows + _REACH] - turning[self.rows], surge[self.rows + _REACH] - surge[self.rows])
+
+    def designs(self, commands: Floats, shares: Floats | None = None) -> tuple[Floats, Floats]:
+        """Designs (N, K) for yaw rate and for surge, averaged over the second of each row.
+
+        The first columns are `_EVEN`, the part of the thrust that is equal ahead and astern, and the other parts.
+
+        shares: (A,) share of the usual thrust that each output gives; None for all of it.
+        """
+        moving = self.motion
+        turning, surge, sway = moving.yaw_rate_radps, moving.surge_mps, moving.sway_mps
+        wind = [np.ones(len(turning)), np.cos(moving.yaw_rad), np.sin(moving.yaw_rad)]
+        drives, steering = commands[:, ~moving.steers], commands[:, moving.steers]
+        share = np.ones(drives.shape[1]) if shares is None else shares[~moving.steers]
+        thrust = (drives * np.abs(drives)) @ share
+        yawing = [*wind, turning, turning * np.abs(turning), surge * turning, sway, surge * sway]
+        along = [*wind, surge, surge * np.abs(surge), turning**2, turning * sway]
+        # Assume equal propellers, with the same lever arm on both sides.
+        for part in (drives * np.abs(drives) + _ASTERN_LESS * drives**2, drives, drives**2):
+            yawing.insert(0, part @ (share * self.sides))
+            along.insert(0, part @ share)
+        for angle in steering.T:
+            yawing += [angle, angle * surge * np.abs(surge), angle * thrust]
+            along += [angle**2 * thrust]
+        return self._means(yawing), self._means(along)
+
+    def _means(self, columns: Sequence[Floats]) -> Floats:
+        summed = np.concatenate([np.zeros((1, len(columns))), np.cumsum(np.stack(columns, axis=1), axis=0)])
+        means: Floats = (summed[self.rows + _REACH] - summed[self.rows]) / RATE_HZ
+        return means
+
+    def lagged(self, lag_s: float) -> _Fit:
+        """The fit with commands delayed by a first-order lag."""
+        if lag_s <= 0.0:
+            return self
+        share = 1.0 - np.exp(-1.0 / (RATE_HZ * lag_s))
+        slow = np.empty_like(self.commands)
+        state = self.commands[0]
+        for place, command in enumerate(self.commands):
+            state = state + share * (command - state)
+            slow[place] = state
+        return _Fit(self.motion, slow, self.sides)  # a wrong lag can turn the sides round
+
+
+def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
+    """Faults in order of time; none if the motion is too short to be judged."""
+    first = _Fit(motion, motion.commands)
+    if len(first.rows) < _FEWEST_ROWS:
+        return []
+    # Choose the lag by the best fit with a fault: a fault that the model lacks makes a wrong lag look good.
+    searches = [_Search(first.lagged(lag_s), _scales(first)) for lag_s in _LAGS_S]
+    search = min(searches, key=lambda each: each.least_squares())
+    found: list[ActuatorFault] = []
+    while len(found) < _MOST_FAULTS and (fault := search.next_fault()) is not None:
+        found.append(fault)
+    joined = _joined(sorted(found, key=lambda fault: fault.from_ns))
+    return [fault for fault in joined if _certain(fault, motion)]
+
+
+@dataclass(frozen=True, slots=True)
+class UnansweredTurn:
+    """A time in which a vessel turned against its commands without slowing down."""
+
+    from_ns: int
+    until_ns: int
+    yaw_rate_radps: float
+    """Mean, positive to starboard."""
+
+
+def unanswered_turns(motion: VesselMotion) -> list[UnansweredTurn]:
+    """Turns against the commands, which show a fault also where the response model does not hold."""
+    fit = _Fit(motion, motion.commands)
+    if len(fit.rows) < _FEWEST_ROWS:
+        return []
+    commands, drives = motion.commands, ~motion.steers
+    moments = np.where(drives, commands * np.abs(commands), commands) * fit.turns
+    counted = moments[:, motion.steers] if motion.steers.any() else moments
+    moment, rate = counted.mean(axis=1), motion.yaw_rate_radps
+    against = (moment * rate < 0.0) & (np.abs(moment) > _UNANSWERED_MOMENT) & (np.abs(rate) > _UNANSWERED_RADPS)
+    if motion.steers.any():  # a rudder needs thrust or speed
+        against &= motion.surge_mps > 0.5
+    stamps = motion.stamp_ns
+    turns = []
+    for begin, after in runs(against):
+        third = (after - begin) // 3
+        whole = stamps[after - 1] - stamps[begin] < 1.5e9 * (after - begin) / RATE_HZ
+        if not whole or after - begin < _UNANSWERED_S * RATE_HZ:
+            continue
+        if abs(rate[after - third : after].mean()) >= _LASTING * abs(rate[begin : begin + third].mean()):
+            turns.append(UnansweredTurn(int(stamps[begin]), int(stamps[after - 1]), float(rate[begin:after].mean())))
+    return turns
+
+
+def _certain(fault: ActuatorFault, motion: VesselMotion) -> bool:
+    """Whether the fault is long and large enough to exclude wind, waves and model errors."""
+    until_ns = int(motion.stamp_ns[-1]) if fault.until_ns is None else fault.until_ns
+    least = LEAST_STEERING_GAIN if motion.steers[fault.output] else LEAST_GAIN
+    enough = fault.kind != "thrust_loss" or fault.size >= LEAST_LOSS
+    length_ns = until_ns - (fault.from_ns if fault.began_ns is None else fault.began_ns[0])
+    if length_ns < _SHORTEST_NS:
+        return enough and fault.gain >= _BRIEF_GAIN * least and length_ns * 1e-9 >= _BRIEF_S
+    return enough and fault.gain >= least
+
+
+def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
+    """Join the same fault on both sides of a short pause, in which it was not visible."""
+    joined: list[ActuatorFault] = []
+    for fault in faults:
+        last = joined[-1] if joined else None
+        same = last is not None and (last.kind, last.output) == (fault.kind, fault.output)
+        if last is not None and same and last.until_ns and fault.from_ns - last.until_ns < _PAUSE_NS:
+            size = max((last, fault), key=lambda each: each.gain).size
+            gain = last.gain + fault.gain
+            joined[-1] = replace(last, until_ns=fault.until_ns, size=size, gain=gain)
+        else:
+            joined.append(fault)
+    return joined
+
+
+def _scales(fit: _Fit) -> list[float]:
+    """Noise of both changes."""
+    return [
+        1.4826 * float(np.median(np.abs(change - design @ np.linalg.lstsq(design, change, rcond=None)[0]))) + 1e-9
+        for design, change in zip(fit.designs(fit.commands), fit.changes, strict=True)
+    ]
+
+
+def _squares(values: Floats) -> float:
+    return float(values @ values)
+
+
+@dataclass(frozen=True, slots=True)
+class _Hypothesis:
+    """A fault of one output, of unknown time."""
+
+    kind: str
+    output: int
+    size: float
+    """As that of `ActuatorFault`."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Sums:
+    """Cumulative normal equations of one change, from the first row to each row."""
+
+    gram: Floats
+    """(N + 1, K, K)"""
+    moment: Floats
+    """(N + 1, K)"""
+
+    def between(self, begin: NDArray[np.intp], after: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """(S, K, K) and (S, K) of the rows of S spans."""
+        return self.gram[after] - self.gram[begin], self.moment[after] - self.moment[begin]
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """Best span of a hypothesis, and the squared residuals of all rows with it."""
+
+    squares: float
+    span: tuple[int, int]
+    hypothesis: _Hypothesis
+
+
+class _Search:
+    """Search over spans and hypotheses, with both changes in units of their noise.
+
+    One model is fitted to all rows. Inside of the span, its commands are those of the hypothesis. Rows in which a
+    faulty vessel spins therefore also determine the model.
+    """
+
+    def __init__(self, fit: _Fit, scales: Sequence[float]) -> None:
+        self._fit = fit
+        designs = fit.designs(fit.commands)
+        self._changes = [change / scale for change, scale in zip(fit.changes, scales, strict=True)]
+        self._norms = [np.sqrt(np.mean(design**2, axis=0)) + 1e-9 for design in designs]
+        self._designs = [design / norm for design, norm in zip(designs, self._norms, strict=True)]
+        self._priors = [
+            self._prior(design, change) for design, change in zip(self._designs, self._changes, strict=True)
+        ]
+        self._free = np.ones(len(fit.rows), dtype=np.bool_)
+        """(N,) rows without an earlier fault."""
+        self._sound = np.ones(len(fit.rows), dtype=np.bool_)
+        """(N,) rows that determine the model."""
+        self._hypotheses = _hypotheses(fit.motion.steers, _SIZES)
+
+    def least_squares(self) -> float:
+        """Squared residuals with the best of a few faults."""
+        usual, spans = self._sums(self._designs), self._spans()
+        few = _hypotheses(self._fit.motion.steers, _FEW_SIZES)
+        if not len(spans):
+            return float("inf")
+        best = min(self._coarse(usual, spans, few), key=lambda each: each.squares)
+        near = self._near(best.span)
+        squares = self._squares(self._outside(usual, near), self._sums(self._with(best.hypothesis)), near)
+        return float(squares.min(initial=best.squares))
+
+    def _prior(self, design: Floats, change: Floats) -> Floats:
+        """(K,) weights of squared coefficients.
+
+        A vessel seldom drives astern. Without a limit, a reversed propeller could then give any thrust.
+        """
+        weights = np.full(design.shape[1], 1e-4 * len(design))
+        rest = np.delete(design, (_EVEN, _LINEAR), axis=1)
+        odd = np.linalg.solve(rest.T @ rest + 1e-4 * len(design) * np.eye(rest.shape[1]), rest.T @ change)[0]
+        weights[_EVEN] += 1.0 / max(_ASTERN_SPREAD * abs(float(odd)), 1e-3) ** 2
+        return weights
+
+    def _with(self, hypothesis: _Hypothesis) -> list[Floats]:
+        """Designs for a vessel that has the fault all the time."""
+        commands, shares = self._fit.commands.copy(), np.ones(self._fit.commands.shape[1])
+        output = hypothesis.output
+        if hypothesis.kind == "thrust_loss":
+            shares[output] = 1.0 - hypothesis.size
+        else:
+            commands[:, output] = -commands[:, output] if hypothesis.kind == "reversed" else hypothesis.size
+        designs = self._fit.designs(commands, shares)
+        return [design / norm for design, norm in zip(designs, self._norms, strict=True)]
+
+    def _sums(self, designs: Sequence[Floats]) -> list[_Sums]:
+        sound = self._sound
+        return [
+            _summed(design * sound[:, None], change * sound)
+            for design, change in zip(designs, self._changes, strict=True)
+        ]
+
+    def _outside(self, usual: Sequence[_Sums], spans: Spans) -> list[tuple[Floats, Floats]]:
+        """Normal equations of the rows outside of each span, which are the same for every hypothesis.
+
+        One pair of (S, K, K) and (S, K) for each change.
+        """
+        inside = (known.between(spans[:, 0], spans[:, 1]) for known in usual)
+        return [
+            (known.gram[-1] - gram, known.moment[-1] - moment)
+            for known, (gram, moment) in zip(usual, inside, strict=True)
+        ]
+
+    def _squares(self, outside: Sequence[tuple[Floats, Floats]], faulty: Sequence[_Sums], spans: Spans) -> Floats:
+        """(S,) squared residuals of all rows, for a fault in each span (S, 2). outside: as `_outside` returns it."""
+        total = np.full(len(spans), sum(_squares(change[self._sound]) for change in self._changes))
+        for (gram, moment), other, prior in zip(outside, faulty, self._priors, strict=True):
+            more_gram, more_moment = other.between(spans[:, 0], spans[:, 1])
+            moments = moment + more_moment
+            grams = gram + more_gram + np.diag(prior)
+            total -= np.einsum("sk,sk->s", moments, np.linalg.solve(grams, moments[:, :, None])[:, :, 0])
+        return total
+
+    def next_fault(self) -> ActuatorFault | None:
+        """The fault that improves the fit most, in rows without an earlier fault.
+
+        The model keeps the fault: later searches start from commands that contain it.
+        """
+        usual = self._sums(self._designs)
+        nowhere = np.zeros((1, 2), dtype=np.intp)
+        whole = float(self._squares(self._outside(usual, nowhere), usual, nowhere)[0])
+        spans = self._spans()
+        if not len(spans):
+            return None
+        refined = self._refined(usual, self._coarse(usual, spans, self._hypotheses))
+        variance = min(each.squares for each in refined) / (2.0 * float(self._sound.sum()))  # of a row
+        most = whole - min(each.squares for each in refined)
+
+        def handicapped(each: _Candidate) -> float:
+            times, share = _HANDICAPS[each.hypothesis.kind]
+            return each.squares + times * variance + share * most
+
+        ranked = sorted(refined, key=handicapped)
+        chosen = ranked[0]
+        gain = (whole - chosen.squares) / max(variance, 1e-9)
+        if gain < _SEARCHED_GAIN:
+            return None
+        chosen, within = self._onset(usual, chosen, variance, gain)
+        self._keep(chosen)
+        rivals = [
+            self._fault(each, gain)
+            for each in ranked[1:]
+            if each.hypothesis.output == chosen.hypothesis.output
+            and whole - each.squares >= _AS_GOOD * (whole - chosen.squares)
+        ]
+        fault = self._fault(chosen, gain)
+        began = (self._at_ns(within[0]), self._at_ns(within[1]))
+        if within[1] - within[0] > _SURE_ROWS:
+            fault = replace(fault, began_ns=began)
+        return replace(fault, other=rivals[0] if rivals else None)
+
+    def _onset(
+        self, usual: Sequence[_Sums], chosen: _Candidate, variance: float, gain: float
+    ) -> tuple[_Candidate, tuple[int, int]]:
+        """The candidate with the onset at which it shows, and the rows between which it began.
+
+        An actuator that is stuck at its command, or lost thrust at rest, does not show until the command changes.
+        """
+        begin, after = chosen.span
+        designs = self._with(chosen.hypothesis)
+        shown = np.zeros(len(self._free))
+        span = np.array([chosen.span])
+        for design, faulty, prior, known, other in zip(
+            self._designs, designs, self._priors, usual, self._sums(designs), strict=True
+        ):
+            less, more = known.between(*span.T), other.between(*span.T)
+            gram, moment = (known.gram[-1] - less[0] + more[0])[0], (known.moment[-1] - less[1] + more[1])[0]
+            shown += ((faulty - design) @ np.linalg.solve(gram + np.diag(prior), moment)) ** 2
+        shown /= max(variance, 1e-9)
+        sure = max(_SURE, _SURE_SHARE * gain)
+        so_far = np.cumsum(np.where(shown > _SHOWN, shown, 0.0))
+        start = so_far[begin - 1] if begin else 0.0
+        last = min(int(np.searchsorted(so_far, start + sure)), after - 1)
+        first = int(np.searchsorted(so_far, start - sure)) if begin else 0
+        taken = np.flatnonzero(~self._free[:begin])
+        first = min(max(first, int(taken[-1]) + 1 if len(taken) else 0), begin)
+        return (replace(chosen, span=(last, after)) if last - begin > _LATE_ROWS else chosen), (first, last)
+
+    def _at_ns(self, row: int) -> int:
+        """Middle of the interval of a row."""
+        return int(self._fit.motion.stamp_ns[self._fit.rows][row]) + round(0.5e9 * _REACH / RATE_HZ)
+
+    def _keep(self, chosen: _Candidate) -> None:
+        begin, after = chosen.span
+        for design, faulty in zip(self._designs, self._with(chosen.hypothesis), strict=True):
+            design[begin:after] = faulty[begin:after]
+        self._free[begin:after] = False
+        for end in chosen.span:  # a row that spans an end has both commands
+            self._sound[max(end - _REACH // _STRIDE, 0) : end + _REACH // _STRIDE] = False
+
+    def _coarse(self, usual: Sequence[_Sums], spans: Spans, every: Sequence[_Hypothesis]) -> list[_Candidate]:
+        """The best span of each hypothesis."""
+        found = []
+        outside = self._outside(usual, spans)
+        for hypothesis in every:
+            squares = self._squares(outside, self._sums(self._with(hypothesis)), spans)
+            at = int(np.argmin(squares))
+            found.append(_Candidate(float(squares[at]), (int(spans[at, 0]), int(spans[at, 1])), hypothesis))
+        return found
+
+    def _refined(self, usual: Sequence[_Sums], every: Sequence[_Candidate]) -> list[_Candidate]:
+        """The best of each kind and output, with ends to a row and a finer size."""
+        found = []
+        groups: dict[tuple[str, int], list[_Candidate]] = {}
+        for each in every:
+            groups.setdefault((each.hypothesis.kind, each.hypothesis.output), []).append(each)
+        for group in groups.values():
+            best = min(group, key=lambda each: each.squares)
+            for step in (0.0, 0.05, 0.02):
+                tried = [best.hypothesis]
+                if best.hypothesis.kind != "reversed" and step:
+                    tried = [
+                        replace(best.hypothesis, size=best.hypothesis.size + by * step) for by in (-2, -1, 0, 1, 2)
+                    ]
+                    tried = [
+                        each for each in tried if (0.0 if each.kind == "thrust_loss" else -1.0) <= each.size <= 1.0
+                    ]
+                near = self._near(best.span)
+                outside = self._outside(usual, near)
+                for hypothesis in tried:
+                    squares = self._squares(outside, self._sums(self._with(hypothesis)), near)
+                    at = int(np.argmin(squares))
+                    if squares[at] < best.squares:
+                        best = _Candidate(float(squares[at]), (int(near[at, 0]), int(near[at, 1])), hypothesis)
+            found.append(best)
+        return found
+
+    def _near(self, span: tuple[int, int]) -> Spans:
+        """Spans with ends near those of a span."""
+        reach, many = round(6.0 * RATE_HZ / _STRIDE), len(self._free)
+        begins = np.arange(max(span[0] - reach, 0), min(span[0] + reach, many) + 1)
+        ends = np.arange(max(span[1] - reach, 0), min(span[1] + reach, many) + 1)
+        if span[1] >= many - reach:
+            ends = np.append(ends, many)
+        spans = np.stack([each.ravel() for each in np.meshgrid(begins, ends, indexing="ij")], axis=1)
+        return _possible(spans, self._free, round(0.5 * _LENGTHS_S[0] * RATE_HZ / _STRIDE))
+
+    def _fault(self, chosen: _Candidate, gain: float) -> ActuatorFault:
+        begin, after = chosen.span
+        until_ns = None if after >= len(self._free) - 2 else self._at_ns(after)
+        of, from_ns = chosen.hypothesis, self._at_ns(begin)
+        turns = float(self._fit.turns[of.output] * np.sign(of.size))
+        return ActuatorFault(of.kind, of.output, from_ns, until_ns, of.size, turns, gain)
+
+    def _spans(self) -> Spans:
+        many = len(self._free)
+        lengths = [round(length_s * RATE_HZ / _STRIDE) for length_s in _LENGTHS_S]
+        stride = max(round(2.0 * RATE_HZ / _STRIDE), many * (len(lengths) + 1) // _MOST_SPANS)
+        begins = range(0, many - lengths[0], stride)
+        spans = [(begin, begin + length) for begin in begins for length in lengths if begin + length <= many]
+        spans += [(begin, many) for begin in begins if many - begin > lengths[-1]]
+        return _possible(np.array(spans, dtype=np.intp).reshape(-1, 2), self._free, 1)
+
+
+def _hypotheses(steers: Flags, sizes: Mapping[str, Sequence[float]]) -> list[_Hypothesis]:
+    return [
+        _Hypothesis(kind, output, float(size))
+        for output, steering in enumerate(steers)
+        for kind, known in sizes.items()
+        if kind == "stuck" or not steering
+        for size in known
+    ]
+
+
+def _possible(spans: Spans, free: Flags, fewest: int) -> Spans:
+    """The spans (S, 2) of enough rows that are all free, with enough rows outside."""
+    taken = np.concatenate([[0], np.cumsum(~free)])
+    length = spans[:, 1] - spans[:, 0]
+    whole = taken[np.maximum(spans[:, 1], spans[:, 0])] == taken[spans[:, 0]]
+    possible: Spans = spans[(length >= fewest) & whole & (len(free) - length >= _FEWEST_ROWS // 2)]
+    return possible
+
+
+def _summed(design: Floats, change: Floats) -> _Sums:
+    width = design.shape[1]
+    gram, moment = np.zeros((len(design) + 1, width, width)), np.zeros((len(design) + 1, width))
+    np.cumsum(design[:, :, None] * design[:, None, :], axis=0, out=gram[1:])
+    np.cumsum(design * change[:, None], axis=0, out=moment[1:])
+    return _Sums(gram, moment)
