@@ -69,8 +69,8 @@ def test_a_table_that_is_no_text(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "is no DataFlash log"),
-        (b"time_s,C1\n", "is no DataFlash log"),
+        (b"", "is not a DataFlash log"),
+        (b"time_s,C1\n", "is not a DataFlash log"),
         (b"\xa3\x95\x80", "table.bin: "),
         (b"\xa3\x95\x80" + bytes(range(256)) * 4, "table.bin: "),
     ],
