@@ -313,7 +313,7 @@ def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers
         parallel = min(workers or os.cpu_count() or 1, runs)
         whole_s = math.ceil(runs / parallel) * cost.wall_s
         time_text = (
-            f"wall time: {about} {duration_text(whole_s)} with {parallel} parallel {'run' if parallel == 1 else 'runs'}"
+            f"wall time: {about} {duration_text(whole_s)} with {plural(parallel, 'parallel run')}"
         )
     rows_bytes = runs * ROW_BYTES
     if recordings == "none":
